@@ -27,13 +27,13 @@ class AnsweringProcess:
     """
 
     def __init__(self) -> None:
-        """Start the process that answers the requests."""
+        """Start the process that computes the answers to the requests of all browser pages."""
         self._waiting = 0
         self._turn = asyncio.Semaphore(1)
         self._start_process()
 
     def _start_process(self) -> None:
-        """Start a process, and let it import the modules that it needs to answer requests."""
+        """Start a process for answers to requests, and let it import the modules that it needs."""
         self._stack = ExitStack()
         self._pool = self._stack.enter_context(process_executor(1))
         self._ready = self._pool.submit(worker.warm)
@@ -94,7 +94,7 @@ class AnsweringProcess:
         return session.refusal("died")
 
     def stop(self) -> None:
-        """End the process that answers requests, even while it computes an answer."""
+        """End the process that answers the requests of pages, even while it computes an answer."""
         # `process_executor` kills its processes at once if its ``with`` block is interrupted. If
         # the block ended without an interruption, the current answer would be finished first.
         interruption = KeyboardInterrupt()

@@ -1,4 +1,4 @@
-"""A computation for one browser tab, which runs in a separate process and can be stopped."""
+"""A fit or a search for one browser tab, which runs in a separate process and can be stopped."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Computation:
 
     @property
     def running(self) -> bool:
-        """Whether the computation is running or waits for its turn."""
+        """Whether the fit or search is running or waits for its turn."""
         return self.task is not None and not self.task.done()
 
     @property
@@ -55,7 +55,7 @@ class Computation:
         return {"share": 0.0, "step": "start", "of": 0}
 
     async def compute(self, choices: dict[str, Any]) -> dict[str, Any]:
-        """Run the computation in a new process, and return what the process wrote.
+        """Run the fit or search in a new process, and return what the process wrote.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class Computation:
         return outcome
 
     def _end_process(self) -> None:
-        """End the process of the computation and the processes that it started.
+        """End the process of the fit or search, and the processes that it started.
 
         On Windows, only the process itself is ended. Nothing is done if no process is running.
         """
@@ -109,7 +109,7 @@ class Computation:
                 process.kill()
 
     def stop(self) -> None:
-        """Stop the computation at once, and end all its processes."""
+        """Stop the fit or search at once, and end all its processes."""
         if self.task is not None:
             self.task.cancel()
         self._end_process()

@@ -175,8 +175,8 @@ def typed_value(field_option: Option, name: str, text: str, folder: Path) -> Any
     if typed in (int, float):
         return _typed_number(field_option, flag, text)
     if field_option.kind is NUMBERS and ";" in text:
-        # The text has decimal commas, and semicolons between numbers. Replace the commas by decimal
-        # points, and the semicolons by commas.
+        # The text that the user typed has decimal commas, and semicolons between numbers. Replace
+        # the commas by decimal points, and the semicolons by commas.
         return text.replace(",", ".").replace(";", ",")
     return text
 

@@ -31,6 +31,8 @@ _HEADERS = {
 
 
 class _Refusal(NamedTuple):
+    """HTTP status code and text of the response to a request that is refused."""
+
     status: int
     reason: str
 
@@ -52,7 +54,10 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int) -> None:
-        """Store the application and the token, and the hosts to which a request may be sent."""
+        """Guard the application ``app`` of the server on the given port of this computer.
+
+        A request is answered only if its URL path begins with the secret ``token``.
+        """
         self._app = app
         self._token = token
         self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
@@ -86,7 +91,7 @@ class Guard:
         await response(scope, receive, send_with_headers)
 
     def _refusal(self, request: Request) -> _Refusal | None:
-        """Return the reason why a request is refused; None if the request is accepted."""
+        """Return the reason why an HTTP request is refused; None if the request is accepted."""
         if request.headers.get("host", "") not in self._hosts:
             return _Refusal(
                 421,

@@ -262,7 +262,8 @@ async def _take_choices(registry: SessionRegistry, session: Session, request: Re
     if "language" in sent:
         if sent["language"] in LANGUAGES and sent["language"] != session.language:
             session.language = sent["language"]
-            # The new number tells the page that the report must be written again.
+            # The user has changed the language. The new value of ``edition``, the number of the
+            # user's changes, tells the page that the report must be written again.
             session.edition += 1
         return JSONResponse({})
     choices = {}
@@ -336,7 +337,8 @@ async def _search(registry: SessionRegistry, session: Session, request: Request)
         # The answering process returns an empty dictionary if all goals and costs that the user
         # typed can be used.
         refusal = await registry.answering_process.ask(wrong_entry, session, sent)
-    # Another request may have started a search while this request waited for the check.
+    # While this request waited for the check of the typed goals and costs, another request may have
+    # started a search for the cheapest campaign.
     if session.search.running:
         return refused(session.word("searching"), 409)
     session.searched = sent

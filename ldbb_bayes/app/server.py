@@ -106,7 +106,7 @@ def application(token: str, port: int) -> ASGIApp:
     """
 
     def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
-        """Return a function that passes requests on to ``answer``, together with their session."""
+        """Return a function that finds the session of a request, and answers with ``answer``."""
 
         async def answer_in_session(request: Request) -> Response:
             """Return the answer to a request, or a page which says that the session has ended."""

@@ -66,7 +66,7 @@ class Session:
     search: Computation = field(init=False)
 
     def __post_init__(self) -> None:
-        """Create the two computations of the session: the fit, and the search for a campaign."""
+        """Create the computations of the browser tab: a fit, and a search for a campaign."""
         self.fit = Computation("fit", self.folder / _JOB)
         self.search = Computation("search", self.folder / _SEARCH)
 
@@ -154,7 +154,7 @@ class Session:
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return an error message in the language of the page, as a dictionary for its templates.
+        """Return an error message in the language of the page, as a dictionary for the template.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """

@@ -47,7 +47,7 @@ class Templates:
     """Templates of the browser page and of its sections; all inserted text is escaped."""
 
     def __init__(self) -> None:
-        """Create the Jinja environment, with the filters that the templates use."""
+        """Load the templates of the browser page, and the filters that the templates use."""
         self._environment = jinja2.Environment(
             loader=jinja2.PackageLoader("ldbb_bayes.app", "pages"),
             autoescape=True,

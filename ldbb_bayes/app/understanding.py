@@ -239,8 +239,8 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        # The first word of an attribute's name tells the part of the instrument: ``bar_U_um``
-        # belongs to the bar.
+        # The first word of the name of an attribute of `Instrument` tells the part of the
+        # instrument: ``bar_U_um`` belongs to the bar.
         certificate_field = assumed.certificate
         part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
         if part in ("work", "tool"):

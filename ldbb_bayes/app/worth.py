@@ -17,8 +17,11 @@ from ldbb_bayes.units import display_name, display_unit, two_digits
 
 __all__ = ["effects_of_certificates", "uncertainty_change"]
 
-_MOST_EFFECTS = 4  # largest number of parameters that are shown for a certificate
-_SMALLEST_EFFECT = 0.05  # smallest relative reduction of U for which a parameter is shown
+# largest number of parameters whose uncertainties the page shows for a new certificate
+_MOST_EFFECTS = 4
+# A new certificate reduces the expanded uncertainties U of parameters. The page shows a parameter
+# only if its U is reduced by at least this fraction.
+_SMALLEST_EFFECT = 0.05
 # Part of the instrument to which each attribute of the instrument belongs. The value of an
 # attribute is known from the calibration certificate of the part.
 _PARTS = {

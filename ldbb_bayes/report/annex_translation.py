@@ -170,6 +170,7 @@ class AnnexTranslation:
         return replace(table, caption=self.text(table.caption), heads=heads, rows=tuple(rows))
 
     def _translated_cell(self, cell: Any) -> Any:
+        """Return a cell of a table, translated if it is a text; a number is returned unchanged."""
         return self.text(cell) if isinstance(cell, str) else cell
 
     def _translated_picture(self, picture: Picture) -> Picture:

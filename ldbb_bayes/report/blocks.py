@@ -71,7 +71,7 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure is so wide that the list is placed below it."""
+        """Whether the figure is so wide that the list of sentences is placed below it."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 
@@ -107,7 +107,7 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of the row's width that each figure gets.
+        """Share of the width of a row of figures that each figure gets.
 
         With these shares, all figures of the row have the same height.
         """

@@ -16,7 +16,10 @@ class _TranslatedFormatter(Formatter):
     """Formatter of tick labels that translates the labels of another formatter."""
 
     def __init__(self, formatter: Formatter, translate: Callable[[str], str]) -> None:
-        """Make a formatter for the labels at the ticks of a figure's axis."""
+        """Make a formatter for the labels at the ticks of a figure's axis.
+
+        ``formatter`` makes the labels, and ``translate`` returns the translation of a label.
+        """
         self._formatter = formatter
         self._translate = translate
 

@@ -105,6 +105,7 @@ class FitWords(Shown, dict[str, Any]):
     """
 
     def __repr__(self) -> str:
+        """Return a short text with the state of the fit and the number of its warnings."""
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
 
 

@@ -109,7 +109,7 @@ class OwnWords:
         return message
 
     def _mark(self, match: re.Match[str]) -> str:
-        """Store a part of a message, and return the character that stands for the part.
+        """Store a part of a message that is not to be translated, and return a character for it.
 
         ``match`` is the match of the part in the message. If all characters are already used, the
         part is returned unchanged.

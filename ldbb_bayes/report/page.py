@@ -89,7 +89,7 @@ class Document(Shown):
     shown = ("title", "lines", "alerts")
 
     def _blocks(self) -> Iterator[Block]:
-        """Yield the content of both sheets, such as texts, tables and figures."""
+        """Yield the content of both sheets of the test certificate: texts, tables and figures."""
         for sheet in self.sheets:
             yield from sheet.blocks
 

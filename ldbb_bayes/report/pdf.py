@@ -48,8 +48,8 @@ _INK = 0  # grey level of text on a page, from 0 (black) to 255 (white)
 _SOFT_INK = 85
 # grey level of the ruled lines of tables and form fields, from 0 (black) to 255 (white)
 _RULE = 150
-# Grey levels, from 0 (black) to 255 (white), of a banner's background and text. The keys are the
-# kinds of banners.
+# Grey levels, from 0 (black) to 255 (white), of the background and the text of the certificate's
+# banner. The banner says whether the results can be used; the keys are the kinds of banners.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
 # largest number of times that the font size is reduced to make a sheet fit its page
@@ -225,7 +225,7 @@ def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
 
 
 def _draw_items(pdf: FPDF, items: Items, scale: float) -> None:
-    """Draw a heading and a list of sentences; ``scale`` is the relative font size."""
+    """Draw a heading and a list of sentences on a page; ``scale`` is the relative font size."""
     _write(pdf, items.heading, 9.0 * scale, bold=True)
     for item in items.items:
         pdf.set_xy(_LEFT, pdf.y + 0.8 * scale)
@@ -252,14 +252,17 @@ class _FieldColumn:
 
     @property
     def text_left(self) -> float:
+        """Left edge of the texts of the form fields in this column [mm]."""
         return self.left + self.name_width
 
     @property
     def text_width(self) -> float:
+        """Width of the texts of the form fields in this column [mm]."""
         return 0.5 * (_WIDTH - self.gap) - self.name_width
 
     @property
     def next_left(self) -> float:
+        """Left edge of the column of form fields to the right of this column [mm]."""
         return self.text_left + self.text_width + self.gap
 
 
@@ -311,7 +314,7 @@ def _draw_field_row(
 
 
 def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
-    """Draw a table with its caption. ``scale`` is the relative font size."""
+    """Draw a table with its caption on a page. ``scale`` is the relative font size."""
     if table.caption:
         _write(pdf, table.caption, 9.0 * scale, bold=True)
         pdf.set_y(pdf.y + 0.8 * scale)

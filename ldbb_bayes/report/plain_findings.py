@@ -31,7 +31,8 @@ _MOST_FINDINGS = 3  # largest number of findings that the test certificate names
 # this value.
 _LIKELY = 0.9
 _N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
-_LOAD_N = 100.0  # force for which the sentences state the deflection [N]
+# force for which the test certificate's sentences state the deflection of an axis [N]
+_LOAD_N = 100.0
 _UM_PER_MM = 1e3
 
 

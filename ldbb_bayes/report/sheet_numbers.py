@@ -49,7 +49,8 @@ _SURE = 0.95
 # The test certificate states only a lower limit of the stiffness 1 / C if the lower end of the
 # credible interval of the compliance C is below this fraction of the median of C.
 _HARDLY_POSITIVE = 0.2
-_ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # A is a rotation about X, B about Y, and C about Z
+# axis letter of a rotation (A, B, C) replaced by the axis about which it turns (X, Y, Z)
+_ROTATED_AXIS = str.maketrans("ABC", "XYZ")
 _SHEET_1_KINDS = ("squareness",)
 
 
@@ -304,6 +305,7 @@ class SheetNumbers:
 
     @cached_property
     def _directional(self) -> DirectionalStiffness:
+        """Stiffness by direction, in all tested planes, at the force of the test certificate."""
         return stiffness(
             self.findings.posterior_of_certificate, [self.force_N], prob=self.findings.prob
         )

@@ -16,7 +16,8 @@ from ldbb_bayes.report.translation import Words
 
 __all__ = ["banner", "undetermined_texts"]
 
-_MOST_REASONS = 2  # largest number of reasons that the banner states
+# largest number of reasons that the banner of the test certificate states for its conclusion
+_MOST_REASONS = 2
 # The banner of a report states whether the results can be used, and why. If a reason concerns at
 # most this many quantities, their names are written in words; otherwise their symbols are written.
 _MOST_IN_WORDS = 2
@@ -59,8 +60,9 @@ def banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.posterior_of_certificate).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # A force outside the tested range is the first reason for caution. Only a reason why the
-        # numbers cannot be used at all comes before it.
+        # If the certificate's force is outside the tested range, this is the first reason for
+        # caution that the banner states. Only a reason why the numbers cannot be used at all comes
+        # before it.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"

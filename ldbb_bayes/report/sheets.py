@@ -279,7 +279,7 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
 def _table_with_U(
     numbers: SheetNumbers, caption: str, quantities: Sequence[StatedQuantity]
 ) -> Table:
-    """Return a table with one row for each quantity.
+    """Return a table of quantities that the test certificate states, one row for each.
 
     The columns are value, U (k = 2), unit and remark. ``caption`` is the caption of the table.
     """
@@ -301,9 +301,10 @@ def _table_with_U(
 
 
 def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuantity]) -> Table:
-    """Return a table with one row for each quantity.
+    """Return a table of quantities with credible intervals for the test certificate.
 
-    The columns are value, U, credible interval, unit and remark.
+    There is one row for each quantity. The columns are value, U (k = 2), credible interval, unit
+    and remark.
     """
     words = numbers.words
     rows = []
@@ -349,7 +350,8 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
     words = numbers.words
     quantities = numbers.parameters | numbers.slopes
     for label, quantity in numbers.stiffnesses.items():
-        # The key of the stiffness 1 / C_XXX is the label C_XXX; its tolerance is stiffness_X.
+        # In the results, the stiffness 1 / C_XXX of the axis X has the key C_XXX; among the
+        # tolerances, the same stiffness has the key stiffness_X.
         axis = label[2]
         quantities[f"stiffness_{axis}"] = quantity
     quantities |= numbers.path | numbers.directions

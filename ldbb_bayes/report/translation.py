@@ -39,7 +39,7 @@ class Words:
     table: Mapping[str, Any]
 
     def __call__(self, key: str, **values: str) -> str:
-        """Return the text with a given key, such as ``heads.value``.
+        """Return the test certificate's text with a given key, such as ``heads.value``.
 
         The names in braces in the text, such as ``{force}``, are replaced by ``values``.
         """

@@ -307,7 +307,7 @@ def joined(items: Sequence[str], word: str = "and") -> str:
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return a string with at most five names, and with the number of further names if any."""
+    """Return a string with at most five names of tests or campaigns, and the number of others."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
@@ -623,9 +623,9 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
-        # The entry ``degree`` is used only by the sentence that the tests have too few different
-        # forces. In this sentence, ``limit`` is the number of forces that the model needs, which is
-        # two more than the degree of the polynomial C(F).
+        # The value ``degree`` is inserted only into the sentence which says that the tests have too
+        # few different forces. In this sentence, ``limit`` is the number of forces that the model
+        # needs, which is two more than the degree of the polynomial C(F).
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
             limit=concern.limit,

@@ -37,7 +37,8 @@ __all__ = [
     "tolerance_states",
 ]
 
-# Number of values of the hyper-parameters at which possible circles are compared.
+# Number of values of the hyper-parameters, such as the standard deviation of the noise, at which
+# possible next circles are compared.
 _NODES = 16
 # Number of posterior draws of the parameters. It is also the largest number of values of the
 # hyper-parameters over which posterior means and standard deviations are averaged.
@@ -225,7 +226,7 @@ def goal_states(
 
 @dataclass(frozen=True, eq=False)
 class ToleranceState:
-    """Present decision on a quantity with a tolerance, and the uncertainty needed to decide.
+    """Decision whether a quantity meets its tolerance, and the uncertainty needed to decide.
 
     ``aim`` holds the standard uncertainty of the quantity at which a decision is possible if the
     estimate does not change.
@@ -235,12 +236,13 @@ class ToleranceState:
     aim: UncertaintyAim
 
     def so_far(self, after: Array) -> ToleranceSoFar:
-        """Return the present decision, and the probability of a decision after the next circle.
+        """Return whether the tolerance is met now, and how probably one more circle decides it.
 
-        The estimate after the next circle is not known yet. It is taken to be normally distributed
-        about the present estimate. A decision is made if the new estimate is at least a guard band
-        away from each limit. ``after``, shape (K, p, p), are the covariances of the p parameters
-        after the best next circle, at K values of the hyper-parameters.
+        The decision is whether a quantity conforms with its tolerance. The estimate after the next
+        circle is not known yet. It is taken to be normally distributed about the present estimate.
+        A decision is made if the new estimate is at least a guard band away from each limit.
+        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
+        circle, at K values of the hyper-parameters.
         """
         sd = self.now.sd
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)

@@ -159,9 +159,10 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         Fisher information, shape (K, h, h).
     """
     points, size = scores.shape
-    # Derivatives are central differences. For each set of scores, the variances of the effects are
-    # computed at 2 h + 1 points: at the scores (index 0), with each of the h scores increased by a
-    # step (indices 1 to h), and with each score decreased by a step (indices h + 1 to 2 h).
+    # The derivatives of the variances of the effects with respect to the normal scores are central
+    # differences. For each set of scores, the variances of the effects are computed at 2 h + 1
+    # points: at the scores (index 0), with each of the h scores increased by a step (indices 1 to
+    # h), and with each score decreased by a step (indices h + 1 to 2 h).
     steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
     stepped = (scores[:, None] + steps).reshape(-1, size)
     phi = bound.hyper_prior.quantile(ndtr(stepped))
@@ -235,7 +236,8 @@ def _information_at(
         (h,).
     """
     precision = _precision(blocks, variances, noise)
-    # Only effects whose variance depends on a hyper-parameter contribute to the information.
+    # Only effects whose variance depends on a hyper-parameter contribute to the Fisher information
+    # about the hyper-parameters.
     is_changing: Array = np.asarray(slopes.any(axis=0))
     changing_blocks = []
     for block in blocks:
@@ -288,9 +290,11 @@ class _Effects(NamedTuple):
     hyper-parameters.
     """
 
-    # blocks of the design matrix: first the effects on all tests, then the effects on single tests
+    # blocks of the design matrix of the readings: first the block of the effects on all tests, then
+    # one block for the effects on each single test
     blocks: list[_EffectBlock]
-    # variances of all C effects, for each of w sets of hyper-parameters, shape (w, C)
+    # variances of all C effects on the readings, for each of w sets of hyper-parameters, shape (w,
+    # C)
     variances: Array
     # variance of the white noise of the readings [mm²] for each of w sets of hyper-parameters,
     # shape (w,)

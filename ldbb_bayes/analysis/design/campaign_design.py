@@ -296,6 +296,7 @@ class Design(Forecast):
         return readable(frame.assign(baseline_sd=baseline_sd), "Expected sd")
 
     def __repr__(self) -> str:
+        """Return a short text with the number of tests, the efficiency and the criterion."""
         return (
             f"Design of {self.table['count'].sum()} tests, efficiency {self.efficiency:.3f} by"
             f" criterion {self.criterion}"

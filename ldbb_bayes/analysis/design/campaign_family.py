@@ -73,7 +73,7 @@ class CampaignFamily:
 
     @cached_property
     def quick(self) -> QuickForecast:
-        """Quick forecast of how far a campaign of the family is from its goals."""
+        """Quick forecast of how far a campaign is from the goals for its uncertainties."""
         bound = self.bound
         number = len(self.states.phi)
         chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))
@@ -104,7 +104,7 @@ class CampaignFamily:
 
     @property
     def fewest_circles(self) -> int:
-        """Minimum number of circles of a campaign with all ball angles and radii of the family."""
+        """Minimum number of circles in a campaign with the family's ball angles and radii."""
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         return max(self._least_levels, kinds * len(space.clockings_deg))

@@ -32,6 +32,11 @@ class CandidateCovariances:
     """
 
     def __init__(self, objective: Objective) -> None:
+        """Compute the covariances given the circles run so far, from a design objective.
+
+        ``objective`` holds the precision of the coefficients given the circles run so far, and the
+        information of every possible next circle.
+        """
         self._rows = objective.rows
         self._interest = objective.interest
         self._covariance = np.linalg.inv(objective.prior)
@@ -62,7 +67,7 @@ class CandidateCovariances:
         return np.array(results)
 
     def run(self, candidate: int) -> None:
-        """Add the circle with index ``candidate`` to the circles run; update the covariances."""
+        """Update the covariances of the parameters as if one more circle had been run."""
         rows = self._rows[:, candidate]
         spread = rows @ self._covariance
         readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])

@@ -162,8 +162,8 @@ def _tests_by_kind(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((_kind_of(test, direction, uses_radius), test))
     possible += [(_kind_of(test, None, uses_radius), test) for test in compared_tests]
-    # If a dictionary gets a key several times, the last value remains. The list is reversed, so
-    # that the first test of each kind remains.
+    # If a dictionary gets a key several times, the last value remains. The list of kinds and tests
+    # is reversed, so that the first test of each kind remains in the dictionary.
     return dict(reversed(possible))
 
 
@@ -233,7 +233,8 @@ def bind_tests(
     """
     plan = replace(pilot, tests=tuple(tests), foreseen=(), pilot=None, adds_to_pilot=False)
     if not keep_pilot_tests:
-        # The order of the tests is not known yet: a random order is assumed.
+        # The order in which the planned tests will be run is not known yet: a random order is
+        # assumed.
         plan = replace(plan, order="random")
     return _bind_to_pilot(model, plan, pilot, keep_pilot_tests=keep_pilot_tests)
 

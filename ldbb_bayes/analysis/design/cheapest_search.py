@@ -221,8 +221,9 @@ def find_cheapest(
             break
         entry = heapq.heappop(queue)
         progress = entry.progress
-        # A family goes back into the queue unless it has given a campaign that meets the goals, or
-        # cannot give one.
+        # The queue holds the families of campaigns that are still searched. A family goes back into
+        # the queue unless the search has found a campaign of the family that meets the goals, or
+        # has shown that there is none.
         if not progress.started:
             goes_on = search.start(progress)
         else:
@@ -270,6 +271,12 @@ class _Search:
     """
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
+        """Begin a search in which no family of campaigns has been examined yet.
+
+        ``goals`` are the goals for uncertainties; the keys are the names of the parameters.
+        ``costs`` holds the costs and the longest machine time. ``probability`` is the minimum share
+        of the possible machines on which all goals are to be met.
+        """
         self._goals = goals
         self._costs = costs
         self._probability = probability

@@ -46,7 +46,7 @@ class Costs(Result):
     hours: float | None = None  #: longest machine time of the campaign [h]; None for no limit
 
     def __post_init__(self) -> None:
-        """Raise an `InputError` for a negative time or price, or for a zero that is not allowed."""
+        """Raise an `InputError` for a negative time or price, or for one that must not be zero."""
         for name in (
             "minutes_per_circle",
             "minutes_per_setup",
@@ -73,7 +73,7 @@ class Costs(Result):
         )
 
     def fits(self, minutes: float) -> bool:
-        """Return whether a machine time [min] is within the limit; True if there is no limit."""
+        """Return whether a campaign's machine time [min] is within the limit, if there is one."""
         return self.hours is None or minutes <= _MINUTES_PER_HOUR * self.hours
 
 

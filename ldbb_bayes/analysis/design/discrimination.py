@@ -162,25 +162,25 @@ def discrimination_of(
 class _LogBayesFactorDistribution:
     """Distribution of the log Bayes factor of slopes over no slopes, ½ (ln det C + Σ z²).
 
-    C is the posterior covariance of the s slopes, for each of K values of the hyper-parameters, in
-    units of the slopes' prior standard deviations. The s components z of the slopes' posterior mean
-    are independent and normally distributed.
+    Slopes are changes of compliance with force. C is the posterior covariance of the s slopes, for
+    each of K values of the hyper-parameters, in units of the slopes' prior standard deviations. The
+    s components z of the slopes' posterior mean are independent and normally distributed.
     """
 
     # ln det C, where C is the posterior covariance of the slopes (changes of compliance with
     # force), for each of K values of the hyper-parameters, shape (K,)
     log_volume: Array
-    # quasi-random samples of a standard normal distribution, shape (K, samples, s − 1), from which
-    # s − 1 of the s components of z are computed
+    # quasi-random samples of a standard normal distribution, shape (K, samples, s − 1). From them,
+    # s − 1 of the s independent components z of the slopes' posterior mean are computed.
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return the expected log Bayes factor of the models with and without slopes [nat].
+        """Return the expected log Bayes factor of the model with slopes over that without [nat].
 
-        The expectation is averaged over the hyper-parameters. Before the tests, the posterior mean
-        of the slopes is random, with s independent normal components. ``mean``, shape (K, 1, s),
-        and ``variance``, shape (K, s), are the means and variances of these components, for K
-        values of the hyper-parameters.
+        Slopes are changes of compliance with force. The expectation is averaged over the
+        hyper-parameters. Before the tests, the posterior mean of the slopes is random, with s
+        independent normal components. ``mean``, shape (K, 1, s), and ``variance``, shape (K, s),
+        are the means and variances of these components, for K values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
@@ -188,12 +188,12 @@ class _LogBayesFactorDistribution:
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds ``level`` [nat].
 
-        The Bayes factor compares the models with and without slopes. It depends on the posterior
-        mean of the slopes, which is unknown before the tests: it has s independent normal
-        components. ``mean``, shape (K, 1 or 2, s), and ``variance``, shape (K, s), are the means
-        and variances of these components for K values of the hyper-parameters. The probability is
-        averaged over these values. If ``mean`` holds two values for each component, each value is
-        used for half of the quasi-random samples.
+        The Bayes factor compares the models with and without slopes (changes of compliance with
+        force). It depends on the posterior mean of the slopes, which is unknown before the tests:
+        it has s independent normal components. ``mean``, shape (K, 1 or 2, s), and ``variance``,
+        shape (K, s), are the means and variances of these components for K values of the
+        hyper-parameters. The probability is averaged over these values. If ``mean`` holds two
+        values for each component, each value is used for half of the quasi-random samples.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)

@@ -580,8 +580,9 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         rank = np.linalg.matrix_rank(rows[..., interest], tol=_RANK_TOLERANCE).min()
         if rank < len(interest):
             return None, np.zeros(0)
-    # The first entry of ``once_and_often`` stands for one run of every test, the second entry for a
-    # million runs. N runs are N times the information, and therefore √N times the derivatives.
+    # The uncertainties are computed for one run of every test, and for a million runs of every
+    # test. N runs give N times the information of one run. The derivatives of the readings with
+    # respect to the parameters are therefore multiplied by √N.
     once_and_often = np.array([1.0, np.sqrt(_REPETITIONS_OF_FLOOR)])[:, None, None, None] * rows
     no_reading = np.zeros(once_and_often.shape[:-1])
     if first.flat:

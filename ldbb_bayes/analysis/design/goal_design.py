@@ -289,7 +289,7 @@ def design_for_goals(
 
 @dataclass
 class _Steps:
-    """Counter of the steps of `design_for_goals` that are finished: searches and forecasts."""
+    """Counter of the finished steps of a design for goals. A step is a search or a forecast."""
 
     #: function that is called with the number of finished steps (searches and forecasts) and the
     #: number of all steps; None if the progress is not reported
@@ -301,7 +301,7 @@ class _Steps:
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:
-        """Record that ``done`` steps are finished, and report this number to the caller."""
+        """Record how many searches and forecasts are finished, and report it to the caller."""
         self.done = done
         if self.progress is not None:
             self.progress(done, 2 * _SHOWN + _CUSTOMARY)

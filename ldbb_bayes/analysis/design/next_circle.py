@@ -449,10 +449,10 @@ class _ModelOdds:
     """Odds of linear over constant compliance, and the aim to decide between these two models."""
 
     known: Known
-    # indices of the slopes (changes of compliance with force) in the list of parameters
+    # indices of the slopes (changes of compliance with force) in the list of the model's parameters
     columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
-    error: float  # numerical error of the log Bayes factor [nat]
+    error: float  # numerical error of the log Bayes factor of linear over constant compliance [nat]
     # minimum absolute value of the log Bayes factor that decides between the models [nat]
     threshold: float
 
@@ -493,7 +493,7 @@ class _ModelOdds:
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
     def so_far(self, after: Array) -> ModelSoFar:
-        """Return the present decision, and the probability of a decision after the next circle.
+        """Return how the models compare now, and how probably one more circle decides between them.
 
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, at K values of the hyper-parameters.

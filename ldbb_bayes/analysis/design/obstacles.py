@@ -236,8 +236,8 @@ def _as_if_run_very_often(information: Information) -> Information:
     The random errors that differ from circle to circle then average out; effects that are the same
     in all circles remain.
     """
-    # Tests with the same noise refer to the same dictionary of noise covariances. In the result,
-    # these tests refer to the same dictionary, too.
+    # Each test has a dictionary with the covariances of its noise; tests with the same noise share
+    # one dictionary. In the result, these tests share one dictionary, too.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}

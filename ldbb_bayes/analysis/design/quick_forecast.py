@@ -77,6 +77,11 @@ class QuickForecast:
     """
 
     def __init__(self, objective: Objective, relative_limits: Array) -> None:
+        """Prepare forecasts for campaigns that consist of the candidate tests of ``objective``.
+
+        ``relative_limits``, shape (K, goals), are the largest standard uncertainties that the goals
+        permit, in units of the prior standard deviations of the goals' parameters.
+        """
         self._rows = objective.rows
         self._prior = objective.prior
         self._limits = relative_limits

@@ -165,8 +165,8 @@ def exchange(
             likely = _likely_candidates(objective, base, size, rng)
             replacements = np.array([j for j in likely if feasible(_with_tests(base, j))], int)
             values = objective.after_adding(base.astype(float), replacements)
-            # This loop runs at most once: there is one best replacement for a test, or none if no
-            # replacement is allowed.
+            # This loop, which replaces one test of a design, runs at most once: there is one best
+            # replacement for the test, or none if no replacement is allowed.
             for best in largest_positions(values):
                 if is_better(values[best], value):
                     counts = _with_tests(base, replacements[best])
@@ -394,7 +394,7 @@ def _merge_tests(counts: Array, source: int, target: int) -> Array:
 
 
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
-    """Return the counts of a design with a third of its tests replaced by random tests.
+    """Return the numbers of tests of a design in which random tests replace a third of the tests.
 
     ``counts`` is the number of tests of each candidate in the design, shape (candidates,). At least
     one test is replaced. Every replacement is drawn from all candidates.

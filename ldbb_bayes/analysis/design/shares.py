@@ -32,18 +32,20 @@ _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of the shares
 # of the candidate tests in a design.
 _SOLVER_ITERATIONS = 40
-# Largest number of candidate tests that join those of the previous round when a new round of the
-# optimization begins.
+# The best shares of the candidate tests in a design are computed in rounds. At the beginning of a
+# round, at most this number of candidates join those of the previous round.
 _JOINING_CANDIDATES = 3
 # Number of candidate tests that take part in the first round of optimization. They are evenly
 # spread over the list of all candidate tests.
 _FIRST_CANDIDATES = 32
-# A share of the tests below this number is treated as zero.
+# A candidate test whose share (number of runs divided by the number of all runs) is below this
+# number is left out: its share is treated as zero.
 _ZERO_SHARE = 1e-10
 # Before the solver starts, each share is raised to at least this number divided by the number of
 # candidates whose shares are optimized. All shares are then divided by their sum.
 _STARTING_SHARE = 0.02
-# Value of the solver's loss function if the shares of tests do not determine all parameters.
+# Value of the loss function (negative design criterion) for the solver SLSQP if tests with the
+# given shares do not determine all parameters.
 _UNDETERMINED_LOSS = 1e6
 # Tolerances of the solver SLSQP for the best shares of tests. The first round uses
 # ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most ``_TOLERANCE_PER_EXCESS`` times
@@ -71,7 +73,10 @@ def largest_positions(values: Array, number: int = 1) -> NDArray[np.intp]:
 
 
 def is_better(value: float, reference: float) -> bool:
-    """Return whether a value of the criterion exceeds a reference by more than rounding errors."""
+    """Return whether a value of the design criterion exceeds ``reference`` noticeably.
+
+    A difference that may be due to rounding errors alone does not count.
+    """
     if not np.isfinite(reference):
         return bool(value > reference)
     return bool(value > reference + _EQUALITY_TOLERANCE * max(1.0, abs(reference)))
@@ -100,7 +105,7 @@ class Optimum(Shown):
 
     @property
     def excess(self) -> float:
-        """Largest sensitivity divided by ``bound``, minus one; zero for the best shares of tests.
+        """Relative excess of the largest sensitivity over ``bound``; zero for the best shares.
 
         If the criterion is concave, its value for the best design with the same number of tests is
         larger than its value for these shares by at most ``bound`` times ``excess``.
@@ -235,7 +240,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     scale = abs(objective.sensitivity(tests * initial)[1] @ initial) * tests
 
     def loss(share: Array) -> tuple[Any, Any]:
-        """Return the scaled negative criterion of some shares, and its derivatives, shape (n,)."""
+        """Return the negative design criterion, scaled, for given shares, and its derivatives."""
         try:
             value, slope = objective.sensitivity(tests * np.maximum(share, 0.0))
         except np.linalg.LinAlgError:
@@ -243,11 +248,11 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
         return -value / scale, -tests * slope / scale
 
     def sum_minus_one(share: Array) -> Any:
-        """Return the sum of the shares minus one, which the solver makes zero."""
+        """Return the sum of the candidates' shares minus one, which the solver keeps at zero."""
         return share.sum() - 1.0
 
     def gradient_of_sum(share: Array) -> Array:
-        """Return the derivatives of the sum of the shares: n ones, shape (1, n)."""
+        """Return the derivatives of the sum of n shares with respect to the shares: n ones."""
         return np.ones((1, len(share)))
 
     minimize: Any = optimize.minimize

@@ -99,8 +99,9 @@ class Space:
         # pilot.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
-        # Check the parameters of interest last. The check applies the model to the pilot, to which
-        # the foreseen tests must already have been added.
+        # Check the parameters of interest last. The check applies the model to the pilot (the
+        # campaign or plan that the design starts from), to which the foreseen tests must already
+        # have been added.
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
@@ -155,7 +156,7 @@ class Space:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model applied to the pilot alone.
+        """The model applied to the tests of the pilot alone, without the candidate tests.
 
         The pilot is the campaign or plan that the design starts from.
         """
@@ -266,7 +267,7 @@ class Space:
 
     @cached_property
     def search(self) -> Search:
-        """The search for the best design among the candidate tests, under the criterion."""
+        """The search for the design with the best numbers of runs of the candidate tests."""
         forces_N = np.array([test.force_N for test in self.tests])
         levels = 2
         if self.augment or self.model.degree == 0:

@@ -51,13 +51,14 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
     """Return ``size`` equally likely values of the h hyper-parameters φ, shape (size, h).
 
     φ are the hyper-parameters, such as the standard deviation of the noise. Lengths are in mm. The
-    noise factor λ of a circle and the decay have no unit. The decay is the exponent of the power
-    law by which the balls' form errors decrease with the number of waves per turn. The values for
-    ``model`` are a random sample of the posterior given the readings of the pilot (the campaign
-    that a design starts from); ``seed`` is the seed of the sample. If the pilot is a plan, the
-    values are spread evenly over the prior, and their number is rounded up to a power of two. If
-    the priors of the parameters are flat, all variances are proportional to the variance of the
-    noise. In this case, only the root mean square of the values is returned, shape (1, h).
+    noise factor λ of a circle, by which the noise of this circle is multiplied, and the decay have
+    no unit. The decay is the exponent of the power law by which the balls' form errors decrease
+    with the number of waves per turn. The values for ``model`` are a random sample of the posterior
+    given the readings of the pilot (the campaign that a design starts from); ``seed`` is the seed
+    of the sample. If the pilot is a plan, the values are spread evenly over the prior, and their
+    number is rounded up to a power of two. If the priors of the parameters are flat, the posterior
+    variances of all parameters are proportional to the variance of the noise. In this case, only
+    the root mean square of the values is returned, shape (1, h).
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior

@@ -91,7 +91,7 @@ class _TraceData:
 
     @property
     def zero_radius(self) -> float:
-        """Distance from the centre of a polar panel at which a zero reading is drawn [µm].
+        """Distance from the centre of a polar panel at which a reading of zero is drawn [µm].
 
         The distance is negative if all readings are far above zero. A zero reading then cannot be
         drawn in the panel.
@@ -110,7 +110,7 @@ class _TraceData:
 
     @property
     def has_bands(self) -> bool:
-        """Whether the figure has 95 % bands, which it has only if there are few tests."""
+        """Whether the polar plot has 95 % bands, which it has only if there are few tests."""
         return len(self.bound.campaign.tests) <= _MOST_BANDS
 
     @property
@@ -120,7 +120,7 @@ class _TraceData:
 
     @property
     def stride(self) -> int:
-        """Step n with which readings are drawn as dots: every n-th reading of a test is drawn."""
+        """Number n: every n-th reading of a test is drawn as a dot in the polar plot."""
         number_of_readings = sum(len(readings) for readings in self.readings_um)
         return math.ceil(number_of_readings / _MOST_DOTS)
 

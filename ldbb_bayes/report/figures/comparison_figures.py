@@ -26,7 +26,8 @@ _LINES = ("-", "--", ":")  # Matplotlib line styles of the models in a figure, u
 # The axis of log Bayes factors may be broken, so that extreme values do not compress the others. It
 # is never broken between minus this value and plus this value [nat].
 _MIDDLE_NAT = 20.0
-_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks a broken scale
+# ends (x, y) of the stroke that marks a broken axis, in units of the marker's size
+_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))
 
 
 # ---- figure of the log Bayes factor under several assumptions
@@ -173,10 +174,10 @@ def _axis_sections(value: Array, allowed: Array) -> list[_AxisSection]:
 
 
 def _axis_section(low: float, high: float, *, is_outer: bool) -> _AxisSection:
-    """Return a section of the axis that contains the values from ``low`` to ``high`` [nat].
+    """Return a section, from ``low`` to ``high`` [nat], of the axis for log Bayes factors.
 
-    Both ends of the section have a margin. ``is_outer`` states whether the section lies to the left
-    or to the right of the middle section.
+    The axis may be broken into up to three sections. Both ends of a section have a margin.
+    ``is_outer`` states whether the section lies to the left or to the right of the middle section.
     """
     room = 0.08 * (high - low) or 0.2 * abs(high) or 1.0
     return _AxisSection(float(low - room), float(high + room), is_outer)

@@ -94,7 +94,7 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
 
 
 def _semi_axes(principal: PrincipalStiffness) -> Array:
-    """Return the semi-axes of the ellipsoid as vectors [nm/N], shape (3, 3).
+    """Return the semi-axes of the compliance ellipsoid as vectors [nm/N], shape (3, 3).
 
     Each row is one vector; the first row is the softest axis.
     """
@@ -104,7 +104,7 @@ def _semi_axes(principal: PrincipalStiffness) -> Array:
 
 
 def _draw_surface(axes: Any, semi_axes: Array) -> None:
-    """Draw the surface of the ellipsoid with a net of lines.
+    """Draw the surface of the compliance ellipsoid with a net of lines.
 
     ``semi_axes``, shape (3, 3), holds the semi-axes of the ellipsoid as rows [nm/N].
     """

@@ -98,8 +98,8 @@ def circularity(posterior: xr.DataTree) -> Figure:
         panel = _PANELS[k % len(_PANELS)]
         plane = planes[k // len(_PANELS)]
         rows = table[table["plane"] == plane]
-        # Use only readings of tests with the radius for which the curves are drawn, because the
-        # tool path depends on the radius of the circle.
+        # Show only the readings of tests with the radius for which the curves of circular-test
+        # quantities are drawn, because the tool path depends on the radius of the circle.
         is_same_radius = measured["radius_mm"] == rows["radius_mm"].iloc[0]
         readings = measured[(measured["plane"] == plane) & is_same_radius]
         _draw_quantities(axes, panel.quantities, rows, readings)
@@ -265,7 +265,7 @@ def _draw_path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
 
 
 def _label_outer_axes(all_axes: Sequence[Axes], columns: int) -> None:
-    """Label the angles below the lowest panels, and the readings beside the leftmost panels.
+    """Label the axes of all panels: angles below the lowest, readings beside the leftmost.
 
     ``all_axes`` are the panels row by row; each row has ``columns`` panels.
     """

@@ -35,21 +35,23 @@ _FARTHEST = 1.6
 # Angle at which the labels of the grid circles (rings) of a polar panel are written [°]. Few lines
 # cross at this angle.
 _LABEL_ANGLE_DEG = 67.5
-# Background of a ring's label. It hides curves that would make the label hard to read.
+# Background of the label of a grid circle (ring) in a polar panel. It hides curves that would make
+# the label hard to read.
 _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
 # ``_HEIGHT`` is the height of a figure with one polar panel [inch]. ``_ROW_HEIGHTS`` has the height
 # of a row of two or three polar panels [inch]; the keys are the numbers of panels.
 _HEIGHT = 3.0
 _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
-# Width and height of a compact figure of one plane [inch]. A sheet of the test certificate
-# shows this figure beside another figure.
+# Width and height of a compact figure of the compliance by direction in one plane [inch]. A sheet
+# of the test certificate shows this figure beside another figure.
 _COMPACT_SIZE = (3.4, 3.7)
 # Relative widths of two panels: the polar plot, and the plot of the same curves against the angle
 # to the right of it.
 _WIDTHS = (1.0, 1.7)
 _RINGS = 4  # largest number of grid circles in a polar panel
 _TICKS_DEG = np.arange(0, 361, 45)
-# Font sizes of the labels of directions and of the labels of rings [points].
+# Font sizes of the labels of directions, and of the labels of grid circles (rings), in a polar
+# panel [points].
 _DIRECTION_SIZE = 8
 _RING_SIZE = 7
 
@@ -109,7 +111,7 @@ def stiffness_rose(
 
 
 def _rose_alone(roses: Sequence[PlaneStiffness], words: Mapping[str, str], title: str) -> Figure:
-    """Return a narrow figure of one plane that has only the polar panel.
+    """Return a narrow figure, with one polar panel, of the compliance by direction in a plane.
 
     ``roses`` holds the stiffness by direction in the plane at each force; the largest force is
     last. ``words`` holds the texts of the figure. ``title`` is broken into several lines.
@@ -123,7 +125,7 @@ def _rose_alone(roses: Sequence[PlaneStiffness], words: Mapping[str, str], title
 
 
 def _rose_with_curves(roses: Sequence[PlaneStiffness], words: Mapping[str, str]) -> Figure:
-    """Return a figure of one plane with two panels.
+    """Return a figure, with two panels, of the compliance by direction in one plane.
 
     The left panel shows the compliance along the bar as polar curves; the right panel shows the
     same curves against the angle. ``roses`` holds the stiffness by direction in the plane at each

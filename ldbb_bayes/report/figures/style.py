@@ -88,12 +88,13 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
     @functools.wraps(draw)
     def draw_styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        """Return the figure that ``draw`` returns for the same arguments, in the common style."""
+        """Call the function ``draw``, and return its figure in the common style of all figures."""
         with mpl.rc_context(_STYLE):
             figure = draw(*args, **kwargs)
             engine = figure.get_layout_engine()
             if engine is not None:
-                # Compute the layout of the figure once, and not again for every file.
+                # Compute the layout of the figure once, and not again for every file in which it is
+                # saved.
                 engine.execute(figure)
                 figure.set_layout_engine("none")
             return figure

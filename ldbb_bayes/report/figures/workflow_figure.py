@@ -90,10 +90,11 @@ def _draw_prior_ranges(axes: Axes, workflow: Workflow) -> None:
 
 
 def _draw_left_out(axes: Axes, workflow: Workflow) -> None:
-    """Draw the sorted p-values of left-out circles, and an interval for each p-value.
+    """Draw the sorted p-values of circles that were left out of a fit, each with an interval.
 
-    Each p-value lies in its interval with a probability of 95 % if all p-values are uniformly
-    distributed.
+    Each circle is left out of one fit, and its readings are predicted from this fit. Each p-value
+    of these predictions lies in its interval with a probability of 95 % if all p-values are
+    uniformly distributed.
     """
     by_size = sorted(workflow.left_out.items(), key=lambda entry: entry[1].p_value)
     names = [name for name, _ in by_size]
