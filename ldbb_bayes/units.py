@@ -102,7 +102,9 @@ _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 def _units_to_write() -> dict[str, _Size]:
     """Return the conversions of the units that a user may write; the keys are names such as kN.
 
-    A user may also write quotients and squares of these units.
+    A conversion consists of the value of the unit in mm, N and rad (1000 for kN), the power of
+    length in its dimension (0 for kN), and the power of force (1 for kN). A user may also write
+    quotients and squares of these units.
     """
     sizes = {
         "1": _Size(1.0, 0, 0),
@@ -472,7 +474,8 @@ def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
     """Return whether a credible interval is skewed about the mean of its distribution.
 
     The interval is skewed if its middle differs from the mean by more than a tenth of the
-    interval's width.
+    interval's width. ``interval`` holds the lower and the upper end of the interval, in the same
+    unit as ``mean``.
     """
     low, high = interval
     return abs(low + high - 2.0 * mean) > _SKEWED_SHARE * (high - low)

@@ -360,7 +360,8 @@ def _average_shares(
     ``phi``, shape (draws, h), are posterior draws of φ; ``covariance``, shape (p, p), is the
     covariance of the p parameters in units of their prior standard deviations. `Information.shares`
     states which share of the variances in this covariance each source causes. A key of the result
-    consists of the name of a source and the name of its model term.
+    consists of the name of a source and the name of its model term. The value, shape (p,), holds
+    the share of each parameter's variance that the source causes.
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]

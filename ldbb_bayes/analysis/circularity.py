@@ -169,10 +169,14 @@ class PathDraws(NamedTuple):
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
-    """Yield posterior draws of the quantities of `predict_circularity`, for each plane and force.
+    """Yield posterior draws of the circular deviation and similar quantities of the tool path.
 
-    ``forces_N`` are forces of the bar [N], by default 0 and the tested forces. ``draws`` is the
-    number of posterior draws used.
+    There is one object for each plane and each force. It holds draws, shape (draws,), of each
+    quantity: the circular deviation G [µm], the radial deviations F_max and F_min [µm], also from
+    the nominal circle, squareness and scale mismatch [µm/m]. If the model of the plane has
+    hysteresis, there are also the bidirectional deviation G_b and the mean deviation D [µm].
+    `predict_circularity` explains these quantities. ``forces_N`` are forces of the bar [N], by
+    default 0 and the tested forces. ``draws`` is the number of posterior draws used.
     """
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)

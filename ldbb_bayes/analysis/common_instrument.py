@@ -143,7 +143,8 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
     """Return the hyper-parameters of both campaigns, with common values for the instrument.
 
-    ``phi`` holds the hyper-parameters of each campaign. Two hyper-parameters describe the
+    ``bounds`` are the models of the two campaigns, and ``phi`` holds for each of them the values of
+    its h hyper-parameters, shape (h,); h may differ. Two hyper-parameters describe the
     instrument: the scale of the balls' form errors, and the decay (the exponent of the power law by
     which these errors decrease with the number of waves per turn). If both campaigns have such a
     hyper-parameter, both values are replaced by their mean.

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["next_"]
 
+# Options of the command ``next`` that become arguments of `next_circle`, such as --range.
 _OPTIONS = group(
     **options_of("next", range=Kind(str, read_range), clockings=Kind(str, read_clockings))
 )
@@ -38,6 +39,9 @@ def next_(
     # time to load.
     from ldbb_bayes.report import next_circle_text, operator_sheet
 
+    # Refuse an output folder that holds files of other origin, before anything is computed. The
+    # files named here may be replaced, and so may the copy of the campaign (the pilot) that an
+    # earlier plan in this folder was computed from.
     output.check("campaign.toml", "next.json", operator_sheet.NAME, *pilot_of_plan(output.out))
     step = lb.analysis.next_circle(model, source.campaign, **settings)
     record = {

@@ -72,10 +72,15 @@ class SufficientStatistics:
 def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     """Return the posterior moments of a campaign's parameters and instrument errors.
 
+    Instrument errors are the errors of the mount's deflection and of the bar's force. They are the
+    same in all campaigns with this instrument.
+
     Parameters
     ----------
     posterior : posterior density of the campaign's hyper-parameters (scales of the noise and of
-        other effects), for a model that allows negative compliances and whose priors are not flat.
+        other effects). It must be the posterior of a model that allows negative compliances and
+        whose priors are not flat, because a flat prior has no standard deviation. The function does
+        not check this.
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)

@@ -43,7 +43,8 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
     -------
     Weighted sums; the keys are the labels of the fitted compliances, such as C_XXX. A sum is a
     dictionary with the weights of the joints' compliances; its keys are the labels of these
-    compliances.
+    compliances. The unit of a weight is a power of mm, so that the product of the weight and the
+    joint's compliance has the unit of the fitted compliance.
     """
     circles = dict.fromkeys(test.circle for test in campaign.scope)
     compliances = kept_compliances(campaign.machine(), *circles)
@@ -55,6 +56,9 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
         compliances.absorbed,
         strict=True,
     ):
+        # Members are compliances whose effects on the readings are proportional to the effect of
+        # the fitted compliance. The effect of an absorbed compliance is a linear combination of the
+        # effects of several fitted compliances.
         weights = dict(zip(members, member_weights, strict=True))
         weights |= {other.label: weight for other, weight in absorbed.items()}
         sums[name.label] = {

@@ -332,9 +332,11 @@ def _population_parts(result: Population) -> tuple[Table | str, ...]:
 def _table_row(name: str, parameter: PooledParameter) -> list[str]:
     """Return the row of a parameter in the printed table of a population.
 
-    The row holds the name of the parameter, its unit, its mean, the part of the mean's expanded
-    uncertainty U that is due to the instrument, its spread with credible interval, and the
-    prediction for a further machine.
+    The row holds the name of the parameter, its display unit, the mean of the population as value ±
+    U, the part of U that is due to the instrument, the spread (standard deviation between machines)
+    with its credible interval, and the prediction for a further machine as value ± U. U is the
+    expanded uncertainty (k = 2); skewed quantities are stated with an interval instead. All numbers
+    are texts in the display unit.
     """
     factor, unit = display_unit(parameter.unit)
     common = _NOTHING

@@ -94,9 +94,13 @@ class Dependence:
         return IndependentPoints(z, log_width.sum(axis=1))
 
     def restore(self, z: Array) -> Array:
-        """Return the coordinates u of n points from their coordinates z: the inverse of `remove`.
+        """Return the coordinates u of n points from their nearly independent coordinates z.
 
-        u and ``z`` have the shape (n, h), with h coordinates of each point.
+        u and ``z`` have the shape (n, h), with h coordinates of each point. The method solves z =
+        (u − mean) / width − offset for u and is thus the inverse of `remove`. The mean and the
+        width of a coordinate u depend on earlier coordinates among the first ``leading`` ones, and
+        ``offset`` is a constant. These coordinates are therefore computed one after the other, and
+        the remaining coordinates then all at once.
         """
         standard = z + self.offset
         u = standard.copy()

@@ -154,11 +154,15 @@ def _propose_untruncated(
 ) -> _AcceptedDraws:
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
-    φ is drawn from ``proposal``. For each φ, several β are drawn, and negative compliances are
-    allowed at first. φ is accepted with a probability proportional to its weight, the posterior
-    density divided by the proposal. If compliances must not be negative, the weight is multiplied
-    by the share of these β that have no negative compliance; ``share_inside`` is an estimate of the
-    mean of this share. For each accepted φ, one β without negative compliances is returned.
+    φ is drawn from ``proposal``, in coordinates without bounds, such as logarithms of standard
+    deviations; both densities are densities of these coordinates. The weight of a draw of φ is the
+    posterior density divided by the density of the proposal. A draw with a weight below one is
+    accepted with a probability equal to its weight; a draw with a larger weight may be accepted
+    several times (`_accept`), and each copy has a β of its own. If compliances must not be
+    negative, several β are drawn for each φ, negative compliances are allowed at first, and the
+    weight is multiplied by the share of these β that have no negative compliance. ``share_inside``
+    is an estimate of the mean of this share. For each accepted φ, one β without negative
+    compliances is returned.
     """
     tries = 1
     if posterior.truncated:
@@ -172,7 +176,9 @@ def _propose_untruncated(
     with np.errstate(divide="ignore"):
         index = _accept(log_weight + np.log(draws.usable / tries), rng)
     # A value of φ that is accepted several times gets different draws of β, as far as there are
-    # enough usable draws.
+    # enough usable draws. ``draws.standard`` holds the draws of β as standard normal coordinates,
+    # for each φ the usable draws first, and ``draws.usable`` is the number of usable draws. A draw
+    # is usable if it has no negative compliance, or if negative compliances are allowed.
     repetition = np.arange(len(index)) - np.searchsorted(index, index)
     z = draws.standard[index, np.minimum(repetition, draws.usable[index] - 1)]
     if not posterior.truncated:

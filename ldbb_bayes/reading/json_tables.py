@@ -66,7 +66,7 @@ def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
     Raises
     ------
     InputError
-        If the text is not valid JSON.
+        If the text is not valid JSON, or if its lists and objects are nested too deeply.
     """
     content = _parsed(sheet, text)
     try:

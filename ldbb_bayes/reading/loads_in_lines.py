@@ -73,10 +73,12 @@ def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
 
 
 def _is_clear(text: str) -> bool:
-    """Return whether a line states a load clearly.
+    """Return whether a line says nothing beside a load that could change the load's meaning.
 
-    The load must stand alone, or beside a direction or words such as "run". All other parts of the
-    line must be understood, such as a statement on the sign of the readings.
+    The load must stand alone, beside a direction of travel (clockwise or counter-clockwise), or
+    beside words such as "run". All other parts of the line must be understood, such as a statement
+    on the sign of the readings. The result is also True for a line without a load if all parts of
+    the line are understood.
     """
     for part in divide_line(text):
         has_load = LOAD_IN_NAME.search(part) is not None

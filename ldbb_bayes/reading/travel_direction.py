@@ -85,7 +85,11 @@ _RUNS_BY_SENSE = {
     "CW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_right']})", re.IGNORECASE),
     "CCW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_left']})", re.IGNORECASE),
 }
-_RUNS = re.compile(rf"(?<![^\W_])(?:{_WORDS['run_right']}|{_WORDS['run_left']})", re.IGNORECASE)
+# Regular expression for words, such as "clockwise run" or "Rechtslauf", that name a run and its
+# direction of travel.
+_RUN_WITH_SENSE = re.compile(
+    rf"(?<![^\W_])(?:{_WORDS['run_right']}|{_WORDS['run_left']})", re.IGNORECASE
+)
 # Regular expression for words which show that a line is not about the angles of the readings.
 _NO_ANGLES = re.compile(WORDS["angle_convention"]["other"], re.IGNORECASE)
 # A note shows at most this number of characters of a line.
@@ -150,7 +154,7 @@ def is_direction(text: str) -> bool:
 
 def without_directions(text: str) -> str:
     """Return a text with a blank in place of each word for clockwise or counter-clockwise."""
-    for pattern in (_SENSE, _RUNS, _ARC):
+    for pattern in (_SENSE, _RUN_WITH_SENSE, _ARC):
         text = pattern.sub(" ", text)
     return text
 
@@ -366,18 +370,20 @@ def _unread_in(text: str) -> str:
 
 
 def _may_state_direction(text: str) -> bool:
-    """Return whether a line may state a direction of travel.
+    """Return whether a line may state a direction of travel, clockwise or counter-clockwise.
 
     The result is False for a line about angles, or about a direction other than that of travel. For
-    a line about a load, it is True only if the line has a word such as clockwise.
+    a line about a load, it is True only if the line has a word such as clockwise. If the line has a
+    word for direction, the result is False if no text, or only a dash or "n/a", follows the word.
     """
     if _is_about_angles(text):
         return False
     if _OTHER_DIRECTION.search(text):
         is_of_load = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) is None
-        return is_of_load and (bool(senses_in(text)) or _RUNS.search(text) is not None)
+        return is_of_load and (bool(senses_in(text)) or _RUN_WITH_SENSE.search(text) is not None)
     match = NAMES_DIRECTION.search(text)
     if match is not None:
-        return _MISSING.fullmatch(match[1]) is None
-    patterns = (_TURNED, _RUNS)
+        following_text = match[1]
+        return _MISSING.fullmatch(following_text) is None
+    patterns = (_TURNED, _RUN_WITH_SENSE)
     return bool(senses_in(text)) or any(pattern.search(text) for pattern in patterns)

@@ -58,9 +58,9 @@ _USUAL_UNITS = ("um", "mm")
 # Angles without a unit are taken as degrees if their range is larger than this number, and as
 # radians if the range is smaller.
 _LARGEST_SPAN_RAD = 7.0
-# Regular expression for a word for counts (digital steps of an instrument), or for a unit with a
-# factor, in the name of a file.
-_COUNTS = re.compile(
+# Regular expression for a word for counts (digital steps of an instrument), as in "run1_counts", or
+# for a unit with a factor, as in "0.1um". It is searched for in names of tests, sheets and files.
+_COUNTS_OR_SCALED_UNIT = re.compile(
     r"(?<![^\W\d_])counts?(?![^\W_])|(?<!\d)(?:0[.,]\d+|10)[ _]?[uµμn]m", re.IGNORECASE
 )
 # Size of a full turn in units of angle that are seldom used. If the angles of a test cover a whole
@@ -251,8 +251,11 @@ def _mentions_other(line: int | str, text: str, unit: str) -> bool:
 def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
     """Return a note on a line or name that mentions ``unit``, the unit that fits the readings.
 
-    The note is empty if no line or name mentions ``unit``. Raise an error if a line or name
-    mentions another unit of readings.
+    Lines outside the table of readings are searched, and the names of the test, its sheet and its
+    file. Lines that state a property of the test, such as its radius, are left out, because a unit
+    in them is not that of the readings. The note is empty if no line or name mentions ``unit``.
+    Raise an `OpenQuestionError`, which asks for the unit, if a line or name mentions another unit
+    of readings, or if a name mentions counts or a unit with a factor, such as 0.1um.
     """
     note: str | CitedLine = ""
     mentions: list[tuple[str | CitedLine, str]] = []
@@ -266,7 +269,7 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
             mentioned = mentioned or unknown_unit_in(text) or _other_fraction(text, unit)
         if mentioned == unit:
             note = with_words(source, f" says {text.strip()[:_TEXT_SHOWN]!r}")
-        if not isinstance(source, CitedLine) and _COUNTS.search(text):
+        if not isinstance(source, CitedLine) and _COUNTS_OR_SCALED_UNIT.search(text):
             mentioned = text
         if mentioned not in ("", unit):
             raise OpenQuestionError(
@@ -279,9 +282,10 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
 
 
 def _other_fraction(text: str, unit: str) -> str:
-    """Return the fraction of a unit, such as 0.0001 inch, that a line about readings mentions.
+    """Return the fraction of a unit of length, such as 0.0001 inch, that a line mentions.
 
-    The result is empty if the line mentions no fraction, or if the fraction is equal to ``unit``.
+    The line must be about readings. The result is empty if the line mentions no such fraction, or
+    if the fraction has the size of ``unit``, as 0.001 mm has the size of um.
     """
     fraction = fraction_mentioned(text)
     size = size_of_unit("reading", fraction)

@@ -44,6 +44,8 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
         is quoted, segments with a load are left out.
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
+    # A line of one segment has no unused segment, unless it also defines a difference of two radii
+    # that does not determine the sign of the readings, as in "Force 238 N nominal minus measured".
     if len(segments) == 1 and not leaves_difference_unread(text):
         return ""
     is_line_quoted = text.strip() in quoted

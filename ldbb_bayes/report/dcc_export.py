@@ -318,8 +318,10 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
     """Return a dictionary with what the certificate file states about a direction in a plane.
 
     The direction is stated as an angle from the machine axis ``axis`` [°]. ``name`` is the name of
-    the angle that programs use, and ``shown`` is the symbol that people read. The dictionary is
-    empty if the readings do not determine the direction.
+    the angle that programs use, and ``shown`` is the symbol that people read. The entry ``within``
+    is the share of the posterior draws of the direction that lie within the mean direction ± U,
+    where U is the expanded uncertainty (k = 2). The dictionary is empty if the readings do not
+    determine the direction.
     """
     if not direction.is_determined:
         return {}

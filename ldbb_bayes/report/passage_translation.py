@@ -50,8 +50,9 @@ def untranslated_texts(
 ) -> set[str]:
     """Return those English texts that have no translation in the catalogues of a language.
 
-    The texts are those of the tables and sentences ``passages``. The arguments are the same as
-    those of `passages_in_language`.
+    The texts are those of the tables and sentences ``passages``. ``language`` is the code of the
+    language, such as ``de``. ``names`` are the names of campaigns and tests, which need no
+    translation. The result is empty if the language has no catalogues, such as English.
     """
     translation = _translation(language, names)
     if translation is None:

@@ -124,9 +124,13 @@ class SheetNumbers:
 
     @cached_property
     def changes_with_force(self) -> Mapping[str, ChangeWithForce]:
-        """Changes of the compliances over the tested forces, with probabilities of their signs.
+        """Change C(F_max) − C(F_min) of each compliance between the smallest and largest force.
 
-        The keys are the names of the compliances.
+        F_min and F_max are the smallest and the largest force tested [N]. The keys are the names of
+        the compliances. Each object states the change and the compliances at both forces in the
+        internal unit of the compliance (mm, N, rad), each with a credible interval of the
+        probability that the test certificate states, and the probability that the compliance grows
+        with the force.
         """
         return change_with_force(self.findings.posterior_of_certificate, prob=self.findings.prob)
 
@@ -332,10 +336,10 @@ class SheetNumbers:
 
     @cached_property
     def unloaded_path(self) -> dict[str, StatedQuantity]:
-        """Circular deviation of the tool path at no load.
+        """Circular deviation G of the tool path (ISO 230-4) at no load, in µm, for each plane.
 
-        Only geometric errors cause this deviation. There is one entry for each plane; the keys are
-        the symbols of the deviation.
+        Only geometric errors cause this deviation. The key is ``G_no_load``, or a key with the
+        plane, such as ``G_no_load_YZ``, if several planes were tested.
         """
         return self._path_quantities(0.0, ("G",))
 

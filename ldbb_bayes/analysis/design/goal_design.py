@@ -321,9 +321,12 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
 def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
     """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
 
-    Estimate and uncertainty are computed from the readings of the pilot (the campaign that the
-    design starts from), or from the prior if the pilot is a plan. The keys of the result are the
-    names of the parameters.
+    The pilot is the campaign or plan that the design starts from. Estimate and uncertainty are the
+    posterior mean and standard deviation given the pilot's readings. If the pilot is a plan without
+    readings, the estimate is the median of the parameter's absolute value under the prior (the mean
+    may be zero), the uncertainty is that of the prior, and the goal does not count as met. The
+    result states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in
+    the unit of the parameter. The keys of the result are the names of the parameters.
     """
     pilot = space.pilot
     states = states_of(space.model, pilot)
@@ -332,9 +335,13 @@ def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, Sta
         mean = np.asarray(bound.prior_mean)
         sd = np.asarray(bound.prior_sd)
     else:
-        after = states_before(space.model, pilot, len(states.phi), space.seed, augment=True).before
-        mean = after.mean.mean(axis=0)
-        sd = np.sqrt((after.sd**2).mean(axis=0) + after.mean.var(axis=0))
+        # Gaussian densities of the parameters given the pilot's readings, one for each value of the
+        # hyper-parameters: arrays ``mean`` and ``sd`` of shape (values, p).
+        after_pilot = states_before(
+            space.model, pilot, len(states.phi), space.seed, augment=True
+        ).before
+        mean = after_pilot.mean.mean(axis=0)
+        sd = np.sqrt((after_pilot.sd**2).mean(axis=0) + after_pilot.mean.var(axis=0))
     stated = {}
     for name, goal in goals.items():
         k = bound.names.index(name)

@@ -319,7 +319,8 @@ def _mean_reading(trace_data: _TraceData, force_N: float) -> float:
     """Return the mean reading [µm] of all tests at the force ``force_N`` [N].
 
     The result is the mean of the mean readings of these tests, so that tests with more readings
-    have no larger weight. ``trace_data`` holds the readings of all tests.
+    have no larger weight. ``trace_data`` holds the readings of all tests. At least one test must be
+    at this force, otherwise the result is NaN.
     """
     means = []
     for readings, force in zip(
