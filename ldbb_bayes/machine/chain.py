@@ -123,7 +123,7 @@ class Joint:
 
     @property
     def index(self) -> int:
-        """Index of the joint's axis in a vector (X, Y, Z): 0 for X, 1 for Y, 2 for Z."""
+        """Index of the joint's linear axis in a vector (X, Y, Z): 0 for X, 1 for Y, 2 for Z."""
         return LINEAR.index(self.axis)
 
     @property

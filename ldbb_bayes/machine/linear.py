@@ -71,7 +71,7 @@ _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
-    """Joint at which a geometric error acts, and on which side of the joint it acts."""
+    """Joint at which a geometric error acts, before or after the motion of this joint."""
 
     joint: Joint  #: joint of a machine axis at which the geometric error acts
     #: whether the geometric error acts before the motion of the joint, in the kinematic chain from

@@ -32,7 +32,7 @@ class ParameterConditional(Gaussian):
     physical: Truncation
 
     def select(self, index: NDArray[np.intp]) -> ParameterConditional:
-        """Return some of the w Gaussian densities, selected by their indices.
+        """Return some of the w Gaussian densities of the parameters, selected by their indices.
 
         Each of the w Gaussian densities belongs to one value of the hyper-parameters φ. ``index``
         holds the indices, from 0 to w − 1; an index may occur more than once.

@@ -183,7 +183,7 @@ class Front(NamedTuple):
 
 
 class _Family(NamedTuple):
-    """Groups of columns whose elimination changes the same later columns.
+    """Groups of columns of a matrix whose elimination changes the same later columns.
 
     ``border`` holds the indices of these later columns in the design matrix.
     """
@@ -255,11 +255,11 @@ class EliminationPlan:
     def _front(self, families: list[_Family], signs: Array) -> Front:
         """Return the front that consists of the groups of all ``families``, in their order.
 
-        A front contains groups of columns that are eliminated together. The groups of a family
-        change the same later columns when they are eliminated. All groups of the front have equal
-        numbers of columns, and they change equal numbers of later columns. ``signs`` holds 1 for
-        each coefficient with a positive prior variance, and −1 for each with a negative one, which
-        removes noise (`Observations.signs`).
+        A front contains groups of columns of a matrix that are eliminated together. The groups of a
+        family change the same later columns when they are eliminated. All groups of the front have
+        equal numbers of columns, and they change equal numbers of later columns. ``signs`` holds 1
+        for each coefficient with a positive prior variance, and −1 for each with a negative one,
+        which removes noise (`Observations.signs`).
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
@@ -350,13 +350,14 @@ class Elimination:
     def fronts(self) -> list[Front]:
         """Fronts, in the order in which they are eliminated.
 
-        A front consists of groups of columns that are eliminated at the same time.
+        A front consists of groups of columns of the design matrix that are eliminated at the same
+        time.
         """
         return self._plan.fronts
 
     @property
     def entries(self) -> int:
-        """Number of rows of the workspace, the array in which the Cholesky factor is computed."""
+        """Number of rows of the workspace, the array in which Cholesky factors are computed."""
         return self._plan.entries
 
     @property
@@ -511,11 +512,11 @@ class DesignRows:
         self._eliminations: dict[int, Elimination] = {}
 
     def elimination(self, last: int) -> Elimination:
-        """Return the Cholesky elimination of all coefficients, in an order that saves time.
+        """Return the Cholesky elimination of all nuisance coefficients, in a fast order.
 
-        Shared coefficients are coefficients that are the same in all tests. The last ``last``
-        shared coefficients are eliminated after all other coefficients, in the order of their
-        columns.
+        Nuisances are effects modelled but not of interest. Shared coefficients are the same in all
+        tests. The last ``last`` shared coefficients are eliminated after all other coefficients, in
+        the order of their columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)
@@ -590,8 +591,8 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
     """Divide families into lists in which no two families change the same later column.
 
-    A family consists of groups of columns that change the same later columns when they are
-    eliminated. The families of a list have equal numbers of groups and are consecutive in
+    A family consists of groups of columns of a matrix that change the same later columns when they
+    are eliminated. The families of a list have equal numbers of groups and are consecutive in
     ``families``.
     """
     lists: list[list[_Family]] = []

@@ -20,8 +20,9 @@ SIZE = 2 * MAX_ORDER + 1
 # Order n of every Fourier basis function 1, cos θ, sin θ, cos 2θ, …: 0, 1, 1, 2, 2, …, 12, 12.
 ORDERS = np.repeat(np.arange(MAX_ORDER + 1), 2)[1:]
 ORDERS.setflags(write=False)
-# Fourier coefficients are set to zero if they are smaller than this fraction of the function's
-# largest coefficient, because they are then rounding errors.
+# Fourier coefficients of a function of the angle are set to zero if they are smaller than this
+# fraction of the largest Fourier coefficient of the function, because they are then rounding
+# errors.
 _ROUNDING = 1e-13
 
 

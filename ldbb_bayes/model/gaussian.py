@@ -267,9 +267,9 @@ class Gaussian(Shown):
 
     @cached_property
     def _factors(self) -> _Factors:
-        """Mean of the coefficients, and factors of the precision matrix.
+        """Mean of each Gaussian function of q coefficients, and factors of its precision matrix.
 
-        They are computed from ``precision`` and ``shift``.
+        Mean and factors are computed from the fields ``precision`` and ``shift``.
         """
         diagonal = np.diagonal(self.precision, axis1=-2, axis2=-1)
         scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
@@ -279,13 +279,13 @@ class Gaussian(Shown):
 
     @cached_property
     def precision(self) -> Array:
-        """Precision matrix (inverse covariance) of the q coefficients, shape (..., q, q)."""
+        """Precision matrix P of each Gaussian function of q coefficients, shape (..., q, q)."""
         _, root, scale = self._factors
         return (root @ np.swapaxes(root, -1, -2)) / (scale[..., :, None] * scale[..., None, :])
 
     @cached_property
     def shift(self) -> Array:
-        """Vector η = precision matrix times mean of the q coefficients, shape (..., q)."""
+        """Precision matrix times mean, the vector η of each Gaussian function, shape (..., q)."""
         return np.einsum("...ij,...j->...i", self.precision, self.mean)
 
     @cached_property
@@ -319,16 +319,17 @@ class Gaussian(Shown):
     def root(self) -> Array:
         """Lower triangular factor L of the precision matrix S⁻¹ L Lᵀ S⁻¹, shape (..., q, q).
 
-        S is the diagonal matrix of the scales of the q coefficients.
+        The precision matrix belongs to a Gaussian function of q coefficients, and S is the diagonal
+        matrix of the scales of these coefficients.
         """
         return self._factors.root
 
     @property
     def scale(self) -> Array:
-        """Scales of the q coefficients, shape (..., q).
+        """Scales of the q coefficients of each Gaussian function, shape (..., q).
 
-        The scales are the diagonal of S in the precision matrix (inverse covariance) S⁻¹ L Lᵀ S⁻¹,
-        with L lower triangular.
+        The scales are the diagonal of S in the precision matrix (inverse covariance) S⁻¹ L Lᵀ S⁻¹
+        of the coefficients, with L lower triangular.
         """
         return self._factors.scale
 
@@ -359,7 +360,7 @@ class Gaussian(Shown):
 
     @property
     def sd(self) -> Array:
-        """Standard deviation of each of the q coefficients, shape (..., q)."""
+        """Standard deviations of the q coefficients of each Gaussian function, shape (..., q)."""
         return np.sqrt((self.spread() ** 2).sum(axis=-1))
 
     def __add__(self, other: Gaussian) -> Gaussian:

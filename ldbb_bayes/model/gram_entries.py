@@ -184,8 +184,8 @@ def _sparse_gram(
     second = first + np.arange(len(first)) - np.repeat(first_product, products)
     index = (place_in_order[column[first], column[second]], kinds[row[first]])
     shape = (size, kinds.max(initial=-1) + 1)
-    # The conversion to a CSR matrix adds up the products from all rows with the same variance (rows
-    # of one kind).
+    # The conversion to a sparse matrix in CSR format adds up the products of elements from all rows
+    # with the same variance (rows of one kind).
     gram = coo_array((element[first] * element[second], index), shape=shape).tocsr()
     gram.eliminate_zeros()
     return gram
@@ -215,8 +215,9 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # The arrays have space for ``most_kinds`` kinds of rows. If a group of columns has fewer kinds,
-    # the rest of its space is filled with zeros.
+    # The arrays of scalar products have space for ``most_kinds`` kinds of rows of the design matrix
+    # (rows with the same variance) in each group of columns. If a group has fewer kinds, the
+    # remaining elements are zero.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1
     group_kinds[group, rank[group, kind]] = kind

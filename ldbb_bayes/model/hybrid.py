@@ -656,7 +656,8 @@ class _KnownEstimate(NamedTuple):
 # the newest last. An estimate always uses all tests of the campaign, even if the model is applied
 # to only some of the tests.
 _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
-# Largest number of estimates of the machine's parameters that the cache holds for one campaign.
+# Largest number of estimates of the machine's parameters, made with different models, that the
+# cache holds for one campaign.
 _KEPT_ESTIMATES = 64
 # Cache of bound models: models that were applied to a whole campaign, the newest last. Several
 # analyses can use the same bound model, because a model in the cache is never changed.
@@ -996,8 +997,9 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (such as the standard deviation of the noise). Negative compliances are
-        not excluded. In the object, the last coefficients that all tests have in common are β −
-        `centre`, where `centre` is a least-squares estimate of β.
+        not excluded. The object treats β as coefficients too: β − `centre` are the last of the
+        coefficients that are the same in all tests, where `centre` is a least-squares estimate of
+        β.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre

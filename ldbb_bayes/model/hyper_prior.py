@@ -85,7 +85,7 @@ class HyperPrior:
 
     @cached_property
     def in_mm(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is a length in mm, shape (h,)."""
+        """Whether each hyper-parameter is a length, such as the sd of noise, shape (h,)."""
         return np.array([law == "half-normal" for law in self.laws])
 
     @property
@@ -204,7 +204,8 @@ class HyperPrior:
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
-            # If the noise factor λ is very small, λ⁻² overflows; the density is zero there.
+            # If the noise factor λ of a circle is very small, λ⁻² overflows; the prior density of λ
+            # is zero there.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)

@@ -81,7 +81,7 @@ class Information:
 
     @property
     def interest(self) -> NDArray[np.intp]:
-        """Indices of the p coefficients that are parameters of interest, shape (p,).
+        """Indices, in the list of all coefficients, of the p parameters of interest, shape (p,).
 
         Parameters of interest are compliances, their slopes (changes with force) and geometric
         errors.
@@ -203,11 +203,11 @@ class Information:
         return self._root_of(self._all_rows, np.arange(len(self.names)))
 
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
-        """Return a square root R of the precision matrix RᵀR of the free coefficients.
+        """Return a square root R of the posterior precision matrix RᵀR of the free coefficients.
 
-        ``rows`` is the design matrix of all m coefficients for k reduced readings with unit noise,
-        shape (k, m). ``free`` are the indices of the free coefficients, which are those not taken
-        as known.
+        ``rows`` is the design matrix of the model's m coefficients for k reduced readings with unit
+        noise, shape (k, m). ``free`` are the indices of the free coefficients, which are those not
+        taken as known.
         """
         prior = np.ones(len(free))
         if self.flat:
@@ -217,7 +217,7 @@ class Information:
 
     @cached_property
     def _noise_names(self) -> frozenset[str]:
-        """Class names of terms that act as noise of single tests, and ``NOISE`` for white noise."""
+        """Class names of nuisance terms that act as noise, and ``NOISE`` for white noise."""
         return frozenset(name for sources in self.noise for name in sources)
 
     def covariance(
@@ -414,5 +414,8 @@ class Information:
 
     @cached_property
     def _all_rows(self) -> Array:
-        """Design matrix for readings with unit noise, all noise terms included, shape (k, m)."""
+        """Design matrix of m coefficients for k readings scaled to unit noise, shape (k, m).
+
+        Every source of noise in the model is included in the noise.
+        """
         return self.rows()

@@ -62,7 +62,7 @@ class Parameter:
 
 
 class _Row(NamedTuple):
-    """Name, unit, kind and degree of a parameter of interest; the prior is not included."""
+    """Name, unit, kind and degree of a parameter of interest, without mean and sd of its prior."""
 
     name: str
     unit: str
@@ -109,7 +109,7 @@ class ParametersOfInterest:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all parameters of interest, in the order of β."""
+        """Names of all parameters of interest: compliances, slopes, then geometric errors."""
         return tuple(row.name for row in self._parameters_without_prior())
 
     def prior_mean(self, prior: Prior) -> Array:
@@ -120,7 +120,7 @@ class ParametersOfInterest:
         return np.array([prior.means.get(name, 0.0) for name in self.names])
 
     def _parameters_without_prior(self) -> list[_Row]:
-        """Return name, unit, kind and degree of every parameter of interest, in the order of β."""
+        """Return name, unit, kind and degree of each of the p parameters of interest, in a list."""
         rows = [
             _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances
         ]
@@ -248,8 +248,8 @@ def physical_rows(
         Reference force F0 [N], for the error message.
     """
     at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
-    # The rows of the result are stored as keys of a dictionary, which keeps their order and removes
-    # duplicates.
+    # The rows of the matrix of conditions A β ≥ 0 are stored as keys of a dictionary, which keeps
+    # their order and removes duplicates.
     rows: dict[tuple[float, ...], None] = {}
     for j in np.flatnonzero(interest.visible.not_negative):
         label = interest.compliances[j].label

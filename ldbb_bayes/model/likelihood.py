@@ -97,7 +97,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice that selects this batch's values from the caller's array of hyper-parameters."""
+        """Slice that selects the batch's values of the hyper-parameters from the caller's array."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property

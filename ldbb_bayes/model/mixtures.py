@@ -17,8 +17,9 @@ _ITERATIONS = 100
 # The search for a quantile of a Gaussian mixture ends when the length of a step, divided by the
 # standard deviation of the mixture, is at most this number.
 _STEP_TOLERANCE = 1e-12
-# Largest number of values (Gaussian components times mixtures) that are processed at once, so that
-# they fit into the processor's cache.
+# Quantiles of several Gaussian mixtures are computed at once. This is the largest number of values
+# (components of a mixture times mixtures) in such a computation, so that the values fit into the
+# processor's cache.
 _CHUNK = 200_000
 
 

@@ -125,7 +125,7 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that each test has in addition to the shared ones."""
+        """Number of nuisance coefficients that have a separate value in every test."""
         return len(self.private_signs)
 
 

@@ -34,12 +34,13 @@ __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 # When a group of columns of a sparse matrix is eliminated, several later columns change. One
 # function call computes the change of this number of later columns.
 PRODUCT_COLUMNS = 8
-# Time of the function calls that are needed once for each group of columns when it is eliminated.
-# This time and the following times were measured; the unit is the time of one multiplication for
-# all values of the hyper-parameters that are processed together. The exact values matter little.
+# Time of the function calls that are needed once for each group of columns of a sparse matrix when
+# the group is eliminated. This time and the other times in this module were measured; the unit is
+# the time of one multiplication for all values of the hyper-parameters that are processed together.
+# The exact values matter little.
 _GROUP_COST = 100.0
-# Time of the function calls that eliminate one column of a group, in units of the time of one
-# multiplication.
+# Time of the function calls that eliminate one column of a sparse matrix, as part of a group of
+# columns, in units of the time of one multiplication.
 _COLUMN_COST = 200.0
 # When a group of columns of a sparse matrix is eliminated, later columns change. This is the time
 # of the function calls that compute the change of `PRODUCT_COLUMNS` later columns, in units of the
@@ -48,8 +49,9 @@ _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the matrix P = Aᵀ D⁻¹ A, in units of the time of
 # one multiplication.
 _UPDATE_COST = 1.0
-# Largest number of results of ``_cost`` that its cache holds. The cache saves time because many
-# groups have the same numbers of columns.
+# Largest number of entries in the cache of the function ``_cost``, which returns the time to
+# eliminate a group of columns. The cache saves time because many groups have the same numbers of
+# columns.
 _KEPT_COSTS = 4096
 
 
@@ -84,9 +86,9 @@ class _Node(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of columns that are eliminated together, and number of columns that then change.
+        """Numbers of columns that one step of a factorisation eliminates, and that it changes.
 
-        The columns that change are eliminated later.
+        The columns are those of a sparse matrix. The columns that change are eliminated later.
         """
         return self.columns.bit_count(), self.border.bit_count()
 
@@ -265,10 +267,10 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     """
     columns = shape[0]
     border = shape[1]
-    # The s columns of a set are numbered k = 0 … s − 1, and eliminating them changes ``border``
-    # later columns. Column k has s + border + 1 − k entries on and below the diagonal, and each of
-    # them needs k multiplications. ``places`` is the sum of k over all columns, and ``squares`` the
-    # sum of k².
+    # The s columns of a set of columns that are eliminated together are numbered k = 0 … s − 1.
+    # Their elimination changes ``border`` later columns. Column k has s + border + 1 − k entries on
+    # and below the diagonal, and each of them needs k multiplications. ``places`` is the sum of k
+    # over all columns, and ``squares`` the sum of k².
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

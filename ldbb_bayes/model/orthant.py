@@ -280,7 +280,7 @@ class Orthant:
             is_used = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(is_used, axis=0):
-                # All vectors that use the same constraints are processed together.
+                # All random vectors for which the same constraints are used are processed together.
                 same_pattern = np.flatnonzero((is_used == pattern).all(axis=1))
                 index = open_members[same_pattern]
                 mean = self._mean[index][:, pattern]
@@ -498,12 +498,12 @@ class Orthant:
 
     @property
     def _tilted(self) -> Tilted:
-        """Constraints that may fail, with the shifted densities from which vectors are drawn."""
+        """Constraints that may fail, and shifted densities from which random vectors are drawn."""
         return self._solved.tilted
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Constraints on the w random vectors, and shifted densities from which they are drawn.
+        """Constraints on w random vectors, and shifted densities from which the vectors are drawn.
 
         Constraints that are certain to hold for all w vectors are left out.
         """

@@ -283,7 +283,7 @@ class Prior(Shown):
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Convert settings with units to numbers, and raise an `InputError` if they are invalid."""
+        """Convert the prior's values with units to numbers; raise an `InputError` if invalid."""
         self._convert_settings()
         self._convert_table("overrides", "prior sd of")
         self._convert_table("means", "prior mean of")

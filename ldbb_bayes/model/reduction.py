@@ -60,7 +60,7 @@ class NearUniform(NamedTuple):
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each of the 25 departures from uniform angles is too large to be neglected."""
+        """Whether each of the 25 departures of a test from uniform angles is not negligible."""
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 

@@ -176,7 +176,7 @@ class ReferencePosterior:
         """Reduced readings of all tests (at most 25 numbers per test), in arrays of equal size.
 
         If tests have different numbers of reduced readings, zeros are appended to the shorter ones.
-        They have no effect, because they do not depend on any coefficient.
+        These zeros have no effect, because they do not depend on any coefficient.
         """
         most = max(len(test.factor) for test in self.reduced)
         factors = np.zeros((len(self.reduced), most, SIZE))

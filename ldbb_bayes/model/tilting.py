@@ -36,7 +36,8 @@ __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_dist
 # search ends when the relative magnitude of the gradient (`_ConvexFunction.error`) is at most this
 # number. The number also serves as an upper bound of the rounding errors of log probabilities.
 ROUNDING = 1e-10
-# Largest number of steps of Newton's method for the saddle point of the log importance weight.
+# Largest number of steps of Newton's method in the search for the saddle point of the log
+# importance weight of random draws.
 _ITERATIONS = 60
 # Largest number of step lengths that are tried in one step of Newton's method. Each step length is
 # half of the previous step length.
@@ -44,8 +45,8 @@ _HALVINGS = 20
 # If the log probability that all constraints hold is below minus this number, an inexact saddle
 # point is accepted, because such a probability is too small to matter.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
-# Uniform random numbers smaller than this number are replaced by this number, so that their
-# logarithm is finite.
+# Uniform random numbers between 0 and 1 that are smaller than this number are replaced by it, so
+# that their logarithm is finite.
 _LEAST_UNIFORM = 1e-300
 
 
@@ -176,7 +177,7 @@ class Tilted(NamedTuple):
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return the sets of constraints with the indices ``members``, counted from 0."""
+        """Return some of the w sets of constraints, selected by the indices ``members`` from 0."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],
@@ -254,8 +255,8 @@ class Tilted(NamedTuple):
         independent constraints, can bound x_j from above. The upper limit is None if x_j is not the
         last element of any dependent constraint.
         """
-        # The first constraint depends on x_0 alone. The lower limit of x_0 is therefore the same
-        # for all points.
+        # The first constraint on the vector x depends only on its first element x_0. The lower
+        # limit of x_0 is therefore the same for all points x.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
         low = np.atleast_2d(self.bound[j] - explained - self.tilt[j])
         rows = np.flatnonzero((self.last == j).any(axis=1))

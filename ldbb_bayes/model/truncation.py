@@ -162,7 +162,7 @@ class _DistributionOnGrid(NamedTuple):
     probability: Array
 
     def quantile(self, level: Array) -> Array:
-        """Return the quantiles at the probabilities ``level``, by linear interpolation."""
+        """Return quantiles of the variable at probabilities ``level``, interpolated linearly."""
         return np.asarray(np.interp(level, self.probability, self.grid))
 
 

@@ -277,7 +277,7 @@ class Term(Shown):
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the term's hyper-parameters for the test conditions of a campaign.
+        """Return the hyper-parameters of a nuisance term for the test conditions of a campaign.
 
         ``setting`` describes the test conditions. By default, the result is ``scales``, which does
         not depend on the campaign.
@@ -285,7 +285,7 @@ class Term(Shown):
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
-        """Return the term's columns for the test conditions of a campaign.
+        """Return the columns of a nuisance term for the test conditions of a campaign.
 
         ``setting`` describes the test conditions. A column is the change of the reading per unit of
         one coefficient, as 25 Fourier coefficients for each test. The result is an empty tuple if
@@ -304,8 +304,10 @@ class Term(Shown):
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
         """Return whether a certificate states the uncertainty of a coefficient of this term.
 
-        ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates. Of the
-        term's assumptions whose names begin the coefficient's name, the longest name decides.
+        ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates. The
+        term may assume uncertainties for several properties, such as bar_length. A property counts
+        for the coefficient if its name begins the coefficient's name. If several properties do so,
+        the one with the longest name counts.
         """
         stated = False
         longest = -1
@@ -322,9 +324,9 @@ class Term(Shown):
 
     @staticmethod
     def owner(coefficient: str) -> type[Term]:
-        """Return the class of the term to which the coefficient with this name belongs.
+        """Return the class of the nuisance term to which the named ``coefficient`` belongs.
 
-        Return `Term` if no term has such a coefficient.
+        Return `Term` if no term has a coefficient with this name.
         """
         for kind in Term.kinds.values():
             stems = (kind.stem,) if isinstance(kind.stem, str) else kind.stem

@@ -65,7 +65,7 @@ class SetupShift(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Standard deviations of the shifts of zero and centre from circle to circle.
+        """Sds of the random shifts of the readings' zero and the circle's centre between circles.
 
         If the field ``moves`` is ``apart``, there are two hyper-parameters: δ_0 for the readings'
         zero, and δ_1 for the circle's centre. Otherwise there is only δ.

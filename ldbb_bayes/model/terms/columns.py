@@ -92,7 +92,7 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters by which the coefficient's prior sd is multiplied."""
+        """Names of the hyper-parameters by which the prior sd of a coefficient is multiplied."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
@@ -175,7 +175,7 @@ class Columns(Shown):
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
-        """Check that the fields agree; a single number for ``sd`` or ``mean`` is repeated."""
+        """Check the shapes of columns and priors, and repeat a single prior ``sd`` or ``mean``."""
         object.__setattr__(self, "names", tuple(self.names))
         p = len(self.names)
         for name in ("sd", "mean"):
@@ -202,7 +202,7 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Products of hyper-parameters by which the prior sds of the p coefficients are multiplied.
+        """Products of hyper-parameters by which prior sds of nuisance coefficients are multiplied.
 
         The noise factors λ of circles are not included.
         """
@@ -215,8 +215,8 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the products of hyper-parameters that multiply the prior sds of coefficients.
 
-        There is one product for each of the p coefficients. If the circle of the test with the
-        index ``test`` has a noise factor λ, the products include this factor.
+        There is one product for each of the p coefficients of a nuisance term. If the circle of the
+        test with the index ``test`` has a noise factor λ, the products include this factor.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)

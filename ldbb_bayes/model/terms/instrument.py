@@ -73,7 +73,7 @@ class BarLength(Term):
     def _sd_um(self, instrument: Instrument) -> float:
         """Return the standard uncertainty of the bar's length [µm].
 
-        It comes from the bar's certificate or, without a certificate, is ``sd_um``.
+        The uncertainty comes from the bar's certificate or, without a certificate, is ``sd_um``.
         """
         return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
@@ -145,9 +145,10 @@ class Mount(Term):
         return linear, curved
 
     def _relative_sd(self, instrument: Instrument) -> float:
-        """Return the standard uncertainty of the deflection as a fraction of the deflection.
+        """Return the relative standard uncertainty of the deflection of the work ball's mount.
 
-        It comes from the certificate of the mount or, without a certificate, is ``relative_sd``.
+        The uncertainty comes from the certificate of the mount or, without a certificate, is
+        ``relative_sd``.
         """
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
@@ -282,7 +283,7 @@ class ForceError(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient, such as "force gain" for force_gain."""
+        """Describe a coefficient of the force error, such as "force gain" for force_gain."""
         return coefficient.replace("_", " ")
 
 
@@ -327,9 +328,10 @@ class Angle(Term):
         return (Columns(("angle_reference", "angle_lag"), values, sd),)
 
     def _sd_rad(self, instrument: Instrument) -> float:
-        """Return the standard uncertainty of the angle [rad].
+        """Return the standard uncertainty of the angle of the bar [rad].
 
-        It comes from a certificate or, without a certificate, is ``sd_deg`` converted to rad.
+        The uncertainty comes from a certificate or, without a certificate, is ``sd_deg`` converted
+        to rad.
         """
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
@@ -347,5 +349,5 @@ class Angle(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient, such as "angle lag" for angle_lag."""
+        """Describe a coefficient of the angle's errors, such as "angle lag" for angle_lag."""
         return coefficient.replace("_", " ")
