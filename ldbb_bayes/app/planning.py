@@ -49,8 +49,9 @@ _FEWEST_LEVELS = 3
 _QUICK_STATES = 16
 
 
-# Slider of the browser page: its default, lowest and highest value.
 class _Slider(NamedTuple):
+    """A slider of the browser page: its default, lowest and highest value."""
+
     default: float
     lowest: float
     highest: float
@@ -131,8 +132,9 @@ class _Report(NamedTuple):
     time_ns: int
 
 
-# Campaign on which a plan of the next tests is based, with the results of its fit.
 class _Pilot(NamedTuple):
+    """Campaign on which a plan of the next tests is based, with the results of its fit."""
+
     campaign: lb.Campaign  #: Campaign of the report of the session (one browser tab).
     #: Standard uncertainty of every parameter from the fit with compliance linear in force.
     sd: Mapping[str, float]
@@ -207,8 +209,9 @@ def _space_of(
 # ---- the tests that the sliders of the page describe
 
 
-# Tests that the sliders of the browser page describe.
 class _PlannedTests(NamedTuple):
+    """Tests that the sliders of the browser page describe."""
+
     #: All tests that could be run. The tests of ``plan`` were chosen from them.
     space: Space
     #: Plan of the tests, in the order in which to run them.

@@ -277,6 +277,7 @@ async def _take_choices(registry: SessionRegistry, session: Session, request: Re
 
 
 def _is_entry(text: object) -> bool:
+    """Return whether a value is a text that is short enough for an entry field of the page."""
     return isinstance(text, str) and len(text) < _LONGEST_ENTRY
 
 
@@ -289,6 +290,7 @@ async def _fit(registry: SessionRegistry, session: Session, request: Request) ->
 
 
 async def _cancel_fit(registry: SessionRegistry, session: Session, request: Request) -> Response:
+    """Stop the fit of a session (browser tab), and return the session's state."""
     return await _cancel(session, session.fit)
 
 
@@ -350,6 +352,7 @@ async def _search(registry: SessionRegistry, session: Session, request: Request)
 
 
 async def _stop_search(registry: SessionRegistry, session: Session, request: Request) -> Response:
+    """Stop a session's search for the cheapest campaign, and return the session's state."""
     return await _cancel(session, session.search)
 
 

@@ -250,6 +250,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         )
 
         def end(signal_number: int, frame: FrameType | None) -> None:
+            """End the server when the process gets a signal; the arguments are Python's."""
             server.should_exit = True
 
         if hasattr(signal, "SIGHUP"):  # the signal SIGHUP means that the terminal was closed

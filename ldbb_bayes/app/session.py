@@ -188,6 +188,7 @@ class _ImportOrder(NamedTuple):
 
     has_no_suffix: bool
     suffix: str
+    #: Name of the file in small letters, split into texts and whole numbers.
     pieces: list[Any]
 
 

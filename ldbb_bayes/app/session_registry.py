@@ -26,6 +26,7 @@ ABANDONED_S = 150.0
 
 
 def _one_of_each_kind() -> dict[str, asyncio.Semaphore]:
+    """Return locks that let one fit and one search run at a time; the keys are the kinds."""
     return {"fit": asyncio.Semaphore(1), "search": asyncio.Semaphore(1)}
 
 

@@ -128,6 +128,7 @@ def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> T
 
 
 def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
+    """Return a log Bayes factor and its numerical error as strings, both in nat."""
     return f"{value:+.2f}", f"{max(error, 1e-3):.1g}"
 
 
@@ -174,4 +175,5 @@ def left_out_tests_table(comparison: Comparison) -> Table:
 
 
 def _p_value(p: float) -> str:
+    """Return a p-value as a string: two decimals, or one significant digit below 0.01."""
     return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"

@@ -10,10 +10,12 @@ __all__ = ["template_of"]
 
 
 def _kind(content: object) -> str:
+    """Return the name of the class of a part of the page, which the template draws."""
     return type(content).__name__
 
 
 def _full_precision(value: float) -> str:
+    """Return a number as a string with all digits that are needed to read it back exactly."""
     return repr(float(value))
 
 

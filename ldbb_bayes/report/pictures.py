@@ -78,6 +78,7 @@ def _round_coordinates(match: re.Match[str]) -> str:
 
 
 def _round_number(match: re.Match[str]) -> str:
+    """Return a number that was found in the text of an SVG figure, rounded to two decimals."""
     return f"{float(match[0]):.2f}"
 
 

@@ -295,6 +295,7 @@ def fit(findings: Findings) -> Iterator[Part]:
 
 
 def _p_value_cell(value: float | None) -> str | None:
+    """Return a p-value as a string with two significant digits; None if there is none."""
     return None if value is None else f"{value:.2g}"
 
 

@@ -120,6 +120,7 @@ def _assumed_form(findings: Findings, term: BallForm, words: Words) -> str:
 
 
 def _sphericity(sphericity_um: float, words: Words) -> str:
+    """Return the sphericity of a ball [µm] as a text in the language of the certificate."""
     return words("entries.sphericity", size=words.number(f"{sphericity_um:g}"))
 
 

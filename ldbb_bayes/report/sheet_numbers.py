@@ -509,4 +509,5 @@ def _percent(share: float, words: Words) -> str:
 
 
 def _partner_words(names: Sequence[str], words: Words) -> str:
+    """Return the names of effects, given as class names of model terms, joined in words."""
     return words.joined([words.term(name) for name in names])

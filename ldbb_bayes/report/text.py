@@ -304,6 +304,7 @@ def _largest_sources(budget: Budget) -> str:
 
 @parts_of.register
 def _passages_of_change_with_force(change: ChangeWithForce) -> tuple[Passage, ...]:
+    """Return a table and a sentence on the change of one compliance with force."""
     return change_parts(change.as_dict())
 
 
@@ -364,6 +365,8 @@ def _budget_row(contribution: Any, factor: float) -> tuple[str, ...]:
 
 
 class _BudgetSource(NamedTuple):
+    """Source of uncertainty in a budget: its name in words, and the unit of its uncertainty."""
+
     words: str
     #: factor from the internal unit of the source's uncertainty (mm, N, rad) to the unit shown
     factor: float
@@ -472,6 +475,7 @@ def _record_of_design(result: Design) -> dict[str, Any]:
 
 
 def _design_cell(value: Any) -> str:
+    """Return a cell of a design's table of tests as a string; numbers get four digits."""
     return value if isinstance(value, str) else f"{value:.4g}"
 
 

@@ -243,6 +243,7 @@ def _nonempty_lines(text: str) -> list[str]:
 
 
 def _point_words(point: Sequence[float]) -> str:
+    """Return the coordinates of a point as a string, such as "(0, 0, 150)"."""
     return f"({', '.join(f'{coordinate:g}' for coordinate in point)})"
 
 
@@ -1450,6 +1451,7 @@ def percent_of(result: Mapping[str, Any]) -> str:
 
 
 def _interval_key(entry: Mapping[str, Any]) -> str:
+    """Return the key of the credible interval in a parameter's JSON record, such as ``ci95``."""
     return next(key for key in entry if key.startswith("ci"))
 
 

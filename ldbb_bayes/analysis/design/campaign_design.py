@@ -79,8 +79,8 @@ class Certificate(Result):
     certificate then proves only that no small change of the shares is an improvement.
     """
 
-    max_sensitivity: float
-    bound: float
+    max_sensitivity: float  #: largest sensitivity of all candidate tests
+    bound: float  #: mean of the sensitivities of the candidate tests, weighted by the shares
     is_global: Annotated[bool, Field(alias="global")]
     holds: bool
 

@@ -64,7 +64,10 @@ _MOST_EFFORT = 700
 class FoundCampaign:
     """A campaign that was found by the search for the cheapest campaign, with its forecast."""
 
+    #: family to which the campaign belongs: campaigns with the same ball angles, radii and
+    #: certificates
     family: CampaignFamily
+    #: tests of the campaign, each repeated as often as it is run
     tests: tuple[CircularTest, ...]
     #: the campaign as a plan: its tests in the order in which to run them, and the instrument with
     #: its certificates
@@ -167,9 +170,9 @@ class _QueuedFamily:
     The queue is sorted by the price of the campaign that would be tried next in each family.
     """
 
-    price: float
-    position: int
-    progress: _Progress = field(compare=False)
+    price: float  #: lowest price of a campaign that would be tried next in the family
+    position: int  #: number of the family in the list of families; decides if prices are equal
+    progress: _Progress = field(compare=False)  #: progress of the search in the family
 
 
 def find_cheapest(

@@ -99,8 +99,8 @@ class ModelSoFar(Result):
 class _Chosen(NamedTuple):
     """The best next circle, and the space of possible circles that it was chosen from."""
 
-    space: Space
-    test: CircularTest
+    space: Space  # possible circles, and the model and the campaign from which they were made
+    test: CircularTest  # the best next circle, as a test without readings
 
 
 @dataclass(frozen=True, eq=False)

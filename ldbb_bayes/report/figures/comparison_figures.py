@@ -217,6 +217,10 @@ def _draw_axis_section(
 
 
 def _with_minus_sign(value: float, position: float) -> str:
+    """Return the label of a tick at ``value``, with a minus sign in place of a hyphen.
+
+    Matplotlib calls this function; ``position`` is the number of the tick, and is not used.
+    """
     return f"{value:g}".replace("-", "−")
 
 

@@ -39,6 +39,8 @@ _EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % 
 
 
 class _Panel(NamedTuple):
+    """A panel in the figure of circular-test quantities: their names and the axis label."""
+
     quantities: tuple[str, ...]
     label: str
 
@@ -52,6 +54,8 @@ _PANELS = (
 
 
 class _Look(NamedTuple):
+    """Colour and Matplotlib line style of the curve of a contribution to the tool path."""
+
     colour: str
     linestyle: str
 
