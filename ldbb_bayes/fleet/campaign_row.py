@@ -50,11 +50,12 @@ _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readin
 class Settings:
     """Settings with which every campaign of a batch is fitted."""
 
-    model_toml: str
-    sampler: str = "independent"
-    seed: int = 1
-    ess: float = 1000.0
-    prob: float = 0.95
+    model_toml: str  #: TOML text of the model that is fitted to every campaign of a batch
+    sampler: str = "independent"  #: name of the sampler of every fit, independent or joint
+    seed: int = 1  #: seed of the random draws of every fit of a batch
+    ess: float = 1000.0  #: effective sample size that every fit of a batch aims to reach
+    prob: float = 0.95  #: probability of the credible intervals of every fit of a batch
+    #: whether the Bayes factor of linear over constant compliance is computed for every campaign
     compare: bool = True
     #: fields of `Campaign` for campaigns in tidy CSV files, because such a file holds only the
     #: fields of the tests; the keys are the names of the fields
@@ -62,8 +63,8 @@ class Settings:
     #: fields of `Instrument` that certificates state; the keys are the names of the fields. The
     #: values replace the values that the campaigns state for the same fields.
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: tolerances as texts; the keys are the names of the quantities. These tolerances replace those
-    #: that the campaigns state for the same quantities.
+    #: tolerances of parameters and stiffnesses, as texts such as 60 nm/N; the keys are the names of
+    #: these quantities. The tolerances replace those that the campaigns state.
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -82,9 +83,9 @@ class Job(NamedTuple):
     absolute form.
     """
 
-    number: int
-    path: str
-    absolute_path: str
+    number: int  #: number of the campaign in its batch, counted from 0
+    path: str  #: file path of the campaign, as the user wrote it
+    absolute_path: str  #: file path of the campaign in absolute form
 
 
 @one_blas_thread

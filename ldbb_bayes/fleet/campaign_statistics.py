@@ -44,8 +44,8 @@ class SufficientStatistics:
     moments are in internal units (mm, N, rad).
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign's fit
+    units: tuple[str, ...]  #: units, made of mm, N and rad, of the q parameters and errors
     mean: Array  #: posterior means of the q parameters and instrument errors, shape (q,)
     #: posterior covariance matrix of the q parameters and instrument errors, shape (q, q)
     covariance: Array
@@ -116,11 +116,11 @@ class _ChosenCoefficients(NamedTuple):
     values in all campaigns with the same instrument.
     """
 
-    #: indices of the q coefficients in the vector of all coefficients that are common to the tests
-    #: of the campaign
+    #: indices of the q parameters and instrument errors in the vector of all coefficients that are
+    #: common to the tests of a campaign
     places: list[int]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign
+    units: tuple[str, ...]  #: units, made of mm, N and rad, of the q parameters and errors
     #: prior means of the q parameters and instrument errors in mm, N and rad, shape (q,)
     prior_mean: Array
     #: prior standard deviations of the q parameters and instrument errors in mm, N and rad, shape

@@ -84,19 +84,21 @@ def draw_control_chart(trend: Trend) -> Figure:
 class _PanelData(NamedTuple):
     """Values of one parameter for n campaigns, in the unit of the panel's vertical axis."""
 
-    place: Array  #: positions of the n campaigns on the panel's horizontal axis, 1 to n
-    #: estimate of the parameter from each of n campaigns alone, in the unit of the panel's axis,
-    #: shape (n,)
+    place: Array  #: positions of n campaigns on the horizontal axis of a control chart, 1 to n
+    #: estimate of a parameter from each of n campaigns alone, in the unit of the vertical axis of a
+    #: control chart, shape (n,)
     estimate: Array
-    #: lower and upper ends of the credible interval of the parameter from each of n campaigns
-    #: alone, shape (2, n)
+    #: lower and upper ends of the credible interval of a parameter from each of n campaigns alone,
+    #: shape (2, n)
     interval: Array
-    #: lower and upper control limits of the estimates from n campaigns, shape (2, n); NaN at the
-    #: first campaign
+    #: lower and upper control limits of the estimates of a parameter from n campaigns, shape (2,
+    #: n); NaN at the first campaign
     limits: Array
-    #: whether the estimate from each of n campaigns is outside its control limits, shape (n,)
+    #: whether the estimate of a parameter from each of n campaigns is outside its control limits,
+    #: shape (n,)
     is_outside: Array
-    #: probability that the parameter changed just before each of n campaigns, shape (n,)
+    #: probability that a parameter of the machine changed just before each of n campaigns, shape
+    #: (n,)
     change_probability: Array
 
     @property

@@ -369,8 +369,8 @@ def _columns_of_quantities(schema: pa.Schema, names: re.Pattern[str]) -> list[st
 class _Dataset(NamedTuple):
     """Requested columns of the table of a batch, and the schema of all columns of the table."""
 
-    table: pa.Table
-    schema: pa.Schema
+    table: pa.Table  #: requested columns of the table of a batch
+    schema: pa.Schema  #: names, types and units of all columns of the table of a batch
 
 
 def _read_table(

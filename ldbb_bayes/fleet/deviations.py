@@ -43,13 +43,18 @@ class DeviationFactors(NamedTuple):
     precision matrix of w / s is I + s Λ_cc s = L Lᵀ, where L is lower triangular.
     """
 
-    #: diagonal elements of L for k values of s and n campaigns or machines, shape (c, k, n)
+    #: diagonal elements of the Cholesky factors of the precision matrices of the c parameters'
+    #: deviations, for k values of the standard deviations s and n campaigns or machines, shape
+    #: (c, k, n)
     diagonal: Array
-    #: L⁻¹ s (Λ_c, η_c) for k values of s and n campaigns or machines, shape (c, q + 1, k, n): the
-    #: first q columns belong to Λ_c, and the last column belongs to η_c
+    #: products L⁻¹ s (Λ_c, η_c) for k values of the deviations' standard deviations s and n
+    #: campaigns or machines, shape (c, q + 1, k, n). L is the Cholesky factor of the precision
+    #: matrix of the deviations. The first q columns belong to the precision Λ_c of the parameters
+    #: in the likelihood, the last column to the shift η_c (precision times estimate).
     solved: Array
-    #: L⁻¹ for k values of s and n campaigns or machines, shape (c, c, k, n); shape (c, 0, k, n) if
-    #: it was not requested
+    #: inverses of the Cholesky factors of the precision matrices of the c parameters' deviations,
+    #: for k values of the standard deviations s and n campaigns or machines, shape (c, c, k, n);
+    #: shape (c, 0, k, n) if the inverses were not requested
     inverse: Array
 
 

@@ -57,9 +57,9 @@ class FleetStatistics:
     and η of this campaign have zeros for that error.
     """
 
-    campaigns: tuple[str, ...]
-    machines: tuple[str, ...]
-    dates: tuple[datetime | None, ...]
+    campaigns: tuple[str, ...]  #: file paths of the n campaigns, as in the table of a batch
+    machines: tuple[str, ...]  #: name of the machine of each of n campaigns
+    dates: tuple[datetime | None, ...]  #: date of each of n campaigns; None if it is not stated
     parameters: tuple[str, ...]  #: names of the c parameters to analyse, such as C_XXX
     units: tuple[str, ...]  #: internal unit (of mm, N and rad) of each of the c parameters
     #: names of the s instrument errors whose values are the same in all campaigns; empty if the
@@ -75,7 +75,7 @@ class FleetStatistics:
     #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
     #: such range, the lowest force is above the highest force
     forces_N: tuple[float, float]
-    topology: str
+    topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances for which each fitted compliance stands; the keys are the
     #: names of the fitted compliances; empty if the batch does not state the sums
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
@@ -288,10 +288,11 @@ class _Likelihood(NamedTuple):
     The quantities are parameters of the machine and errors of the instrument.
     """
 
-    #: precision matrix Λ (inverse covariance) of the likelihood of q quantities, shape (q, q)
+    #: precision matrix (inverse covariance) of the likelihood of q parameters and instrument
+    #: errors, shape (q, q)
     precision: Array
-    #: shift η of the likelihood of q quantities: the precision matrix times the estimate, shape
-    #: (q,)
+    #: shift of the likelihood of q parameters and instrument errors: the precision matrix times the
+    #: estimate, shape (q,)
     shift: Array
     #: prior means, in the campaign's fit, of the q parameters and instrument errors, shape (q,)
     prior_mean: Array

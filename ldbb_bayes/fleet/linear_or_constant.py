@@ -22,13 +22,15 @@ __all__ = ["EvidenceRatio", "linear_over_constant"]
 class EvidenceRatio(NamedTuple):
     """Logarithm of the ratio of two evidences (log Bayes factor), and its error [nat]."""
 
-    value: float
-    error: float
+    value: float  #: log Bayes factor of linear over constant compliance [nat]
+    error: float  #: error of the log Bayes factor [nat]
 
 
 class _LogEvidence(NamedTuple):
-    value: float
-    error: float
+    """Log evidence of a model, and its error [nat]."""
+
+    value: float  #: log evidence of a model [nat]
+    error: float  #: error of the log evidence of a model [nat]
 
 
 def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> EvidenceRatio:

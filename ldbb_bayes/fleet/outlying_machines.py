@@ -231,11 +231,13 @@ class _Prediction(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: logarithms of the integrals of the Gaussian functions that the readings of the other machines
-    #: give, over the population's mean and the instrument's errors, up to a constant, shape (k, n)
+    #: If one of n machines is left out, the readings of all other machines give a Gaussian function
+    #: of the population's mean and the instrument's errors. These are the logarithms of the
+    #: integrals of this function for k random draws of the spreads, up to a constant, shape (k, n).
     log_integral: Array
     #: differences between c parameters and their predictions from the other machines, divided by
-    #: the standard deviations of these differences, shape (c, k, n)
+    #: the standard deviations of these differences, shape (c, k, n), for n machines and k random
+    #: draws of the spreads
     z: Array
 
 

@@ -59,12 +59,15 @@ class CaveatKind(StrEnum):
 class Caveat(Result):
     """One limitation of a trend or a population. Reports describe it to the user in a sentence."""
 
-    kind: CaveatKind
-    #: names of the campaigns, machines or parameters that the limitation concerns
+    kind: CaveatKind  #: kind of a limitation of a trend or a population
+    #: names of the campaigns, machines or parameters that a limitation of a trend or a population
+    #: concerns
     names: tuple[str, ...] = ()
-    #: numbers for the sentence in which a report describes the limitation, such as a force in N
+    #: numbers that a report states when it describes a limitation of a trend or a population, such
+    #: as a force in N
     values: tuple[float, ...] = ()
-    #: text for the sentence in which a report describes the limitation, such as a date
+    #: text that a report states when it describes a limitation of a trend or a population, such as
+    #: a date
     text: str = ""
 
 

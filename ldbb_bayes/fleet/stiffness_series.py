@@ -32,9 +32,9 @@ class StiffnessOfVisit(Result):
     interval of a stiffness or of a ratio of stiffnesses, which is then a lower limit.
     """
 
-    campaign: str  #: label of the campaign
+    campaign: str  #: label of the campaign from which the stiffness is computed
     force_N: float  #: reference force of the campaign, for which the stiffness is given [N]
-    unit: str  #: unit of the quantity: N/mm, mm/N, deg, or empty for a ratio
+    unit: str  #: unit of the stiffness, ratio or direction: N/mm, mm/N, deg, or empty for a ratio
     mean: float | None  #: posterior mean of the stiffness, in ``unit``
     sd: float | None  #: standard uncertainty u of the stiffness, in ``unit``
     U_k2: float | None  #: expanded uncertainty U = 2 u of the stiffness, in ``unit``

@@ -109,10 +109,10 @@ class ParameterChange(Result):
     #: posterior mean of the parameter's level before the step, under the assumption that this
     #: parameter changed
     level_before: float
-    #: level of the parameter at the last campaign. The level is averaged over all possibilities,
-    #: weighted by their probabilities: that no parameter has changed, or that one parameter changed
-    #: just before one of the campaigns. The uncertainty of the level includes the uncertainty due
-    #: to the errors of the instrument.
+    #: level (value) of the parameter at the last campaign. The level is averaged over all
+    #: possibilities, weighted by their probabilities: that no parameter has changed, or that one
+    #: parameter changed just before one of the campaigns. The uncertainty of the level includes the
+    #: uncertainty due to the errors of the instrument.
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together. The estimates and limits of the control chart do not
@@ -173,8 +173,8 @@ class Trend(Result):
     #: upper bound on the probability that a change is reported if there is none
     false_alarm: float
     campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
-    #: for each parameter, its possible step and its present level; the keys are the names of the
-    #: parameters
+    #: possible step and present level of each parameter of the machine; the keys are the names of
+    #: the parameters
     parameters: Mapping[str, ParameterChange]
     #: name of the parameter that most probably changed, whether or not a change is reported
     most_probable: str
@@ -436,9 +436,9 @@ class _MachineCampaigns(NamedTuple):
     ``machine`` is the machine_id of the machine, or None if no campaign states a machine_id.
     """
 
-    rows: pd.DataFrame
-    machine: str | None
-    caveats: list[Caveat]
+    rows: pd.DataFrame  #: rows of one machine's campaigns in the table of a batch
+    machine: str | None  #: machine_id of the machine; None if no campaign states a machine_id
+    caveats: list[Caveat]  #: limitations due to the choice of the rows
 
 
 def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:

@@ -29,17 +29,18 @@ class AveragedModel:
     The average has p parameters: all parameters that occur in at least one of the averaged models.
     """
 
-    #: fraction of all draws that come from this model; it estimates the posterior probability of
-    #: the model
+    #: fraction of the draws of an averaged posterior that come from one of the models; it estimates
+    #: the posterior probability of this model
     probability: float
-    bound: BoundModel  #: the model, applied to the campaign
-    #: indices of this model's parameters in the list of the p parameters of the average
+    bound: BoundModel  #: one of the averaged models, applied to the campaign
+    #: indices of the parameters of one averaged model in the list of the p parameters of the
+    #: average over models
     places: NDArray[np.intp]
-    #: draws of all p parameters of the average, shape (n, p); parameters that the model lacks are
-    #: zero
+    #: n posterior draws from one averaged model, shape (n, p), of all p parameters of the average
+    #: over models; parameters that the model lacks are zero
     beta: Array
-    #: draws of the h hyper-parameters (such as the standard deviation of the noise), shape (n, h);
-    #: values that are lengths are in mm
+    #: n posterior draws of the h hyper-parameters (such as the standard deviation of the noise)
+    #: from one averaged model, shape (n, h); values that are lengths are in mm
     phi: Array
 
     @cached_property

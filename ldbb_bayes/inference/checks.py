@@ -101,10 +101,11 @@ class Check:
     A small p-value means that readings like those measured are improbable under the model.
     """
 
-    kind: CheckKind
-    test: str  #: name of the test that is checked
-    p: float  #: posterior predictive p-value of the check
-    #: Fourier order that is checked; None unless ``kind`` is `CheckKind.ORDER`
+    kind: CheckKind  #: property of the readings that is checked
+    test: str  #: name of the test whose readings are checked
+    p: float  #: posterior predictive p-value of the readings of a test
+    #: Fourier order at which the readings of a test are checked; None unless ``kind`` is
+    #: `CheckKind.ORDER`
     order: int | None = None
 
 
@@ -123,10 +124,12 @@ class TestChecks(Result):
 
     __test__ = False
 
-    #: p-value of the residual at each Fourier order; the keys are the orders from 0 to 12
+    #: posterior predictive p-values of the residual of a test's readings at each Fourier order; the
+    #: keys are the orders from 0 to 12
     orders_p: dict[int, float]
-    #: p-value of the hypothesis that the white noise of the readings is as large as the model says.
-    #: It is computed from the residuals of a fit of the Fourier orders 0 to 12 to the readings.
+    #: p-value of the hypothesis that the white noise of a test's readings is as large as the model
+    #: says. The p-value is computed from the residuals of a fit of the Fourier orders 0 to 12 to
+    #: the readings.
     noise_p: float | None
     #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
     #: readings
@@ -403,8 +406,11 @@ class _Scatter(NamedTuple):
     the standard deviations of the sources; each posterior draw has its own S.
     """
 
-    columns: Array  #: effects of v sources of scatter on k residuals, shape (k, v)
-    #: standard deviations of v sources of scatter, for every posterior draw, shape (draws, v)
+    #: change of k residuals of a test's readings per unit of each of v independent sources of
+    #: scatter, shape (k, v)
+    columns: Array
+    #: standard deviations of v independent sources of scatter of a test's readings, for every
+    #: posterior draw, shape (draws, v)
     sd: Array
 
 

@@ -58,7 +58,7 @@ class ModelDraws(NamedTuple):
     parameters.
     """
 
-    bound: BoundModel
+    bound: BoundModel  #: model, applied to a campaign
     #: n random draws of the h hyper-parameters (such as the standard deviation of the noise), shape
     #: (n, h); values that are lengths are in mm, all others are pure numbers
     phi: Array
@@ -75,11 +75,11 @@ class ModelDraws(NamedTuple):
 class PrivateTerm(NamedTuple):
     """Effect on a single circle, with v coefficients that do not act on any other circle."""
 
-    #: change of the readings' 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
-    #: effect's v coefficients, shape (25, v)
+    #: change of 25 Fourier coefficients (orders 0 to 12) of a circle's readings [mm] per unit of
+    #: each of the v coefficients of an effect, shape (25, v)
     columns: Array
-    #: standard deviations of the effect's v coefficients, for every random draw of the
-    #: hyper-parameters, shape (draws, v)
+    #: standard deviations of the v coefficients of an effect on one circle, for every random draw
+    #: of the hyper-parameters, shape (draws, v)
     sd: Array
 
 

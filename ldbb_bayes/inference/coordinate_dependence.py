@@ -48,9 +48,10 @@ _STEPS = 4
 class IndependentPoints(NamedTuple):
     """Points (values of the hyper-parameters) in coordinates z that are nearly independent."""
 
-    points: Array  #: coordinates z of n points, shape (n, h)
-    #: sum of ln s over all coordinates at each point, shape (n,); s is the width of the density
-    #: along a coordinate
+    #: coordinates z of n points, shape (n, h), that are nearly independent of each other
+    points: Array
+    #: sum of the logarithms of the widths of a density along each of its h coordinates, at each of
+    #: n points, shape (n,)
     log_width: Array
 
 
@@ -63,13 +64,14 @@ class Dependence:
     coordinates, and of the squares of these coordinates.
     """
 
-    #: polynomial coefficients for the means of the h coordinates, as functions of the first k
-    #: coordinates, shape (1 + 2 k, h)
+    #: coefficients of the polynomials that describe how the mean of a density along each of its h
+    #: coordinates depends on the first k coordinates, shape (1 + 2 k, h)
     mean: Array
-    #: polynomial coefficients for the log widths of the h coordinates, as functions of the first k
-    #: coordinates, shape (1 + 2 k, h)
+    #: coefficients of the polynomials that describe how the log width of a density along each of
+    #: its h coordinates depends on the first k coordinates, shape (1 + 2 k, h)
     log_width: Array
-    #: constants that are subtracted last, in z = (u − mean) / width − offset, shape (h,)
+    #: constants ``offset``, shape (h,), in the conversion z = (u − mean) / width − offset of the h
+    #: coordinates u of a point to nearly independent coordinates z
     offset: Array
 
     @property

@@ -336,7 +336,7 @@ class JointDensity:
     divided by the evidence.
     """
 
-    bound: BoundModel
+    bound: BoundModel  #: model applied to a campaign with readings
 
     def __call__(self, x: Array) -> Array:
         """Return the log posterior density, shape (n,), at n points x of shape (n, p + h).
@@ -378,8 +378,8 @@ class LinearRedraw:
     shifted towards non-negative compliances; importance weights correct for this shift.
     """
 
-    density: JointDensity
-    start: HyperPosterior
+    density: JointDensity  #: posterior density of parameters and hyper-parameters
+    start: HyperPosterior  #: posterior density of the hyper-parameters alone
 
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0

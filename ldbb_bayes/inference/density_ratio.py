@@ -80,17 +80,17 @@ class LogValues(NamedTuple):
     density to another density; the error of the mean ratio is computed from this scatter.
     """
 
-    log_density: Array
-    #: numerical error of ``log_density`` at each node [nat]; numerical errors may be common to all
-    #: nodes, and need not cancel in a mean over nodes
+    log_density: Array  #: logarithm of a density at k nodes (points), shape (k,)
+    #: numerical error of the logarithm of a density at each of k nodes [nat], shape (k,); numerical
+    #: errors may be common to all nodes, and need not cancel in a mean over nodes
     error: Array
 
 
 class RatioIntegral(NamedTuple):
     """Integral of a density, computed with the nodes (weighted points) of a similar density."""
 
-    integral: Integral
-    #: weighted mean of the numerical errors of the log density at the nodes [nat]
+    integral: Integral  #: integral of a density, with its nodes (weighted points)
+    #: weighted mean over the nodes of the numerical errors of the integrated log density [nat]
     value_error: float
 
     @property
@@ -115,12 +115,13 @@ class _Sample:
     A node that was picked several times occurs once in the sample, with a larger ``weight``.
     """
 
-    nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
-    #: weight of each of the m nodes in the fit, shape (m,): the number of times that the node was
-    #: picked at random, times its weight in the integral, divided by the probability of picking it
+    nodes: Index  #: indices of m sampled nodes among all n nodes of an integral, shape (m,)
+    #: weight of each of m sampled nodes in the fit of a polynomial, shape (m,): the number of times
+    #: that the node was picked at random, times its weight in the integral, divided by the
+    #: probability of picking it
     weight: Array
-    integral: Integral  #: integral of the density f, with all its n nodes
-    degree: int  #: degree of the polynomial that is fitted, 1 or 2
+    integral: Integral  #: integral of a density, from whose n nodes the sample was taken
+    degree: int  #: degree, 1 or 2, of the polynomial that is fitted at the sampled nodes
 
     @cached_property
     def polynomials(self) -> Array:
@@ -170,9 +171,11 @@ class _Decomposition(NamedTuple):
     that are zero except for rounding errors are left out.
     """
 
-    left: Array  #: left singular vectors U of the matrix, shape (m, rank)
-    #: right singular vectors V of the matrix, each divided by its singular value, shape
-    #: (coefficients, rank)
+    #: left singular vectors of the matrix with which a polynomial is fitted at m nodes, shape
+    #: (m, rank)
+    left: Array
+    #: right singular vectors of the matrix with which a polynomial is fitted, each divided by its
+    #: singular value, shape (coefficients, rank)
     scaled_right: Array
 
 
@@ -188,7 +191,9 @@ class _MeanRatio(NamedTuple):
     #: error of ``log_mean``, the logarithm of the mean ratio of two densities [nat]; infinite if
     #: the distribution of the ratios has a heavy tail
     error: float
-    share: Array  #: weights of the m nodes, which sum to one, shape (m,)
+    #: weights of the m nodes (points) over which the ratio of two densities is averaged, which sum
+    #: to one, shape (m,)
+    share: Array
 
 
 def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:

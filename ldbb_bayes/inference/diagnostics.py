@@ -134,11 +134,11 @@ class SmoothedWeights(NamedTuple):
     The shape k̂ of this distribution states whether averages with the weights can be trusted.
     """
 
-    weights: Array  #: smoothed importance weights of n draws, which sum to one, shape (n,)
+    weights: Array  #: smoothed importance weights of n random draws, with sum one, shape (n,)
     #: shape k̂ of the Pareto distribution fitted to the largest importance weights
     pareto_k: float
-    #: largest Pareto shape k̂ with which the importance weights can be trusted; this limit depends
-    #: on the number n of draws
+    #: largest Pareto shape k̂ with which the importance weights of n random draws can be trusted;
+    #: this limit depends on n
     largest_pareto_k: float
 
 

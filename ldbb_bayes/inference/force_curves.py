@@ -30,10 +30,13 @@ _JOINT_LOAD = "joint load"
 class CurveDraws(NamedTuple):
     """Posterior draws of one compliance C(F) at three forces F, in a unit made of mm, N and rad."""
 
-    unit: str  #: internal unit of the compliance, such as mm/N
-    at_smallest: Array  #: draws of the compliance at the smallest force tested, shape (draws,)
-    at_reference: Array  #: draws of the compliance at the model's reference force, shape (draws,)
-    at_largest: Array  #: draws of the compliance at the largest force tested, shape (draws,)
+    unit: str  #: unit of the posterior draws of a compliance, such as mm/N
+    #: posterior draws of a compliance at the smallest bar force tested, shape (draws,)
+    at_smallest: Array
+    #: posterior draws of a compliance at the reference force of the model, shape (draws,)
+    at_reference: Array
+    #: posterior draws of a compliance at the largest bar force tested, shape (draws,)
+    at_largest: Array
 
     @property
     def change(self) -> Array:
@@ -45,10 +48,11 @@ class CurveDraws(NamedTuple):
 class ForceCurves:
     """Posterior draws of the compliances that may change with force, at three forces."""
 
-    smallest_force_N: float  #: smallest force tested, F_min [N]
+    smallest_force_N: float  #: smallest bar force tested, F_min [N]
     reference_force_N: float  #: reference force of the model, F0 [N]
-    largest_force_N: float  #: largest force tested, F_max [N]
-    #: draws of each compliance C(F); keys are names such as C_XXX
+    largest_force_N: float  #: largest bar force tested, F_max [N]
+    #: posterior draws of each compliance C(F) at three bar forces F; the keys are the names of the
+    #: compliances, such as C_XXX
     compliances: dict[str, CurveDraws]
 
 

@@ -59,10 +59,11 @@ class JointDraws(NamedTuple):
     #: random draws of the p parameters (compliances, their changes with force, geometric errors) in
     #: mm, N and rad, shape (size, p)
     beta: Array
-    #: number of random draws that were accepted; at least ``size``. Draws are proposed in blocks,
-    #: and the last block may give more draws than are needed.
+    #: number of random draws that the rejection sampler accepted; at least the number of draws
+    #: requested. Draws are proposed in blocks, and the last block may give more draws than are
+    #: needed.
     accepted: int
-    proposed: int  #: number of random draws that were proposed
+    proposed: int  #: number of random draws that were proposed to the rejection sampler
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
@@ -128,8 +129,9 @@ class _AcceptedDraws(NamedTuple):
     ``beta``, shape (accepted, p), holds a draw of the p parameters β for each of these φ.
     """
 
+    #: accepted draws of h hyper-parameters in unbounded coordinates, shape (accepted, h)
     free: Array
-    beta: Array
+    beta: Array  #: accepted draws of p parameters in mm, N and rad, shape (accepted, p)
 
 
 def _propose_tilted(
@@ -205,12 +207,15 @@ class _StandardDraws(NamedTuple):
     """Random draws of the p parameters, in coordinates in which they are standard normal.
 
     ``standard``, shape (w, tries, p), holds several draws for each of w values of the
-    hyper-parameters. A draw is usable unless it contradicts the condition that no compliance is
-    negative. ``usable``, shape (w,), is the number of usable draws for each value; these draws come
+    hyper-parameters. If the model does not allow negative compliances, draws with negative
+    compliances are not usable. ``usable``, shape (w,), is the number of usable draws for each value; these draws come
     first.
     """
 
+    #: random draws of p parameters in standard coordinates, shape (w, tries, p)
     standard: Array
+    #: number of usable draws for each of w values of the hyper-parameters, shape (w,); if the model
+    #: does not allow negative compliances, draws with negative compliances are not usable
     usable: Array
 
 

@@ -96,7 +96,8 @@ class ProposalDensity(Protocol):
 class Integral:
     """Integral ∫ f of a density f in h dimensions as a sum over n weighted nodes."""
 
-    free: Array  #: coordinates of the n nodes in h dimensions, shape (n, h)
+    #: coordinates of the n nodes (points) of an integral in h dimensions, shape (n, h)
+    free: Array
     log_density: Array  #: logarithm of the integrated density f at the n nodes, shape (n,)
     #: logarithm of the volume that each of the n nodes represents, so that the integral is the sum
     #: of density times volume, shape (n,)

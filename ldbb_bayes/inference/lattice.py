@@ -167,10 +167,11 @@ def _grid_coordinates(centre: Array, cell: Array, places: Array) -> Array:
 class _Grid(NamedTuple):
     """Nodes of one of the two regular grids that form a lattice, and the density at these nodes."""
 
-    #: positions of the grid's n nodes in h dimensions, relative to the centre of the lattice and in
-    #: multiples of the grid's steps, shape (n, h)
+    #: positions of the n nodes (points) of a grid in h dimensions, relative to the centre of the
+    #: lattice and in multiples of the steps of the grid, shape (n, h)
     places: Array
-    log_density: Array  #: logarithm of the density to integrate at the n nodes, shape (n,)
+    #: logarithm of the density to be integrated, at the n nodes of a grid, shape (n,)
+    log_density: Array
     #: whether each of the n nodes is one of the outermost nodes of the grid, beyond which the
     #: density was not evaluated, shape (n,)
     edge: NDArray[np.bool_]

@@ -43,10 +43,10 @@ class LeastSquares(Result):
     (720,)
     """
 
-    #: table of the parameters with the columns unit, estimate and u, in internal units (mm, N,
-    #: rad). u is the standard uncertainty from the scatter of the residuals, taken as white noise.
-    #: If the readings do not determine all parameters, or if the number of readings is not larger
-    #: than the number of parameters, all estimates and all u are NaN.
+    #: table of the least-squares estimates of the parameters, with the columns unit, estimate and
+    #: u, in mm, N and rad. u is the standard uncertainty from the scatter of the residuals, taken
+    #: as white noise. If the readings do not determine all parameters, or if the number of readings
+    #: is not larger than the number of parameters, all estimates and all u are NaN.
     table: ByRow
     #: root-mean-square residual over all readings and for each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the paper)

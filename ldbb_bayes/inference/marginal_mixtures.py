@@ -70,11 +70,16 @@ class MarginalMixtures(NamedTuple):
     zero stands for a single value, the draw ``beta``.
     """
 
-    beta: Array  #: n draws of the p parameters, shape (n, p)
-    mean: Array  #: means of the Gaussians before truncation, shape (n, p)
-    sd: Array  #: standard deviations of the Gaussians before truncation, shape (n, p)
-    low: Array  #: lower bounds of the truncated Gaussians, shape (n, p)
-    high: Array  #: upper bounds of the truncated Gaussians, shape (n, p)
+    beta: Array  #: n posterior draws of the p parameters, shape (n, p)
+    #: means, before truncation, of n Gaussian densities of each of p parameters, shape (n, p)
+    mean: Array
+    #: standard deviations, before truncation, of n Gaussian densities of each of p parameters,
+    #: shape (n, p)
+    sd: Array
+    #: lower bounds of n truncated Gaussian densities of each of p parameters, shape (n, p)
+    low: Array
+    #: upper bounds of n truncated Gaussian densities of each of p parameters, shape (n, p)
+    high: Array
 
     def _truncation(self) -> _Truncation:
         """Return bounds and probabilities of all n p truncated Gaussians of the mixtures."""

@@ -82,9 +82,10 @@ class StoppingRule(Shown):
     True
     """
 
-    #: effective sample size to reach for the mean and for the tails of every parameter
+    #: effective sample size that sampling must reach for the mean and for the tails of every
+    #: parameter
     ess: float = 1000.0
-    rhat: float = 1.01  #: largest R-hat allowed for any parameter
+    rhat: float = 1.01  #: largest R-hat of any parameter with which sampling may stop
     #: largest number of steps of each ensemble of walkers, after which sampling stops in any case;
     #: for independent draws, the largest number of draws of each chain
     max_steps: int = 20_000
@@ -113,9 +114,9 @@ class StoppingRule(Shown):
 class Assessment:
     """Convergence diagnostics of draws: smallest effective sample sizes and largest R-hat."""
 
-    #: smallest effective sample size for the mean of a parameter or hyper-parameter
+    #: smallest effective sample size for the mean, among all parameters and hyper-parameters
     ess_bulk_min: float
-    #: smallest effective sample size for the tails of a parameter or hyper-parameter
+    #: smallest effective sample size for the tails, among all parameters and hyper-parameters
     ess_tail_min: float
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
     #: index, from 0, of the parameter or hyper-parameter with the smallest effective sample size
@@ -160,11 +161,12 @@ class Progress:
 class EnsembleRun:
     """Random draws of a run of the sampler, and how well the run converged."""
 
-    #: random draws of d coordinates, shape (ensembles, draws, d); all draws of a walker are next to
-    #: each other
+    #: random draws that a sampler made, points with d coordinates, shape (ensembles, draws, d); all
+    #: draws of a walker are next to each other
     chain: Array
-    assessment: Assessment
-    converged: bool  #: whether the draws meet the stopping rule (effective sample size and R-hat)
+    assessment: Assessment  #: effective sample sizes and R-hat of the draws of a sampler
+    #: whether the draws of a sampler meet the stopping rule (effective sample size and R-hat)
+    converged: bool
     #: number of steps that each ensemble of walkers made; for independent draws, the number of
     #: draws of each chain
     steps: int
@@ -179,11 +181,13 @@ class WeightedPoints(NamedTuple):
     target density is the density from which the sampler is to draw.
     """
 
-    points: Array  #: coordinates of the random points, shape (size, d)
-    #: log importance weight of each point, ln(target density / proposal density), up to a constant,
-    #: shape (size,)
+    points: Array  #: d coordinates of each of some random points, shape (size, d)
+    #: log importance weight of each random point, ln(target density / proposal density), up to a
+    #: constant, shape (size,)
     log_weight: Array
-    log_target: Array  #: logarithm of the target density at each point, shape (size,)
+    #: logarithm of the target density, from which a sampler is to draw, at each random point, shape
+    #: (size,)
+    log_target: Array
 
 
 class Redraw(Protocol):

@@ -72,16 +72,18 @@ class SplitT:
     ``root`` are the directions of the elements of z in the space of x.
     """
 
-    #: point x at which the two sides of the distribution meet in every direction, shape (h,)
+    #: point x at which the two sides of a split Student-t distribution meet in each of h
+    #: directions, shape (h,)
     centre: Array
-    #: matrix in ``x = centre + root @ z``, shape (h, h); its columns are the directions of the h
-    #: split t distributions
+    #: matrix, shape (h, h), that converts coordinates z along h directions to a point
+    #: ``x = centre + root @ z``; its columns are the directions of h split Student-t distributions
     root: Array
-    #: scales (widths) of the distribution of each of the h elements of z, shape (2, h); the first
-    #: row is for negative values of the element, the second row for positive values
+    #: scales (widths) of the split Student-t distribution of each of h coordinates, shape (2, h);
+    #: the first row is for negative values of the coordinate, the second row for positive values
     scale: Array
-    #: degrees of freedom of the distribution of each of the h elements of z, shape (2, h); the
-    #: first row is for negative values of the element, the second row for positive values
+    #: degrees of freedom of the split Student-t distribution of each of h coordinates, shape (2,
+    #: h); the first row is for negative values of the coordinate, the second row for positive
+    #: values
     freedom: Array
     #: how the mean and the width of an element of the random vector z depend on elements with a
     #: smaller index; None if the elements are independent
@@ -154,8 +156,8 @@ def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
 class Mixture:
     """Mixture of k components, each a product of split Student-t distributions (`SplitT`)."""
 
-    components: tuple[SplitT, ...]  #: the k components of the mixture
-    share: Array  #: probabilities of the k components of the mixture, shape (k,)
+    components: tuple[SplitT, ...]  #: the k component distributions of a mixture
+    share: Array  #: probabilities of the k components of a mixture, with sum one, shape (k,)
 
     def log_density(self, points: Array) -> Array:
         """Return the log density of the mixture at n points in h dimensions, shape (n,).
@@ -283,14 +285,16 @@ def _shrink_correlation(correlation: Array, ess: float) -> Array:
 class _AxisFit(NamedTuple):
     """Split Student-t distributions fitted to points along each of h directions."""
 
-    #: coordinate along each of h directions at which the two sides of the distribution meet, shape
-    #: (h,)
+    #: coordinate along each of h directions at which the two sides of a split Student-t
+    #: distribution meet, shape (h,)
     offset: Array
-    #: scales (widths) of the distribution along each of h directions, shape (2, h); the first row
-    #: is for coordinates below ``offset``, the second row for coordinates above ``offset``
+    #: scales (widths) of a split Student-t distribution along each of h directions, shape (2, h);
+    #: the first row is for coordinates below ``offset``, the second row for coordinates above
+    #: ``offset``
     scale: Array
-    #: degrees of freedom of the distribution along each of h directions, shape (2, h); the first
-    #: row is for coordinates below ``offset``, the second row for coordinates above ``offset``
+    #: degrees of freedom of a split Student-t distribution along each of h directions, shape (2,
+    #: h); the first row is for coordinates below ``offset``, the second row for coordinates above
+    #: ``offset``
     freedom: Array
     #: log of the fitted density along each of h directions, averaged over the weighted points to
     #: which it was fitted, shape (h,)

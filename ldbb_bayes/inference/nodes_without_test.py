@@ -46,11 +46,13 @@ class GaussianFactor:
     other h − 1 coordinates.
     """
 
-    axis: int  #: index, among all h coordinates, of the coordinate that the density describes
-    #: change of the coordinate's mean per unit of each of the other coordinates, shape (h − 1,)
+    #: index of the coordinate that a Gaussian density describes, among the h coordinates of a point
+    axis: int
+    #: change of the mean of one coordinate of a point per unit of each of the other h − 1
+    #: coordinates, shape (h − 1,)
     slopes: Array
-    intercept: float  #: mean of the coordinate where all other coordinates are zero
-    sd: float  #: standard deviation of the coordinate about its mean
+    intercept: float  #: mean of one coordinate of a point whose other coordinates are zero
+    sd: float  #: standard deviation of one coordinate of a point, given its other coordinates
 
     def log_density(self, free: Array) -> Array:
         """Return the log density of one coordinate of w points given their other coordinates.

@@ -209,12 +209,13 @@ class FittedModel(NamedTuple):
     """
 
     draws: ModelDraws  #: model of the campaign, with the joined draws of all chains
-    #: arrays of the posterior, as `groups_of` returns them
+    #: draws, log densities and data of a posterior; the first key is the name of a group of arrays,
+    #: the second key the name of the array
     groups: Mapping[str, Mapping[str, Array]]
-    fit: Fit
+    fit: Fit  #: how well the model fits the readings, with warnings
     #: description of the sampler's run: the entry ``sampler`` of a posterior's record
     sampler: Mapping[str, Any]
-    seed: int  #: seed of all random numbers
+    seed: int  #: seed of all random numbers of a fit
     started: datetime  #: time at which sampling started
 
     def tree(self) -> xr.DataTree:

@@ -34,12 +34,14 @@ _REPEATS = 20
 class SharedDraws(NamedTuple):
     """Random draws of hyper-parameters, parameters and nuisances that several tests share."""
 
-    #: hyper-parameters (such as the standard deviation of the noise), shape (n, h); values that are
-    #: lengths are in mm
+    #: n random draws of the h hyper-parameters (such as the standard deviation of the noise), shape
+    #: (n, h); values that are lengths are in mm
     phi: Array
-    beta: Array  #: parameters in mm, N and rad, shape (n, p)
-    #: coefficients of the nuisances (effects that are modelled but not of interest) that tests
-    #: share, shape (n, q)
+    #: n random draws of the p parameters (compliances, their changes with force, geometric errors)
+    #: in mm, N and rad, shape (n, p)
+    beta: Array
+    #: n random draws of the q coefficients of nuisances (effects that are modelled but not of
+    #: interest) that tests share, shape (n, q)
     shared: Array
 
 
