@@ -143,13 +143,13 @@ def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None
         " Export it again.",
     )
     for name in names:
-        shown = name[:_SHOWN_NAME]
-        require(
-            name in known,
-            f"{path}, line 1: columns must be among {', '.join(known)}, got {shown!r}. Did you mean"
-            f" {nearest(shown, known)!r}? Rename or remove the column, or let ldbb-bayes import"
-            " read the file.",
-        )
+        if name not in known:
+            shown = name[:_SHOWN_NAME]
+            raise InputError(
+                f"{path}, line 1: columns must be among {', '.join(known)}, got {shown!r}. Did you"
+                f" mean {nearest(shown, known)!r}? Rename or remove the column, or let ldbb-bayes"
+                " import read the file."
+            )
         require(
             names.count(name) == 1,
             f"{path}, line 1: columns must differ, got {name!r} twice. Remove one.",
