@@ -31,6 +31,7 @@ LONG_EXAMPLES = {
     "analysis.Validation",
     "analysis.Workflow",
     "analysis.calibrate_posterior",
+    "analysis.check_workflow",
     "analysis.compare_posteriors",
     "average",
     "calibrate",

@@ -4,6 +4,8 @@ other languages, several tables in one file, R, LabVIEW, and marks between thous
 
 from __future__ import annotations
 
+from functools import cache
+
 import field_files as field
 import numpy as np
 from field_files import ANGLES_DEG, TRUTH, Circle, FieldCase
@@ -13,6 +15,7 @@ __all__ = ["program_cases"]
 PAGE_LINES = 24
 
 
+@cache
 def program_cases() -> dict[str, FieldCase]:
     """Return the cases of other languages and programs."""
     return {

@@ -5,6 +5,7 @@ G-code, extensions of bars, factors, units, names of files, and tables of positi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 import field_files as field
 import numpy as np
@@ -29,6 +30,7 @@ WHICH_SIGN = "Say which: --sign 1 (positive is longer) or -1"
 WHICH_LENGTH = "Say which: --measured"
 
 
+@cache
 def word_cases() -> dict[str, FieldCase]:
     """Return the cases of words that turn, scale or size numbers."""
     return {
