@@ -59,11 +59,11 @@ _LARGEST_ERROR = 0.1
 
 
 class _Combination(NamedTuple):
-    """A model in the average, described by its name and its alternative explanations.
+    """One of the models over which a posterior is averaged, with its alternative explanations.
 
-    ``rivals`` are the names of the alternative explanations that the model includes. These are
-    effects, such as a nonlinear mount, that change the readings like a compliance that changes with
-    force.
+    ``name`` is the name of the model, and ``rivals`` are the names of the alternative explanations
+    that the model includes. These are effects, such as a nonlinear mount, that change the readings
+    like a compliance that changes with force.
     """
 
     name: str

@@ -85,7 +85,7 @@ class Validation(Result):
 
     @property
     def replicates(self) -> int:
-        """Number of replicates (simulated campaigns) for which ranks were computed."""
+        """Number of simulated campaigns (replicates) for which ranks of true values exist."""
         return len(self.ranks)
 
     @cached_property

@@ -218,10 +218,11 @@ def path_draws(
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
-    """Return posterior draws of all `QUANTITIES` for one tool path, each of shape (draws,).
+    """Return posterior draws of the circular deviation and similar quantities of one tool path.
 
-    ``path_um``, shape (draws, 25), holds posterior draws of the 25 Fourier coefficients of the
-    radial deviation [µm]. The path is the circle of the test with index ``r``.
+    The keys are the names in `QUANTITIES`; each array has the shape (draws,). ``path_um``, shape
+    (draws, 25), holds posterior draws of the 25 Fourier coefficients of the radial deviation [µm].
+    The path is the circle of the test with index ``r``.
     """
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
@@ -255,7 +256,7 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return standard deviation, median and credible interval of posterior draws.
+    """Return standard deviation, median and credible interval of a quantity's posterior draws.
 
     ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
     interval. The keys of the result are sd, median, ci_low and ci_high.
@@ -284,7 +285,11 @@ class _Hysteresis(NamedTuple):
     proportional: Array
 
     def at_force(self, force_N: float) -> Array:
-        """Return draws of the hysteresis at a force of the bar [N], shape (draws, 25) [mm]."""
+        """Return posterior draws of the hysteresis of a circle at a force of the bar [N].
+
+        The result holds the 25 Fourier coefficients of the hysteresis in each draw, shape (draws,
+        25) [mm].
+        """
         return self.constant + force_N * self.proportional
 
 

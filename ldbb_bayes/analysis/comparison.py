@@ -179,8 +179,9 @@ class ComparedTest:
     def stands_out(self) -> bool:
         """Return whether the test deviates clearly from what the other tests predict.
 
-        This is the case if the family-wise p-value is below 2 %. Even then, ``flag`` is false if
-        half of the tests or more would be flagged, because nothing shows which tests are wrong.
+        This is the case if the family-wise p-value is below 2 %. Even then, the test is not flagged
+        (``flag`` is false) if half of the tests or more would be flagged, because nothing shows
+        which tests are wrong.
         """
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
@@ -888,11 +889,11 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
 
 
 def _sum_over_tests(values: Array) -> Difference:
-    """Return the sum of values over the tests, and the standard error of this sum.
+    """Return the sum of log predictive densities over the tests, with its standard error [nat].
 
-    ``values`` has one value for each test. The standard error is computed from the scatter of the
-    values. The sum is NaN if there are no values; the standard error is NaN for fewer than two
-    values.
+    ``values`` holds one log density, or one difference of two models' log densities, for each test.
+    The standard error is computed from the scatter of the values. The sum is NaN if there are no
+    values; the standard error is NaN for fewer than two values.
     """
     n = len(values)
     total = np.nan

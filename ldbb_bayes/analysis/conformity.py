@@ -192,10 +192,11 @@ def assess_conformity(
 
 
 def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) -> dict[str, Array]:
-    """Return posterior draws of the quantities in ``decisions``, by name, in mm, N and rad.
+    """Return posterior draws of the quantities that have a tolerance, in mm, N and rad.
 
-    Each array has the shape (draws,). For quantities of the circular path, only 2000 of the
-    posterior draws are used, at equal distances in the sequence of draws.
+    The keys are the names of the quantities in ``decisions``, and each array has the shape
+    (draws,). For quantities of the circular path, only 2000 of the posterior draws are used, at
+    equal distances in the sequence of draws.
     """
     bound = bound_of(posterior)
     force = bound.setting.reference_force_N
@@ -263,7 +264,10 @@ def _stated_draws(
 
 
 def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
-    """Return posterior draws of G, F_max and F_min of the machine's circular path [mm], by name.
+    """Return posterior draws of circular deviation and of largest and smallest deviation [mm].
+
+    The names (keys) are those of ISO 230-4: G for the circular deviation, and F_max and F_min for
+    the largest and the smallest radial deviation of the machine's circular path.
 
     If there are several planes, each name ends with the plane, such as ``G_YZ``. ``force`` is the
     force of the bar [N].

@@ -226,7 +226,7 @@ class DirectionalStiffness(Result):
     principal: tuple[PrincipalStiffness, ...] = ()
 
     def at(self, force_N: float) -> tuple[PlaneStiffness, ...]:
-        """Return the stiffness of every plane at one of the forces, ``force_N`` [N]."""
+        """Return the stiffness by direction in every plane at the bar force ``force_N`` [N]."""
         return tuple(plane for plane in self.planes if plane.force_N == force_N)
 
     def table(self) -> pd.DataFrame:
@@ -652,11 +652,11 @@ def _hardly_positive(compliance: Array, prob: float) -> bool:
 def _stated_value(
     unit: str, draws: Array, prob: float, only_lower_limit: bool = False
 ) -> StatedValue:
-    """Return a quantity with its uncertainties and credible interval, from posterior draws.
+    """Return a stiffness, compliance or ratio with its uncertainty, from posterior draws.
 
     ``draws``, shape (draws,), are in the unit ``unit``, and ``prob`` is the probability of the
     equal-tailed interval. ``only_lower_limit`` says that the readings determine only the lower end
-    of the interval.
+    of the interval of a stiffness.
     """
     numbers = interval_numbers(draws, prob)
     return StatedValue(
@@ -673,7 +673,7 @@ def _stated_value(
 
 
 def _share_within(deviation: Array, expanded: float) -> float:
-    """Return the share of posterior draws within the mean plus or minus the expanded uncertainty.
+    """Return the share of a quantity's posterior draws within mean ± expanded uncertainty.
 
     ``deviation``, shape (draws,), holds the draws minus their mean, and ``expanded`` is the
     expanded uncertainty.

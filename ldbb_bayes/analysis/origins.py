@@ -59,7 +59,7 @@ MEASURED_SD_RATIO = 0.5
 
 
 class Origin(StrEnum):
-    """Origin of the standard uncertainty of a source: measured, stated or assumed."""
+    """Origin of a source's standard uncertainty: measured in this campaign, stated or assumed."""
 
     #: the readings of this campaign determine the standard uncertainty of a source of uncertainty
     MEASURED = "measured here"
@@ -259,7 +259,7 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return the columns of all coefficients that have a separate value in each test.
+    """Return design-matrix columns of the coefficients that have a separate value in each test.
 
     Such coefficients act as noise. A column is the change of the readings per unit of a
     coefficient. The keys of the result are class names of model terms.

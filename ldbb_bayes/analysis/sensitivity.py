@@ -128,7 +128,7 @@ def _change_to(alternative: _Alternative) -> Change:
 
 
 def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
-    """Return a copy with white noise only, in which compliances may be negative.
+    """Return a copy of ``model`` with white noise only, in which compliances may be negative.
 
     All nuisance terms of the model are left out.
     """

@@ -154,8 +154,7 @@ class ModelVariance:
 
         The quantities are parameters, and changes of compliances with force. ``names`` are the
         names of the known effects: class names of model terms, or names of single coefficients. The
-        quantities are parameters, and changes of compliances with force. The result has the shape
-        (q,).
+        result has the shape (q,).
         """
         return self._scaled(self._variance(self.information, names))
 
@@ -167,7 +166,8 @@ class ModelVariance:
         uncertainty of a coefficient of these effects is assumed, the coefficient is taken to be
         known. All other coefficients stay uncertain. For example, if a certificate states the
         mount's deflection, only the curvature of the deflection is assumed and taken to be known.
-        The result has the shape (q,).
+        The quantities are parameters, and changes of compliances with force. The result has the
+        shape (q,).
         """
         information = self.information
         known = [name for name in partners if name in information.names]

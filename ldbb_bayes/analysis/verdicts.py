@@ -315,10 +315,10 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 
 
 def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
-    """Return the standard deviations of the parameters before and, as expected, after a plan.
+    """Return the parameters' standard deviations before a plan is run, and those expected after it.
 
-    Those before the plan are prior standard deviations. Those after the plan are posterior standard
-    deviations from the forecast that `design` also makes. Return None for a flat prior.
+    Before the plan is run, these are prior standard deviations. After it, they are posterior
+    standard deviations, from the same forecast that `design` makes. Return None for a flat prior.
     """
     if bound.model.prior.flat:
         return None
@@ -892,12 +892,12 @@ def _remedies_of(
 
 
 def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
-    """Return the share of a quantity's variance for each source of uncertainty, by name."""
+    """Return the share of each source in a quantity's variance; the keys are names of sources."""
     return {source.name: source.share for source in sources}
 
 
 def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
-    """Return the share of the variance that the sources of each origin cause together.
+    """Return the share of a quantity's variance that the sources of each origin cause together.
 
     A source of uncertainty has one of three origins: its standard uncertainty is measured in this
     campaign, stated or assumed.

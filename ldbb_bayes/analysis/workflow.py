@@ -178,16 +178,17 @@ class Workflow(Result):
 
     @property
     def scatter_as_predicted(self) -> bool:
-        """Whether the scatter of the circles agrees with the model: the p-value is at least 5 %.
+        """Whether the circles scatter as much as predicted: their p-value is at least 5 %.
 
-        The p-value is `uniformity_p_value`. This property is for information only; ``passed`` does
-        not depend on it.
+        The p-value is `uniformity_p_value`, for the hypothesis that the circles scatter as
+        predicted from one another. This property is for information only; ``passed`` does not
+        depend on it.
         """
         return self.uniformity_p_value >= _UNIFORM
 
     @property
     def passed(self) -> bool:
-        """Whether the checks find no fault of the computation or of the model.
+        """Whether the checks of the workflow find no fault of the computation or of the model.
 
         The result may be true even if a parameter depends on its prior, because this is not a
         fault.
