@@ -332,7 +332,8 @@ class Comparison(Result):
 
         The assumption is about the random differences between circles. It is compared with the
         assumption that the models make. Under each assumption, there are two log evidences, one for
-        each of the two models; the larger one is used.
+        each of the two models; the larger one is used. ``assumed`` holds both log evidences under
+        the assumption.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
@@ -357,7 +358,8 @@ class Comparison(Result):
         """Return whether the readings allow an assumption about random differences between circles.
 
         The readings allow the assumption unless it reduces the log evidence by 5 nat or more,
-        compared with the assumption that the models make.
+        compared with the assumption that the models make. ``assumed`` holds the log evidences of
+        two models under the assumption.
         """
         return self.gain(assumed) > -_REJECTED
 
@@ -824,7 +826,8 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
     """Return the log Bayes factors of all models over the first model, and their errors [nat].
 
-    The keys have the form "linear/constant", where "constant" is the name of the first model.
+    ``nodes_by_model`` holds the posterior of each model, with its evidence. The keys of the result
+    have the form "linear/constant", where "constant" is the name of the first model.
     """
     first, *other_names = nodes_by_model
     factors = {}
@@ -861,9 +864,9 @@ def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[flo
 def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
     """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
 
-    Slopes are changes of compliance with force. The log Bayes factor of two models, shape (n,), is
-    known at n values of the scale, shape (n,). Between these values, the log Bayes factor is
-    interpolated linearly in ln(scale).
+    Slopes are changes of compliance with force. ``log_bayes_factor``, shape (n,), holds the log
+    Bayes factor of two models at the n values ``scale``, shape (n,), of the scale of the slopes'
+    prior. Between these values, the log Bayes factor is interpolated linearly in ln(scale).
     """
     x = np.log(scale)
     y = log_bayes_factor
@@ -956,7 +959,10 @@ def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
 
 
 def _parameter_estimates(nodes: Nodes) -> dict[str, ParameterEstimate]:
-    """Return the posterior mean and standard deviation of every parameter of a model, by name."""
+    """Return the posterior mean and standard deviation of every parameter of a model, by name.
+
+    ``nodes`` are quadrature nodes (weighted values of the hyper-parameters) of the posterior.
+    """
     mean, sd = nodes.moments(
         spare=_NEGLIGIBLE_WEIGHT, points=_MOMENT_POINTS, components=_MOMENT_NODES
     )

@@ -285,8 +285,9 @@ def _row_of_axis(name: str, axis: PrincipalAxis) -> dict[str, object]:
 def _row_of_value(name: str, value: StatedValue) -> dict[str, object]:
     """Return the table row of a stiffness or compliance; the keys are names of columns.
 
-    ``name`` is the name of the quantity. A quantity counts as determined if both ends of its
-    credible interval are determined by the readings.
+    ``name`` is the name of the stiffness or compliance, and ``value`` its estimate with
+    uncertainties. A quantity counts as determined if both ends of its credible interval are
+    determined by the readings.
     """
     return {
         "quantity": name,

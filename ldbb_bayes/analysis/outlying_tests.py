@@ -221,8 +221,9 @@ def judge_tests(
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
     """Return the quadrature nodes of the first model's posterior.
 
-    Nodes are weighted values of the hyper-parameters. The function is called to read properties of
-    the campaign from the nodes; these properties are the same for all models.
+    Nodes are weighted values of the hyper-parameters. ``nodes_by_model`` holds the nodes of all
+    models. The function is called to read properties of the campaign, which the nodes of every
+    model contain.
     """
     return next(iter(nodes_by_model.values()))
 

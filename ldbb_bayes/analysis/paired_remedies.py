@@ -99,7 +99,8 @@ def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> Pair
     """Return the first remedy for a parameter together with the best second remedy.
 
     A remedy is a certificate or a change of the plan. The best second remedy is the one that
-    minimises the parameter's standard uncertainty when it is added to the first. ``name`` is the
+    minimises the parameter's standard uncertainty when it is added to the first. ``tried`` holds
+    the campaign, with the standard uncertainties of its parameters after remedies. ``name`` is the
     name of the parameter, and ``sd`` its standard uncertainty without any remedy. Return None if no
     second remedy reduces the standard uncertainty to less than 90 % of the standard uncertainty
     with the first remedy alone.

@@ -175,8 +175,9 @@ class TriedCures:
 def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
     """Return the model of the campaign or plan that results from one remedy.
 
-    A remedy is a certificate of the instrument or a change of the plan. Return None if the
-    instrument already has the certificate, or if the plan does not need the change.
+    The remedy ``step`` is a certificate of the instrument or a change of the plan. It is applied to
+    ``bound``, the model of a campaign or plan. Return None if the instrument already has the
+    certificate, or if the plan does not need the change.
     """
     if step.certificate:
         statements = missing_certificates(bound.campaign.instrument).get(step.certificate)

@@ -131,7 +131,9 @@ class _ScaleValues(NamedTuple):
 def _few_values(weight: Array, phi: Array) -> _ScaleValues:
     """Return at most 1024 values of the hyper-parameters, with the weights of these values.
 
-    If more values are given, a systematic sample of 1024 values with equal weights is returned.
+    ``weight``, shape (w,), holds the weights of the w values ``phi``, shape (w, h), of the h
+    hyper-parameters. If w is larger than 1024, a systematic sample of 1024 values with equal
+    weights is returned.
     """
     if len(weight) <= _MOST_VALUES:
         return _ScaleValues(weight, phi)

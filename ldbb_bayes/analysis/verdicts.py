@@ -491,7 +491,9 @@ def _weights_of_quantities(information: Information, changes: Mapping[str, Curve
 def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveChange]) -> Array:
     """Return prior standard deviations of the compliances' changes with force, shape (changes,).
 
-    For a flat prior, the standard deviations are infinite.
+    A change is the compliance at the largest force tested minus that at the smallest. ``changes``
+    holds the effect of every coefficient of the model on each change. For a flat prior, the
+    standard deviations are infinite.
     """
     if information.flat:
         return np.full(len(changes), np.inf)
@@ -881,7 +883,8 @@ def _remedies_of(
 
     A remedy for a large uncertainty is a certificate or a change of the plan. The keys are the
     names that `remedies` uses. ``tried`` holds the campaign, with the uncertainties of its
-    parameters after each remedy.
+    parameters after each remedy. ``parameters`` and ``changes`` hold the verdicts and uncertainties
+    without any remedy.
     """
     entries: list[ParameterIdentifiability | ChangeIdentifiability] = []
     entries += parameters.values()
