@@ -313,9 +313,9 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     heads = sorted(set_by_head, key=lambda i: _table_order(names[i], machine))
     chosen = _independent(candidates.unit, heads)
     dropped = [i for i in heads if i not in chosen]
-    # A column holds the readings per unit of a compliance. Express every column as a linear
-    # combination of the columns of the kept compliances. The columns of the kept compliances are
-    # scaled first, to reduce rounding errors.
+    # A column holds the readings per unit of a compliance. Express the column of every compliance
+    # as a linear combination of the columns of the compliances that are kept as parameters. The
+    # columns of the kept compliances are scaled first, to reduce rounding errors.
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
     coefficients = scaled / scale[:, None]
@@ -367,7 +367,7 @@ def _effects_relative_to_first(jacobian: Array, members: Sequence[int]) -> tuple
 def _not_negative(
     names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
 ) -> tuple[bool, ...]:
-    """Return, for each kept compliance, whether negative values are physically impossible.
+    """Return whether negative values of each kept compliance are physically impossible.
 
     A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
@@ -385,8 +385,9 @@ def _not_negative(
         Weight of each compliance in the sum that each kept compliance represents, shape (number of
         kept compliances, m).
     """
-    # Divide the weights of the compliances by typical magnitudes of the forces and moments, so that
-    # the elements of the matrices of weights become comparable.
+    # A kept compliance represents a weighted sum of compliances. Divide the weights by typical
+    # magnitudes of the forces and moments, so that the elements of the matrices of weights become
+    # comparable.
     unit = dict.fromkeys(COMPONENTS, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:

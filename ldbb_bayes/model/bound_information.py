@@ -37,7 +37,7 @@ class _Noise:
     columns: Columns | BasisNoise
 
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
-        """Return this effect's contribution to the covariance of a test's reduced readings [mm²].
+        """Return a nuisance effect's contribution to the covariance of reduced readings [mm²].
 
         The m reduced readings are at most 25 numbers that replace the readings of the test; the
         result has the shape (m, m).

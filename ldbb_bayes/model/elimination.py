@@ -318,7 +318,7 @@ class EliminationPlan:
 
 
 class Elimination:
-    """Elimination of columns of a design matrix, for many values of the hyper-parameters.
+    """Cholesky elimination of the columns of a design matrix, for many hyper-parameter values.
 
     Parameters
     ----------
@@ -512,7 +512,7 @@ class DesignRows:
         self._eliminations: dict[int, Elimination] = {}
 
     def elimination(self, last: int) -> Elimination:
-        """Return the Cholesky elimination of all nuisance coefficients, in a fast order.
+        """Return the Cholesky elimination of all nuisance coefficients in an order that saves time.
 
         Nuisances are effects modelled but not of interest. Shared coefficients are the same in all
         tests. The last ``last`` shared coefficients are eliminated after all other coefficients, in

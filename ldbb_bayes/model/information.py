@@ -400,8 +400,9 @@ class Information:
         return sd
 
     def _range_of_parameters(self) -> Array:
-        """Return an orthonormal basis of the effects of the parameters of interest, (k, rank).
+        """Return an orthonormal basis of the effects of the parameters of interest on readings.
 
+        The basis has the shape (k, rank), where rank is the number of linearly independent effects.
         An effect is the change of the k reduced readings of all tests per unit of a parameter. The
         readings are scaled so that the noise has unit variance. A test has at most 25 reduced
         readings.

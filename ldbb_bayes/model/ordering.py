@@ -103,7 +103,7 @@ class _Node(NamedTuple):
 
 
 def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> list[ColumnGroup]:
-    """Return groups of columns in the order of their elimination.
+    """Return groups of columns of the design matrix in the order of their elimination.
 
     Parameters
     ----------

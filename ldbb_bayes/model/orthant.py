@@ -498,7 +498,10 @@ class Orthant:
 
     @property
     def _tilted(self) -> Tilted:
-        """Constraints that may fail, and shifted densities from which random vectors are drawn."""
+        """Constraints that may fail, and shifted densities from which random vectors are drawn.
+
+        The constraints are u = mean + spread @ e ≥ 0 on w standard normal vectors e.
+        """
         return self._solved.tilted
 
     @cached_property
@@ -701,8 +704,9 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
 def _shift_of_points(tilted: Tilted) -> Array:
     """Return the shifts of the quasi-random points for w sets of constraints, shape (d, 1, w).
 
-    ``tilted`` holds the constraints. Each set has d constraints on a standard normal vector. The
-    shift for a set is computed from the lower bounds of its constraints alone.
+    The points are shifted so that different sets of constraints use different points. ``tilted``
+    holds the constraints. Each set has d constraints on a standard normal vector. The shift for a
+    set is computed from the lower bounds of its constraints alone.
     """
     return np.asarray(tilted.bound[:, None] * _DIGITS)
 

@@ -182,8 +182,8 @@ def _kind_of(parameter: str) -> _Kind | None:
 def degree_of(parameter: str) -> int:
     """Return the degree of a slope, 1 or 2, from its name; return 0 for all other parameters.
 
-    A slope is the change of a compliance with force. It is linear (degree 1) for C_XXX_1 and
-    quadratic (degree 2) for C_XXX_2.
+    ``parameter`` is the name of the parameter. A slope is the change of a compliance with force. It
+    is linear (degree 1) for C_XXX_1 and quadratic (degree 2) for C_XXX_2.
     """
     stem, _, suffix = parameter.rpartition("_")
     return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0

@@ -42,8 +42,9 @@ _ITERATIONS = 60
 # Largest number of step lengths that are tried in one step of Newton's method. Each step length is
 # half of the previous step length.
 _HALVINGS = 20
-# If the log probability that all constraints hold is below minus this number, an inexact saddle
-# point is accepted, because such a probability is too small to matter.
+# If the log probability that all constraints on a random vector hold is below minus this number, an
+# inexact saddle point of the log importance weight is accepted, because such a probability is too
+# small to matter.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
 # Uniform random numbers between 0 and 1 that are smaller than this number are replaced by it, so
 # that their logarithm is finite.

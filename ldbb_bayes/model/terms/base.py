@@ -279,8 +279,8 @@ class Term(Shown):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters of a nuisance term for the test conditions of a campaign.
 
-        ``setting`` describes the test conditions. By default, the result is ``scales``, which does
-        not depend on the campaign.
+        ``setting`` describes the test conditions. By default, the result is the property ``scales``
+        of the term, which does not depend on the campaign.
         """
         return self.scales
 

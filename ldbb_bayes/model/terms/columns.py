@@ -240,11 +240,11 @@ class Columns(Shown):
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """Return a random draw of the term's effect on the readings of all tests [mm].
+        """Return a random draw of a nuisance term's effect on the readings of all tests [mm].
 
-        The coefficients are drawn from their prior. The result holds Fourier coefficients, shape
-        (tests, 25). ``phi`` maps the names of the hyper-parameters to their values, with lengths in
-        mm; ``tests`` is the number of tests.
+        The coefficients of the term are drawn from their prior with the random number generator
+        ``rng``. The result holds Fourier coefficients, shape (tests, 25). ``phi`` maps the names of
+        the hyper-parameters to their values, with lengths in mm; ``tests`` is the number of tests.
         """
         p = len(self.names)
         if self.private:
@@ -317,8 +317,9 @@ class BasisNoise(Shown):
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """Return a random draw of the noise of all tests, as Fourier coefficients [mm].
 
-        The coefficients have the shape (tests, 25). ``phi`` maps the names of the hyper-parameters
-        to their values, lengths in mm; ``tests`` is the number of tests.
+        The coefficients have the shape (tests, 25). ``rng`` is the random number generator. ``phi``
+        maps the names of the hyper-parameters to their values, lengths in mm; ``tests`` is the
+        number of tests.
         """
         sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
         return sd * rng.standard_normal((tests, SIZE))

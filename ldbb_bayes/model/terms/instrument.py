@@ -73,7 +73,8 @@ class BarLength(Term):
     def _sd_um(self, instrument: Instrument) -> float:
         """Return the standard uncertainty of the bar's length [µm].
 
-        The uncertainty comes from the bar's certificate or, without a certificate, is ``sd_um``.
+        The uncertainty comes from the bar's certificate in ``instrument`` or, without a
+        certificate, is the field ``sd_um`` of the term.
         """
         return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
@@ -147,8 +148,8 @@ class Mount(Term):
     def _relative_sd(self, instrument: Instrument) -> float:
         """Return the relative standard uncertainty of the deflection of the work ball's mount.
 
-        The uncertainty comes from the certificate of the mount or, without a certificate, is
-        ``relative_sd``.
+        The uncertainty is a fraction of the deflection. It comes from the certificate of the mount
+        in ``instrument`` or, without a certificate, is the field ``relative_sd`` of the term.
         """
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
@@ -330,8 +331,8 @@ class Angle(Term):
     def _sd_rad(self, instrument: Instrument) -> float:
         """Return the standard uncertainty of the angle of the bar [rad].
 
-        The uncertainty comes from a certificate or, without a certificate, is ``sd_deg`` converted
-        to rad.
+        The uncertainty comes from a certificate in ``instrument`` or, without a certificate, is the
+        field ``sd_deg`` of the term converted to rad.
         """
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
