@@ -217,10 +217,10 @@ class Campaign(CampaignFields):
     adds_to_pilot: StrictBool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Check the fields, and fill in what the tests take from the campaign.
+        """Check the fields of the campaign, and complete its tests with the campaign's values.
 
-        Every test gets a name, a circle, a force and a pressure. Raise an `InputError` if fields
-        contradict each other.
+        Every test gets a name, a circle (radius, centre and plane), a force and a pressure. Raise
+        an `InputError` if fields contradict each other.
         """
         self._check_pilot()
         require(self.tests, "campaign must have at least one test, got none. Add a circular test.")

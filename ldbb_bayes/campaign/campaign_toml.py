@@ -104,7 +104,9 @@ class CampaignContent(NamedTuple):
     """
 
     tests: tuple[CircularTest, ...]
-    fields: dict[str, Any]  # values of fields of `Campaign` other than the tests, by field name
+    # values of the fields of `Campaign` other than the tests, as campaign.toml states them; the
+    # keys are the names of the fields
+    fields: dict[str, Any]
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
@@ -270,7 +272,10 @@ def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
 
 
 def _stated_values(entry: _PlannedTest) -> dict[str, Any]:
-    """Return the fields of a planned test that its table states; the keys are the field names."""
+    """Return what a table of campaign.toml states about a test without readings.
+
+    The keys are names of fields of `CircularTest`, such as force_N.
+    """
     return {key: value for key, value in vars(entry).items() if value is not None}
 
 

@@ -56,7 +56,7 @@ def _write_readings(test: CircularTest, path: Path) -> None:
 
 
 def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
-    """Return the content of campaign.toml without the tests, as nested dictionaries.
+    """Return what campaign.toml states about a campaign, except its tests, as nested dictionaries.
 
     Values that are not given in the campaign are None.
     """
@@ -117,7 +117,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     table: dict[str, Any] = {"file": None if is_planned else f"{test.name}.csv"}
     for key in ("force_N", "pressure_bar", "direction"):
         table[key] = getattr(test, key)
-    table["name"] = test.name or None  # tests that are only foreseen for later have no name
+    table["name"] = test.name or None  # Foreseen tests have no name.
     for key in PER_TEST:
         value = getattr(test, key)
         if value != usual.get(key, 0.0):
@@ -128,7 +128,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return the number of angles of a planned test, its first angle and its arc.
+    """Return number, first angle and arc of the evenly spaced angles of a planned test.
 
     The result is a dictionary with the keys of campaign.toml. Raise an `InputError` if the
     angles are not evenly spaced within one turn.
@@ -146,5 +146,5 @@ def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
 
 
 def _without_none(table: dict[str, Any]) -> dict[str, Any]:
-    """Return a copy of the dictionary ``table`` without the entries whose value is None."""
+    """Return a table of campaign.toml, as a dictionary, without the keys whose value is None."""
     return {key: value for key, value in table.items() if value is not None}

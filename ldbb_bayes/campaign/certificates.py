@@ -27,7 +27,8 @@ _METRES_PER_MICROMETRE = 1e-6
 _QUANTITIES_LISTED = 12
 # Pattern of a length in the name of a bar, such as 100 mm.
 _LENGTH_IN_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)\s?mm\b")
-# Two nominal lengths count as equal if they differ by at most this share of the length.
+# Two nominal lengths of a ball bar count as equal if they differ by at most this share of the
+# length.
 _NOMINAL_TOLERANCE = 1e-3
 # Longest name of a certificate that is written into campaign.toml [characters].
 _LONGEST_LABEL = 200
@@ -42,27 +43,29 @@ class CertifiedQuantity:
     """
 
     name: str
-    #: attribute refType of the quantity in the certificate, a standardised name; empty if missing
+    #: attribute refType of the certified quantity, a standardised name of its kind; empty if
+    #: missing
     ref_type: str
-    #: names and refType attributes of the certificate's elements that contain the quantity,
-    #: outermost first
+    #: names and refType attributes of the certificate's XML elements that contain the certified
+    #: quantity, outermost first
     holders: tuple[str, ...]
     value: float
-    #: unit of the value in the notation of the D-SI (Digital SI), such as \micro\metre; None if
-    #: missing
+    #: unit of the certified value in the notation of the D-SI (Digital SI), such as \micro\metre;
+    #: None if missing
     unit: str | None
-    #: expanded uncertainty of the value, in the same unit, as the certificate states it; None if
-    #: missing
+    #: expanded uncertainty of the certified value, in the unit of the value; None if the
+    #: certificate states none
     U: float | None
-    #: coverage factor of the expanded uncertainty, as the certificate states it; None if missing
+    #: coverage factor k of the expanded uncertainty of the certified value, as the certificate
+    #: states it; None if missing
     k: float | None
-    #: coverage probability of the expanded uncertainty, as the certificate states it; None if
-    #: missing
+    #: coverage probability of the expanded uncertainty of the certified value, as the certificate
+    #: states it; None if missing
     coverage: float | None
 
     @property
     def title(self) -> str:
-        """Name of the quantity in messages.
+        """Name that error messages use for a quantity of a calibration certificate.
 
         The name in messages is the first of the following that is not empty: the name of the
         quantity, the name or attribute refType of the innermost element of the certificate that
@@ -75,7 +78,7 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """What the quantity is, such as ``length``, according to its name and attribute refType.
+        """What the certified quantity is, such as ``length``, by its name and attribute refType.
 
         If the name and the refType of the quantity do not show its role, the names and refType
         attributes of the certificate's elements that contain the quantity are used. If these do not
@@ -91,12 +94,12 @@ class CertifiedQuantity:
 
     @property
     def dimension(self) -> str | None:
-        """Dimension of the quantity's unit, such as m or N/bar; None for an unknown unit."""
+        """Dimension of the certified quantity's unit, such as m or N/bar; None if it is unknown."""
         size = parse_unit(self.unit)
         return None if size is None else size.dimension
 
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
-        """Return the value of the quantity, and the expanded uncertainty U of the value for k = 2.
+        """Return the value of the certified quantity, and its expanded uncertainty U for k = 2.
 
         U is zero if the certificate states no uncertainty.
 
@@ -128,7 +131,7 @@ class CertifiedQuantity:
         return value, _without_rounding(U * size.factor / factor)
 
     def magnitude(self) -> float:
-        """Return the absolute value of the quantity in SI units (for a pressure, in bar)."""
+        """Return the absolute value of the certified quantity in SI units (a pressure in bar)."""
         value, _ = self.numbers()
         return abs(value)
 
@@ -276,7 +279,7 @@ class CalibrationCertificate(Shown):
         return _largest_quantity(self._forces())
 
     def _forces(self) -> list[CertifiedQuantity]:
-        """Return the certified forces, which are those quantities whose unit is the newton."""
+        """Return the forces of the certificate: all its quantities whose unit is the newton."""
         return self._quantities_by_role("N").get("force", [])
 
     def _linearity(self) -> CertifiedQuantity | None:
@@ -361,7 +364,7 @@ class CalibrationCertificate(Shown):
         return label
 
     def _quantities_in_words(self) -> str:
-        """Return the names and units of the certified quantities as text, for error messages."""
+        """Return names and units of the certificate's quantities as text, for error messages."""
         return _listed(self.quantities) or "no number at all"
 
 
@@ -413,7 +416,7 @@ def _is_of_length(
 
 
 def _is_close(length_mm: float, nominal_mm: float) -> bool:
-    """Return whether a length equals a nominal length, within a small relative tolerance."""
+    """Return whether a certified length equals a bar's nominal length to within 0.1 %."""
     return abs(length_mm - nominal_mm) <= _NOMINAL_TOLERANCE * nominal_mm
 
 
@@ -470,7 +473,7 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 
 
 def _largest_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
-    """Return the quantity with the largest absolute value.
+    """Return the certified quantity with the largest absolute value.
 
     Of several equally large quantities, return the last one. Return None if ``quantities`` is
     empty.
@@ -481,7 +484,10 @@ def _largest_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuant
 
 
 def _only_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the only entry of ``quantities``; raise an `InputError` if there are several."""
+    """Return the only one of several quantities of a certificate that can be used.
+
+    Raise an `InputError` unless ``quantities`` has exactly one entry.
+    """
     require(
         len(quantities) == 1,
         f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"

@@ -70,11 +70,11 @@ class Ball(Shown):
     harmonics_um: Annotated[Sequence[Harmonic], AfterValidator(tuple)] = ()
     #: expanded uncertainty (k = 2) of each cosine and sine coefficient of ``harmonics_um`` [µm]
     U_um: Certified | None = None
-    #: name of the ball's calibration certificate; no computed number depends on this name
+    #: name of the ball's calibration certificate; it does not influence any computed number
     certificate: Label | None = None
 
     def __post_init__(self) -> None:
-        """Raise an `InputError` if fields of the ball contradict each other."""
+        """Raise an `InputError` if grade, form deviation and harmonics contradict each other."""
         if self.grade is not None:
             check_known("grade of a ball", [self.grade], _SPHERICITY_BY_GRADE_UM)
             require(

@@ -353,9 +353,9 @@ class CircularTest(TestFields):
 
     @property
     def planned_arc_deg(self) -> float:
-        """Arc [deg] written into campaign.toml for evenly spaced angles; ±360 for a full turn.
+        """Arc [deg] of a planned test's angles in campaign.toml; ±360 for a full turn.
 
-        The arc is negative if the angles decrease.
+        The angles are evenly spaced. The arc is negative if the angles decrease.
         """
         readings = len(self.angle_deg)
         turn_deg = readings * self.step_deg

@@ -208,7 +208,7 @@ def _quantities_of(
 
 
 def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
-    """Return the last uncertainty that an XML element states for its numbers.
+    """Return the last uncertainty that a certificate's XML element states for its numbers.
 
     A standard uncertainty is returned as an expanded uncertainty with k = 1. An uncertainty without
     a number is ignored. If no uncertainty is stated, the result holds empty lists. ``name`` is the
@@ -245,10 +245,11 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
 
 
 def _entry_for_quantity(entries: Sequence[_T], k: int) -> _T | None:
-    """Return the entry of ``entries`` that applies to quantity ``k``, counted from 0.
+    """Return the unit or uncertainty that applies to number ``k`` of a list in a certificate.
 
-    A single entry applies to all quantities and is returned for each of them. From a longer list,
-    entry ``k`` is returned. If the list is empty, None is returned.
+    ``entries`` are the units or uncertainties that an XML element states for its list of numbers,
+    and ``k`` is counted from 0. A single entry applies to all numbers. From a longer list, entry
+    ``k`` is returned. If the list is empty, None is returned.
     """
     if not entries:
         return None
@@ -258,7 +259,7 @@ def _entry_for_quantity(entries: Sequence[_T], k: int) -> _T | None:
 
 
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
-    """Return the words in the inner element named ``tag`` of an XML element.
+    """Return the words, separated by blanks, in the D-SI element named ``tag`` inside ``element``.
 
     If there is no such element, return the words of the element ``tag`` + "XMLList", which holds a
     list. Return an empty list if neither element exists.
@@ -268,7 +269,7 @@ def _words(element: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _numbers_in(element: ElementTree.Element, tag: str, name: str) -> list[float]:
-    """Return the numbers in the inner element named ``tag`` of an XML element.
+    """Return the numbers, separated by blanks, in the D-SI element ``tag`` inside ``element``.
 
     ``name`` is the name of the quantity for error messages. Raise an `InputError` for a word that
     is not a number.

@@ -28,9 +28,10 @@ _FACTOR = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?")
 class UnitSize(NamedTuple):
     """Size and dimension of a unit in which a certificate states a number."""
 
-    factor: float  #: size of the unit in SI units, such as 1e-6 for µm; pressures are in bar
-    #: dimension of the unit, written as the SI unit (bar for pressure), such as m, N or N/bar;
-    #: empty string for a ratio
+    #: size of a certificate's unit in SI units, such as 1e-6 for µm; pressures are in bar
+    factor: float
+    #: dimension of a certificate's unit, written as the SI unit (bar for pressure), such as m, N or
+    #: N/bar; empty string for a ratio
     dimension: str
 
 
@@ -68,7 +69,7 @@ def parse_unit(unit: str | None) -> UnitSize | None:
 
 
 def _dimension_text(powers: Mapping[str, int]) -> str:
-    """Return a string such as N/bar for a dimension.
+    """Return the dimension of a unit as a string of SI units, such as N/bar.
 
     ``powers`` holds the exponent of each unit in the dimension, such as 1 for N and −1 for bar.
     """

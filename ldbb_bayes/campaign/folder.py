@@ -197,7 +197,7 @@ def write_campaign(
 
 
 def files_of(folder: Path) -> set[str]:
-    """Return the names of the files in a campaign folder that belong to its campaign.
+    """Return the names of all files in a campaign folder that belong to the folder's campaign.
 
     These files may be deleted when the campaign is replaced. The set is empty if the folder has no
     readable campaign.toml.

@@ -33,14 +33,14 @@ def missing_entries(column: Any) -> NDArray[np.bool_]:
 
 
 def _is_missing(entry: Any) -> bool:
-    """Return whether one entry is masked by NumPy, or is pandas' NA."""
+    """Return whether one angle or reading is masked by NumPy, or is pandas' NA."""
     return entry is np.ma.masked or type(entry).__name__ == "NAType"
 
 
 def without_entries(column: Any, missing: NDArray[np.bool_]) -> list[Any]:
-    """Return the entries of a column that are not missing.
+    """Return the angles or the readings of a test without the missing ones.
 
-    ``missing`` is a mask of the n entries, shape (n,), that is true for the entries to leave out.
+    ``column`` holds the n values, and ``missing``, shape (n,), is true for the values to leave out.
     """
     if isinstance(column, np.ma.MaskedArray):
         column = column.data

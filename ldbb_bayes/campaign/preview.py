@@ -135,13 +135,13 @@ class Remark:
 
 
 class _Remarks:
-    """Remarks of a preview, collected while a campaign is examined."""
+    """Remarks on what looks odd in a campaign, collected while the campaign is examined."""
 
     def __init__(self) -> None:
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
-        """Add a remark if the condition is true.
+        """Add a remark on a campaign or test to the preview if the condition is true.
 
         ``kind`` is the kind of the remark, and ``values`` are the numbers and names that the
         sentence of the remark will contain.
@@ -150,7 +150,7 @@ class _Remarks:
             self._remarks.append(Remark(kind, values))
 
     def as_tuple(self) -> tuple[Remark, ...]:
-        """Return the collected remarks as a tuple."""
+        """Return all remarks on the campaign and its tests that were collected so far."""
         return tuple(self._remarks)
 
 
@@ -167,7 +167,8 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    arc_deg: float  #: arc of the circle that the angles of the test cover [deg]
+    #: arc of the circle that the angles of the test cover [deg]; see `CircularTest.arc_deg`
+    arc_deg: float
     #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
     #: direction of travel given for the test: clockwise (CW) or counterclockwise (CCW)
@@ -190,7 +191,8 @@ class TestPreview:
     #: standard deviation of the readings about a fitted Fourier series of order 12, without spikes
     #: [µm]; computed only for tests of 35 to 200 000 readings
     noise_um: float | None
-    #: last reading minus first reading [µm]; computed only if the test goes once round the circle
+    #: last reading of a test minus its first reading [µm]; computed only if the test goes once
+    #: round the circle
     start_end_um: float | None
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
@@ -254,7 +256,7 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
 
 
 class _Angles(NamedTuple):
-    """Steps, gaps and direction of the angles of a test."""
+    """Steps, gaps and direction of travel of the angles at which a test's readings were taken."""
 
     #: median absolute difference of the angle from one reading to the next [deg]
     step_deg: float
@@ -269,9 +271,11 @@ class _Angles(NamedTuple):
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
-    """Return the steps and gaps of a test's angles [deg], and the direction of travel.
+    """Return steps and gaps of a test's angles [deg], and the direction in which the angles run.
 
-    The direction is None unless the angles rise throughout or fall throughout.
+    Steps are differences of the angle from one reading to the next; gaps lie between neighbouring
+    angles on the circle. The direction is None unless the angles rise throughout or fall
+    throughout.
     """
     angle = np.asarray(test.angle_deg)
     around = np.sort(np.mod(angle, 360.0))
@@ -365,10 +369,10 @@ def _order_shows_no_travel(campaign: Campaign) -> bool:
 
 
 def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark if the force of a test differs from the force by the campaign's force law.
+    """Add a remark if the force given for a test differs from the force by the force law.
 
-    The two forces are the force given for the test, and the force that follows from the test's
-    pressure by the force law. The remark is added to ``remarks``.
+    The campaign's force law states the force as a linear function of the pressure; it is applied to
+    the pressure given for the test. The remark is added to ``remarks``.
     """
     force_N = float(test.force_N or 0.0)
     pressure_bar = float(test.pressure_bar or 0.0)
@@ -449,7 +453,7 @@ def _noise_and_spikes(
         remarks.add(RemarkKind.OPEN, is_open, start_end_um=jump)
 
     def size_of_spike(position: int) -> float:
-        """Return the absolute deviation [µm] of the reading with the index ``position``."""
+        """Return the distance [µm] of reading number ``position`` from the fitted curve."""
         return abs(float(deviation[position]))
 
     spikes = ranked(np.flatnonzero(~regular).tolist(), size_of_spike)
@@ -466,16 +470,17 @@ def _noise_and_spikes(
 
 
 class _Fit(NamedTuple):
-    """Result of a least-squares fit to the readings of a test without its spikes.
+    """Result of a least-squares fit of a curve to the n readings of a test, without its spikes.
 
-    Spikes are readings far from the fitted curve; ``coefficients`` are the coefficients of the
-    curve.
+    Spikes are readings far from the curve. The curve is a sum of k functions of the angle, whose
+    coefficients are ``coefficients``, shape (k,).
     """
 
     coefficients: Array
-    #: deviation of every reading of the test from the fitted curve, spikes included [µm]
+    #: deviations of the n readings of a test from a curve fitted to them, spikes included [µm],
+    #: shape (n,)
     deviation: Array
-    #: standard deviation of the readings about the fitted curve, without spikes [µm]
+    #: standard deviation of a test's readings about a curve fitted to them, without spikes [µm]
     scatter: float
 
 
@@ -506,9 +511,9 @@ def _find_regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        # The curve with the least sum of absolute deviations, fitted with p functions, passes
-        # exactly through p of the readings. These readings say nothing about the scatter and are
-        # left out.
+        # A curve that is the sum of p fitted functions and has the least sum of absolute deviations
+        # from the readings passes exactly through p of the readings. These readings say nothing
+        # about the scatter and are left out.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
@@ -607,7 +612,7 @@ def _assumption_remarks(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on the run times from which a fit will compute the effects of drift."""
+    """Add a remark on how the times of the tests are known, from which a fit computes the drift."""
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
     span_min = None
@@ -625,7 +630,7 @@ def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
 
 
 def _radii(campaign: Campaign) -> list[float]:
-    """Return the distinct radii of the campaign's circles in ascending order [mm]."""
+    """Return the different nominal radii of a campaign's circles [mm], in ascending order."""
     return sorted({test.circle.radius_mm for test in campaign.tests})
 
 
@@ -697,7 +702,7 @@ def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
 def _remark_on_unit(
     quantity: str, value: float, unit: str, usual: tuple[float, float], remarks: _Remarks
 ) -> None:
-    """Add a remark that the unit is probably wrong if a value is outside its usual range.
+    """Add a remark that a value is probably in a wrong unit if it is outside its usual range.
 
     ``quantity`` is the name of the quantity, ``value`` its value in ``unit``, and ``usual`` holds
     the two ends of its usual range. The remark is added to ``remarks``.

@@ -45,5 +45,5 @@ def time_source(campaign: Campaign) -> TimeSource:
 
 
 def times_stated(campaign: Campaign) -> int:
-    """Return the number of tests of a campaign for which a start time is given."""
+    """Return for how many tests of a campaign the time of their start is given."""
     return sum(test.time_s is not None for test in campaign.tests)

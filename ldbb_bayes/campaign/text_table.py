@@ -61,13 +61,14 @@ _CONTROL_Z = b"\x1a"
 
 
 class EmptyFileError(InputError):
-    """Error for a file that holds nothing, or only blanks."""
+    """Error for a file with a table that is empty or consists only of blanks."""
 
 
 class Row(NamedTuple):
-    """Row of a text table: its line number and its cells."""
+    """Row of a table in a text file: number of its line in the file, and texts of its cells."""
 
-    line: int  #: number of the line in the file that holds the row, counted from 1
+    #: number of the line in the text file that holds this row of the table, counted from 1
+    line: int
     cells: list[str]
 
 
@@ -197,7 +198,7 @@ def _split_at_blanks(content: str) -> list[str]:
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return the line numbers of a table's rows, and the columns of the table.
+    """Return the number of each row's line in the file, and the columns of a text table.
 
     The table has ``width`` columns. Raise an `InputError` for a row with fewer cells, and for a row
     with additional cells unless they are all empty. ``place`` is the file's name for error
@@ -257,7 +258,7 @@ def strict_numbers(
 def number_error(
     place: str, line: int, name: str, cell: str, remedy: str = "Correct or remove the line."
 ) -> InputError:
-    """Return the `InputError` for a cell of a table that is not a finite number.
+    """Return the `InputError` for a cell of a text table that should hold a finite number.
 
     Parameters
     ----------
