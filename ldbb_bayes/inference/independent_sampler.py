@@ -208,8 +208,8 @@ class _StandardDraws(NamedTuple):
 
     ``standard``, shape (w, tries, p), holds several draws for each of w values of the
     hyper-parameters. If the model does not allow negative compliances, draws with negative
-    compliances are not usable. ``usable``, shape (w,), is the number of usable draws for each value; these draws come
-    first.
+    compliances are not usable. ``usable``, shape (w,), is the number of usable draws for each
+    value; these draws come first.
     """
 
     #: random draws of p parameters in standard coordinates, shape (w, tries, p)
