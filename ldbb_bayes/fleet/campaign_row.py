@@ -298,7 +298,7 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:
-            continue  # Compliances are in the campaign's row already, as parameters.
+            continue  # The campaign's row has this compliance already, among its parameters.
         name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
         if row["plane"] in planes:
             name = name_in_plane(name, row["plane"], planes)

@@ -106,7 +106,7 @@ def write_dataset(
     InputError
         If the file cannot be written.
     """
-    import pyarrow as pa  # imported here, because pyarrow need not be installed
+    import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
     import pyarrow.parquet as pq
 
     schema = _schema(rows(), about)
@@ -136,7 +136,7 @@ def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.S
     direction and all quantities with a tolerance that occur in at least one row. ``about`` is
     information on the batch for the metadata.
     """
-    import pyarrow as pa  # imported here, because pyarrow need not be installed
+    import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
 
     unit_by_parameter: dict[str, str] = {}
     quantities: dict[str, None] = {}
@@ -161,7 +161,7 @@ def _arrow_field(name: str, kind: str, unit: str = "") -> pa.Field:
     ``kind`` is the name of the type, such as ``double`` or ``list<double>``. The unit is stored in
     the metadata of the column, unless it is empty.
     """
-    import pyarrow as pa  # imported here, because pyarrow need not be installed
+    import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
 
     element = kind.removeprefix("list<").removesuffix(">")
     arrow_type = pa.type_for_alias(element)
@@ -298,7 +298,7 @@ def _read(
     quantity, the columns of this quantity are returned, too.
     """
     check_pyarrow()
-    import pyarrow as pa  # imported here, because pyarrow need not be installed
+    import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
 
     paths = [path] if isinstance(path, str | os.PathLike) else list(path)
     if not paths:
@@ -383,7 +383,7 @@ def _read_table(
     ``further`` is a pattern: if it matches the name of a quantity, the columns of this quantity are
     requested, too.
     """
-    import pyarrow as pa  # imported here, because pyarrow need not be installed
+    import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
     import pyarrow.parquet as pq
 
     try:

@@ -301,7 +301,7 @@ class Population(Result):
 
 @with_words.register
 def _population_record(result: Population) -> dict[str, Any]:
-    """Return the content of population.json: result, sentences, and a SHA-256 digest of both."""
+    """Return the content of population.json: result, sentences, SHA-256 checksum of both."""
     record = result.as_dict() | {"doubts": list(population_doubts(result))}
     return {**record, "sha256": digest_of(json.loads(json_text(record)))}
 

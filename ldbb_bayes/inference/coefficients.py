@@ -95,7 +95,7 @@ class ElasticDraws(NamedTuple):
 
 
 def evenly_spaced(total: int, size: int) -> Array:
-    """Return at most ``size`` indices, evenly spaced from 0 to ``total`` − 1."""
+    """Return indices that pick at most ``size`` of ``total`` random draws, evenly spaced."""
     return np.linspace(0, total - 1, min(size, total)).astype(int)
 
 

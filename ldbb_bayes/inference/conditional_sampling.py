@@ -113,7 +113,7 @@ def draw_parameters_given(
 
 
 def no_physical_draw() -> InputError:
-    """Return the exception for a posterior whose draws all have a negative compliance."""
+    """Return the exception to be raised if every posterior draw has a negative compliance."""
     return InputError(
         "the posterior must leave room where no compliance is negative, got no draw that falls"
         " there. The readings contradict non-negative compliance: check signs, mount compensation"

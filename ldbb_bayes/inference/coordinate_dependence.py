@@ -34,14 +34,15 @@ _LEADING = 7
 # this limit are replaced by the limit, so that the polynomials are not extrapolated. The
 # coordinates have the standard deviation one.
 _FARTHEST = 5.0
-# Largest absolute value of the logarithm of a fitted width. A logarithm beyond this limit is
-# replaced by the limit, so that the fit is not extrapolated.
+# Largest absolute value of the logarithm of a density's width along a coordinate, as it is fitted.
+# A logarithm beyond this limit is replaced by the limit, so that the fit is not extrapolated.
 _LARGEST_LOG_WIDTH = 1.0
 # A coefficient of a polynomial is set to zero unless its absolute value exceeds this number of
 # standard errors. The polynomials describe how the mean and the logarithm of the width of a
 # coordinate depend on other coordinates.
 _SIGNIFICANT = 3.0
-# Number of steps of Fisher's method of scoring by which the widths of the coordinates are fitted.
+# Number of steps of Fisher's method of scoring by which the widths of a density along its
+# coordinates are fitted.
 _STEPS = 4
 
 

@@ -305,8 +305,8 @@ class LogDensity(Shown):
         log_density = np.full(len(points), -np.inf)
         if inside.any():
             log_density[inside] = density(beta[inside], phi[inside])
-        # For a single point, the array of densities has no dimensions; the empty index converts
-        # this array to a number.
+        # If the log density is wanted at a single point, its array has no dimensions; the empty
+        # index converts this array to a number.
         of_points: Array = log_density.reshape(values.shape[:-1])[()]
         return of_points
 

@@ -41,7 +41,10 @@ _FEWEST_TESTS = 16
 
 
 def _silent() -> None:
-    """Do nothing. Unlike a lambda, this function can be sent to other processes."""
+    """Do nothing; this function stands for a report of progress that the user does not want.
+
+    Unlike a lambda, it can be sent to other processes.
+    """
 
 
 class Evidences(Shown):
@@ -236,7 +239,7 @@ class Evidences(Shown):
 
     @property
     def every(self) -> list[Evidence]:
-        """Evidences computed so far to the tolerance of this object, one for each model."""
+        """Evidences of models that were computed so far to the tolerance of this object."""
         return [nodes.evidence for nodes in self._nodes.values()]
 
 

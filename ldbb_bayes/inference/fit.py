@@ -184,7 +184,7 @@ class Fit(Result):
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
     def _moves_intervals(self, check: Check) -> bool:
-        """Return whether a failing check matters for the credible intervals, as in `misfits`."""
+        """Return whether a failing check of readings matters for intervals, as in `misfits`."""
         if check.kind == CheckKind.ORDER:
             return self.shift.get(check.test, np.inf) > _LARGEST_SHIFT
         return self.widening > _LARGEST_WIDENING
@@ -227,7 +227,11 @@ class Fit(Result):
         return tuple(ranked(names, self._prior_sensitivity))
 
     def _prior_sensitivity(self, name: str) -> float:
-        """Return how sensitive the posterior of the named parameter is to the parameters' prior."""
+        """Return the sensitivity of a parameter's posterior to the prior of the parameters.
+
+        ``name`` is the name of the parameter. The sensitivity states how much its posterior moves
+        if the prior density is raised to a power near one (power-scaling).
+        """
         return self.sensitivity[name]["prior"]
 
     @property

@@ -40,7 +40,10 @@ class CurveDraws(NamedTuple):
 
     @property
     def change(self) -> Array:
-        """Draws of the change C(F_max) − C(F_min) over the tested forces, shape (draws,)."""
+        """Posterior draws of the change C(F_max) − C(F_min) of a compliance, shape (draws,).
+
+        F_min and F_max are the smallest and the largest bar force tested.
+        """
         return np.asarray(self.at_largest - self.at_smallest)
 
 

@@ -213,9 +213,10 @@ class Integral:
 
     @property
     def trusted(self) -> bool:
-        """Whether the weights of the points can be trusted: their Pareto shape k̂ is at most 0.6.
+        """Whether the weights of an integral's nodes can be trusted: their Pareto k̂ is at most 0.6.
 
-        The weights of a lattice can always be trusted.
+        The nodes are points, and k̂ states how heavy the tail of their weights is. The weights of a
+        lattice can always be trusted.
         """
         return self.pareto_k <= LARGEST_PARETO_K
 

@@ -82,7 +82,7 @@ class MarginalMixtures(NamedTuple):
     high: Array
 
     def _truncation(self) -> _Truncation:
-        """Return bounds and probabilities of all n p truncated Gaussians of the mixtures."""
+        """Return bounds and probabilities of the n truncated Gaussians of each of p parameters."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd

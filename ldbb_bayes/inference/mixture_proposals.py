@@ -90,7 +90,7 @@ class SplitT:
     dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density of the distribution at n points, shape (n,).
+        """Return the log density of the split Student-t distributions at n points, shape (n,).
 
         ``points``, shape (n, h), holds the points x in h dimensions.
         """

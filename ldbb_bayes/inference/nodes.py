@@ -311,7 +311,10 @@ class HyperPosterior:
         return self._scores.to_free(integral)
 
     def _plain_integral(self, tolerance: float) -> Integral:
-        """Return the integral of the posterior density that allows negative compliances."""
+        """Return the integral of the hyper-parameters' posterior if compliances may be negative.
+
+        ``tolerance`` is the error allowed in the log integral [nat].
+        """
         return self.plain.nodes(tolerance).integral
 
     def truncate(

@@ -279,7 +279,8 @@ def _read_tree(source: Path) -> xr.DataTree:
         # Libraries may raise exceptions of any class if they read a damaged file.
         except Exception as error:  # noqa: BLE001
             reason = " ".join(str(error).split())[:_LONGEST_REASON]
-        gc.collect()  # deletes the object of the file while messages are suppressed
+        # Delete the object of a damaged file now, while messages about errors are suppressed.
+        gc.collect()
     raise InputError(
         f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"
         " again."
