@@ -111,8 +111,8 @@ _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
-# Number of headers of which name, unit and roles are kept: many steps of an import look at the same
-# headers.
+# Largest number of headers whose name, unit and roles are stored after they were found, because
+# many steps of an import ask for them again.
 _KEPT_HEADERS = 4096
 # Regular expression for a cell of dashes or similar signs that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")

@@ -1,7 +1,10 @@
-"""Headers of several levels above a row with the name of the index, as pandas writes them.
+"""Headers of several rows with a separate row for the name of the index, as pandas writes them.
 
-An example are the rows ``,100 N,100 N``, ``,CW,CCW`` and ``angle_deg,,``. In a workbook, equal
-names next to each other are one merged cell, of which only the first holds the name.
+The index is the first column of a table, or its first columns; usually it holds the angles. Each
+row of the header above the name of the index is called a level. In the header with the rows
+``,100 N,100 N``, ``,CW,CCW`` and ``angle_deg,,``, the first two rows are levels, and the third
+names the index. In a workbook, equal names next to each other are one merged cell, of which only
+the first cell holds the name.
 """
 
 from __future__ import annotations
@@ -18,16 +21,17 @@ from ldbb_bayes.reading.words import unit_named
 
 __all__ = ["with_index_names"]
 
-# Directions of travel in the cells of a column.
+# Directions of travel that the cells of a column may hold.
 _DIRECTIONS = {"CW", "CCW"}
 
 
 def with_index_names(sheet: Sheet) -> Sheet:
-    """Return a sheet in which the name of the index and the names of all levels are one header.
+    """Return a sheet in which a header of several rows is joined to one row.
 
-    The header of a column is made of its names in all levels, such as ``100 N dev_um``. A column of
-    equal directions below a name such as ``100 N`` becomes part of the headers of the other columns
-    below this name. A sheet without a row for the name of the index is returned unchanged.
+    The header of a column is made of its names in all levels, such as ``100 N dev_um``. If all
+    cells of a column hold the same direction of travel, the column is removed, and the direction is
+    added to the headers of the other columns below the same name, such as ``100 N``. A sheet
+    without a row for the name of the index is returned unchanged.
     """
     rows = sheet.rows
     for k in range(1, min(len(rows) - 1, LONGEST_OVERVIEW)):
@@ -49,10 +53,10 @@ def with_index_names(sheet: Sheet) -> Sheet:
 
 
 def _count_index_names(row: Row, above: Row, below: Row) -> int:
-    """Return how many names of an index a row holds; zero if it holds anything else.
+    """Return the number of columns of the index that a row names; zero for any other row.
 
-    The row must hold nothing else. The row above it must have names in the other columns, and the
-    row below it must have numbers.
+    The row must hold nothing but these names. The row ``above`` it must have names in all other
+    columns, and the row ``below`` it must have numbers.
     """
     width = len(below.cells)
     n_index = sum(bool(cell) for cell in row.cells)
@@ -65,10 +69,10 @@ def _count_index_names(row: Row, above: Row, below: Row) -> int:
 
 
 def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
-    """Return whether texts are names of an index, and not units below the names of columns.
+    """Return whether texts may name columns of an index, and are not units below such names.
 
-    The cells ``above`` them are usually empty; otherwise one of the texts must name angles or
-    times.
+    ``above`` are the cells above the texts, which are usually empty. If they are not, one of the
+    texts must name angles or times.
     """
     if any(unit_named(name) for name in names):
         return False
@@ -77,11 +81,12 @@ def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
 
 
 def _is_level(row: Row, n_index: int, width: int) -> bool:
-    """Return whether a row holds the names of a level above the lowest level of a header.
+    """Return whether a row is a further level of a header, above its lowest level.
 
-    The first column behind the index has a name; if the level itself has a name, at least one more
-    column has. No name is a number. ``n_index`` is the number of columns of the index, and
-    ``width`` the number of all columns.
+    The row must have a name for the first column after the index, and no numbers. A text in the
+    columns of the index is the name of the level; the row must then have names for at least two other
+    columns. ``n_index`` is the number of columns of the index, and ``width`` the number of all
+    columns.
     """
     cells = row.cells
     n_names = sum(bool(cell) for cell in cells[n_index:])
@@ -91,10 +96,10 @@ def _is_level(row: Row, n_index: int, width: int) -> bool:
 
 
 def _filled(row: Row, n_index: int, width: int) -> list[str]:
-    """Return the names of a level in all columns; an empty cell has the name to its left.
+    """Return the names of all columns in one level of a header.
 
-    The cells of the index, whose number is ``n_index``, are left empty. ``width`` is the number of
-    columns.
+    An empty cell gets the name to its left. The names of the ``n_index`` columns of the index are
+    empty. ``width`` is the number of all columns.
     """
     filled = [""] * n_index
     for cell in [*row.cells, *[""] * width][n_index:width]:
@@ -105,7 +110,10 @@ def _filled(row: Row, n_index: int, width: int) -> list[str]:
 def _without_directions(
     sheet: Sheet, header: int, levels: Sequence[Sequence[str]], n_index: int
 ) -> Sheet:
-    """Return a sheet without columns of equal directions, which become part of the other headers.
+    """Return a sheet in which directions of travel stand in headers instead of columns.
+
+    If all cells of a column hold the same direction, the column is removed. The direction is added
+    to the headers of all columns that have the same names in the levels above the lowest level.
 
     Parameters
     ----------
@@ -138,10 +146,10 @@ def _without_directions(
 
 
 def _with_columns(sheet: Sheet, header: int, names: Sequence[str], kept: Sequence[int]) -> Sheet:
-    """Return a sheet with some columns of its table.
+    """Return a sheet with some of the columns of its table.
 
     ``header`` is the index of the header among the rows, ``names`` are the headers of all columns,
-    and ``kept`` the indices of the columns to return.
+    and ``kept`` are the indices of the columns that remain.
     """
     rows = list(sheet.rows[:header])
     for row in [Row(sheet.rows[header].line, list(names)), *sheet.rows[header + 1 :]]:
@@ -157,7 +165,11 @@ def _with_columns(sheet: Sheet, header: int, names: Sequence[str], kept: Sequenc
 def _with_places(
     units: Mapping[tuple[int, int], str], kept: Sequence[int]
 ) -> dict[tuple[int, int], str]:
-    """Return units of cells for a table with the columns ``kept`` of another table."""
+    """Return the units of the cells in some columns of a table, as a table of these columns.
+
+    Each key holds the line number and the column index of a cell. ``kept`` are the indices of the
+    columns; in the result, columns are counted among these columns.
+    """
     return {
         (line, kept.index(column)): unit for (line, column), unit in units.items() if column in kept
     }

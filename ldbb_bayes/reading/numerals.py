@@ -75,7 +75,8 @@ _MISSING = (
     "missing",
     "fehlt",
 )
-# Number of cells of which it is kept what they are: several steps of an import look at a cell.
+# Largest number of cells for which it is stored whether they are numbers, because several steps of
+# an import ask for this again.
 KEPT_CELLS = 4096
 # Mark that may separate thousands (comma or point); the keys are the decimal marks.
 OTHER_MARK = {".": ",", ",": "."}

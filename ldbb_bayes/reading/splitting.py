@@ -905,10 +905,10 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
 
 
 def _are_written_once(labels: Sequence[str]) -> bool:
-    """Return whether each name stands in one row only, with empty cells in the rows below it.
+    """Return whether a column names each test only once, in the first row of the test.
 
-    The cells of such a column may have been merged. There must be several names, and enough rows
-    for as many tests.
+    All other cells must be empty, as they are if the cells of a test were merged. There must be
+    several names, and enough rows for this number of tests. ``labels`` are the cells of the column.
     """
     names = [label for label in labels if label]
     if len(set(names)) < max(2, len(names)) or len(labels) < _FEWEST_ROWS * len(names):
@@ -918,7 +918,7 @@ def _are_written_once(labels: Sequence[str]) -> bool:
 
 
 def _filled_downwards(labels: Sequence[str]) -> list[str]:
-    """Return the names of the tests of all rows; an empty cell has the name above it."""
+    """Return the name of the test for each row; an empty cell of the column gets the name above."""
     filled: list[str] = []
     for label in labels:
         filled.append(label or filled[-1])
