@@ -73,7 +73,7 @@ def _language_of(request: Request) -> str:
 
 
 async def _send_static(request: Request) -> Response:
-    """Return the JavaScript or the style sheet of the page."""
+    """Return the JavaScript or the style sheet of the browser page."""
     name = request.path_params["name"]
     if name not in _STATIC_FILES:
         return Response("There is nothing here.\n", 404, media_type="text/plain")
@@ -250,7 +250,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         )
 
         def end(signal_number: int, frame: FrameType | None) -> None:
-            """End the server when the process gets a signal; the arguments are Python's."""
+            """End the server because its process got a signal. Python passes both arguments."""
             server.should_exit = True
 
         if hasattr(signal, "SIGHUP"):  # the signal SIGHUP means that the terminal was closed

@@ -100,7 +100,8 @@ class _Phrase(NamedTuple):
 class Catalogue(NamedTuple):
     """Translations of English texts into one language."""
 
-    entries: Mapping[str, str]  #: The translations; the keys are English texts.
+    #: Translations of whole texts into one language; the keys are the English texts.
+    entries: Mapping[str, str]
     #: translations of English texts that have placeholders; texts with the most characters outside
     #: the placeholders come first
     phrases: tuple[_Phrase, ...]

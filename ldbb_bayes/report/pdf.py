@@ -252,12 +252,12 @@ class _FieldColumn:
 
     @property
     def text_left(self) -> float:
-        """Left edge of the texts of the form fields in this column [mm]."""
+        """Left edge of the texts of the form fields, in this column of a page [mm]."""
         return self.left + self.name_width
 
     @property
     def text_width(self) -> float:
-        """Width of the texts of the form fields in this column [mm]."""
+        """Width of the texts of the form fields, in this column of a page [mm]."""
         return 0.5 * (_WIDTH - self.gap) - self.name_width
 
     @property

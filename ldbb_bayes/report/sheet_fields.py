@@ -213,7 +213,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
 
 
 def _marked(text: str, is_stated: bool, words: Words) -> str:
-    """Return a string with a mark added: *stated* if ``is_stated`` is true, otherwise *assumed*."""
+    """Return the text of a value with a mark: *stated* if ``is_stated`` is true, else *assumed*."""
     mark = words("origins.assumed")
     if is_stated:
         mark = words("origins.stated")

@@ -49,7 +49,8 @@ _SURE = 0.95
 # The test certificate states only a lower limit of the stiffness 1 / C if the lower end of the
 # credible interval of the compliance C is below this fraction of the median of C.
 _HARDLY_POSITIVE = 0.2
-# axis letter of a rotation (A, B, C) replaced by the axis about which it turns (X, Y, Z)
+# Table for ``str.translate`` that replaces the letter of a rotation (A, B or C) by the letter of
+# the axis about which it turns (X, Y or Z).
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")
 _SHEET_1_KINDS = ("squareness",)
 
@@ -211,7 +212,7 @@ class SheetNumbers:
 
     @cached_property
     def _summaries(self) -> dict[str, Mapping[str, float]]:
-        """Mean, sd, median and credible interval of each parameter; the keys are their names."""
+        """Posterior mean, sd, median and credible interval of each parameter, by its name."""
         prob = self.findings.prob
         return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
 

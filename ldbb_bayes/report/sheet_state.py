@@ -16,7 +16,7 @@ from ldbb_bayes.report.translation import Words
 
 __all__ = ["banner", "undetermined_texts"]
 
-# largest number of reasons that the banner of the test certificate states for its conclusion
+# largest number of reasons for caution that the banner of the test certificate states
 _MOST_REASONS = 2
 # The banner of a report states whether the results can be used, and why. If a reason concerns at
 # most this many quantities, their names are written in words; otherwise their symbols are written.
@@ -27,8 +27,8 @@ _MOST_UNDETERMINED = 12
 # probability lies between these two limits, so that the change is neither excluded nor certain.
 _CHANGE_IS_EXCLUDED = 0.05
 _CHANGE_IS_CERTAIN = 0.95
-# The test certificate names the changes whose signs are uncertain only if the probability that
-# compliance changes with force is above this limit.
+# The test certificate names the changes of compliances with force whose signs are uncertain only if
+# the probability that compliance changes with force is above this limit.
 _CHANGE_IS_LIKELY = 0.5
 
 

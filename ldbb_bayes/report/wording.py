@@ -201,7 +201,7 @@ _STRENGTHS = (
 
 @cache
 def _environment() -> jinja2.Environment:
-    """Return the Jinja environment, with the filters and names that the templates use."""
+    """Return the Jinja environment for the templates of the sentences about results."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
     for function in (

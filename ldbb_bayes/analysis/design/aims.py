@@ -75,7 +75,8 @@ class UncertaintyAim:
     #: uncertainty of w·β. The denominator is the root mean square of the K standard uncertainties
     #: that w·β would have if the hyper-parameters were known to have one of K values.
     inflation: float
-    is_reached: bool  #: whether the circles run so far have already reached the aim
+    #: whether the circles run so far have already reached this aim of the campaign
+    is_reached: bool
 
     def sd(self, covariance: Array) -> Array:
         """Return the standard uncertainties of the combination w·β, shape (K, ...).
@@ -110,7 +111,8 @@ class SlopesAim:
     #: minimum absolute value of the log Bayes factor of linear over constant compliance [nat] at
     #: which one of the two models counts as the true one
     threshold: float
-    is_reached: bool  #: whether the circles run so far have already reached the aim
+    #: whether the circles run so far have already reached this aim of the campaign
+    is_reached: bool
 
     def distance(self, covariance: Array) -> Array:
         """Return the distances ln(t/Φ) from the aim, shape (...), averaged over hyper-parameters.

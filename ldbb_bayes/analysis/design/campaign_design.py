@@ -79,7 +79,9 @@ class Certificate(Result):
     certificate then proves only that no small change of the shares is an improvement.
     """
 
-    max_sensitivity: float  #: largest sensitivity of all candidate tests
+    #: largest sensitivity of all candidate tests: derivative of the design criterion with respect
+    #: to the share of a candidate
+    max_sensitivity: float
     bound: float  #: mean of the sensitivities of the candidate tests, weighted by the shares
     is_global: Annotated[bool, Field(alias="global")]
     holds: bool
@@ -117,11 +119,12 @@ class Limits(Result):
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
     shared: tuple[str, ...]
-    #: combinations of coefficients whose effects cancel in every reading. Each of them contains at
-    #: least one of the parameters in ``shared``.
+    #: combinations of coefficients of the model whose effects cancel in every reading. Each
+    #: combination contains at least one of the parameters in ``shared``, which more runs would
+    #: hardly improve.
     degeneracies: tuple[Degeneracy, ...]
-    #: for each item of ``degeneracies``, what would resolve the degeneracy: kinds of further tests,
-    #: or a calibration
+    #: for each combination of coefficients in ``degeneracies``, what would separate the
+    #: coefficients: kinds of further tests, or a calibration
     cures: tuple[tuple[Cure, ...], ...]
 
 
@@ -159,7 +162,8 @@ class Design(Forecast):
     """
 
     criterion: str  #: criterion that the design optimizes, such as ``eig``
-    #: names of the parameters of interest; all other parameters are nuisance parameters
+    #: names of the parameters of interest, for which the design is made; all other parameters are
+    #: nuisance parameters
     parameters: tuple[str, ...]
     #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
     #: count, the number of times to run the test
@@ -296,7 +300,7 @@ class Design(Forecast):
         return readable(frame.assign(baseline_sd=baseline_sd), "Expected sd")
 
     def __repr__(self) -> str:
-        """Return a short text with the number of tests, the efficiency and the criterion."""
+        """Return a short text with the design's number of tests, efficiency and criterion."""
         return (
             f"Design of {self.table['count'].sum()} tests, efficiency {self.efficiency:.3f} by"
             f" criterion {self.criterion}"
@@ -570,7 +574,7 @@ def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
 
 
 def _default_criterion(model: HybridModel) -> CriterionName:
-    """Return the name of the default criterion: ``eig``, or ``d`` if the priors are flat."""
+    """Return the name of the default design criterion: ``eig``, or ``d`` for flat priors."""
     # With flat priors, the information gain ``eig`` is infinite and cannot be optimized.
     return "d" if model.prior.flat else "eig"
 

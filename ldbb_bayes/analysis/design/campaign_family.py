@@ -47,18 +47,21 @@ class CampaignFamily:
     #: the candidate tests, with all forces, directions of travel, ball angles and radii that the
     #: campaigns of the family may have
     space: Space
-    offers: tuple[CertificateOffer, ...]  #: certificates that are bought for every campaign
+    #: calibration certificates that are bought for every campaign of the family
+    offers: tuple[CertificateOffer, ...]
     goals: Mapping[str, Goal]
-    states: States  #: possible values of the parameters and hyper-parameters before the campaign
+    #: possible states of the machine (values of parameters and hyper-parameters) before the
+    #: campaign
+    states: States
 
     @property
     def certificates_price(self) -> float:
-        """Price of the certificates of the family."""
+        """Price of the calibration certificates that every campaign of this family needs."""
         return sum(offer.price for offer in self.offers)
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model applied to all candidate tests, with the certificates of the family."""
+        """The model applied to all candidate tests, with the family's calibration certificates."""
         bound = bind_tests(
             self.space.model,
             self.space.pilot,

@@ -32,7 +32,7 @@ __all__ = [
     "shares_of_machines",
 ]
 
-# Largest number of circles of a campaign.
+# Largest number of circles of the campaigns among which the cheapest campaign is searched.
 _MOST_CIRCLES = 40
 # Number of circles of a trial campaign in each family. From the family's best campaign of this
 # size, the search estimates how many circles the family needs: it multiplies the number of circles
@@ -156,7 +156,7 @@ class _Progress:
     #: circles; u is the uncertainty of a goal's parameter in the full forecast, and v its
     #: uncertainty in the quick forecast. None before the first full forecast.
     inflation: float | None = None
-    forecasts: int = 0  #: number of campaigns for which a full forecast was made
+    forecasts: int = 0  #: number of campaigns of the family for which a full forecast was made
     #: number of circles of the largest campaign whose full forecast missed the goals
     last_failed: int = 0
     #: whether the search has already estimated the number of circles that the goals need

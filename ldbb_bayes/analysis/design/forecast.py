@@ -117,7 +117,7 @@ class Forecast(Result):
 
     @property
     def determined(self) -> bool:
-        """Whether the tests determine every parameter; always true with proper priors."""
+        """Whether the planned tests determine every parameter; always true with proper priors."""
         return all(np.isfinite(entry.sd) for entry in self.expected.values())
 
 
@@ -130,7 +130,9 @@ class Slopes:
 
     #: names of the slopes about which evidence is forecast, such as ``C_XXX_1``
     names: tuple[str, ...]
-    size: float = 1.0  #: root mean square of the slopes if they exist, in prior standard deviations
+    #: root mean square of the slopes (changes of compliance with force) if they exist, in prior
+    #: standard deviations
+    size: float = 1.0
 
 
 @one_blas_thread
@@ -180,8 +182,8 @@ def forecast_plan(
 class StatedByMachines:
     """Standard uncertainties that analyses of planned tests would state for n possible machines."""
 
-    names: tuple[str, ...]  #: names of the p parameters
-    beta: Array  #: parameters of the n machines, shape (n, p), in mm, N and rad
+    names: tuple[str, ...]  #: names of the p parameters of the model
+    beta: Array  #: parameters of the n possible machines, shape (n, p), in mm, N and rad
     #: standard uncertainties of the p parameters that the analysis would state on each of the n
     #: machines, shape (n, p), in mm, N and rad
     u: Array
@@ -329,7 +331,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return the forecast if the tests do not determine all parameters: infinite uncertainties."""
+    """Return a forecast with infinite uncertainties, for tests that determine too little."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(

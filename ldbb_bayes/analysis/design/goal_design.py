@@ -113,7 +113,7 @@ class GoalPlan(Result):
     minutes: float  #: machine time of the campaign [min]
     #: price of the campaign's machine time and certificates, in the unit of money of `Costs`
     price: float
-    probability: float  #: share of the possible machines on which all goals are met
+    probability: float  #: share of the possible machines on which the campaign meets all goals
     #: forecasts for the goals that the campaign is to reach; the keys are the parameters
     goals: dict[str, GoalForecast]
     #: expected uncertainty of every parameter after the campaign, by name

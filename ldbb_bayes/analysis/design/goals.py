@@ -45,8 +45,8 @@ class Goal(Result):
     3e-06
     """
 
-    name: str  #: name of the parameter, such as C_XXX
-    unit: str  #: unit of the parameter, composed of mm, N and rad, such as mm/N
+    name: str  #: name of the parameter whose uncertainty the goal limits, such as C_XXX
+    unit: str  #: unit of the goal's parameter, composed of mm, N and rad, such as mm/N
     #: largest expanded uncertainty U that the goal permits, in ``unit``; None for a goal in percent
     absolute: float | None = None
     #: largest expanded uncertainty U that the goal permits, as a fraction of the parameter's
@@ -55,7 +55,7 @@ class Goal(Result):
 
     @property
     def is_relative(self) -> bool:
-        """Whether the goal limits U to a fraction of the parameter's value."""
+        """Whether the goal limits the uncertainty U to a fraction of its parameter's value."""
         return self.share is not None
 
     def limit_U(self, value: ArrayLike) -> Array:

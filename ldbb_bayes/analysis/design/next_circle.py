@@ -80,7 +80,8 @@ class ModelSoFar(Result):
     #: log Bayes factor of linear over constant compliance [nat], averaged over alternative
     #: explanations of an apparent change of compliance with force
     log_bayes_factor: float
-    log_bayes_factor_error: float  #: numerical error of ``log_bayes_factor`` [nat]
+    #: numerical error of the log Bayes factor of linear over constant compliance [nat]
+    log_bayes_factor_error: float
     #: posterior probability that compliance is linear in force, not constant
     probability_linear: float
     #: whether one of the two models, constant or linear compliance, is probable enough for a
@@ -116,19 +117,20 @@ class NextCircle(Result):
     True
     """
 
-    circles: int  #: number of circles run so far
+    circles: int  #: number of circles of the campaign that have been run so far
     confidence: float  #: minimum probability at which an aim of the campaign counts as reached
     #: uncertainty of each parameter that has a goal, compared with the goal; the keys are the names
     #: of the parameters
     goals: dict[str, GoalSoFar]
-    goals_probability: float  #: probability that all goals are already met; 1 if there are none
+    #: probability that all goals for uncertainties are already met; 1 if there are none
+    goals_probability: float
     #: decision between constant and linear compliance; None for a model without slopes
     model: ModelSoFar | None
     model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
     #: decisions whether quantities conform with their tolerances; the keys are the names of the
     #: quantities
     tolerances: dict[str, ToleranceSoFar]
-    finished: bool  #: whether every aim is reached; the campaign may then stop
+    finished: bool  #: whether every aim of the campaign is reached; the campaign may then stop
     #: number of further circles after which every aim is expected to be reached; None if 20 circles
     #: are not enough
     more_circles: int | None
@@ -453,7 +455,8 @@ class _ModelOdds:
     columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
     error: float  # numerical error of the log Bayes factor of linear over constant compliance [nat]
-    # minimum absolute value of the log Bayes factor that decides between the models [nat]
+    # minimum absolute value of the log Bayes factor at which it decides between linear and constant
+    # compliance [nat]
     threshold: float
 
     @classmethod

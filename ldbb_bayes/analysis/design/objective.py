@@ -50,7 +50,8 @@ class Objective(Shown):
     #: number s of parameters of interest, which are the last s of the p parameters; all other
     #: parameters are nuisance parameters
     interest: int
-    criterion: Criterion  #: figure of merit: a `Determinant`, `Variance` or `LogBayesFactor`
+    #: design criterion (figure of merit): a `Determinant`, `Variance` or `LogBayesFactor`
+    criterion: Criterion
 
     @property
     def candidates(self) -> int:

@@ -209,8 +209,9 @@ def _typical_limits(family: CampaignFamily) -> dict[str, float]:
 class _LargestSource:
     """The source with the largest share of the variance of a parameter after very many circles."""
 
-    name: str  #: class name of the model term, or name of the parameter, that is the source
-    share: float  #: share of the variance of the parameter that is due to the source
+    name: str  #: source of variance: class name of a model term, or name of a parameter
+    #: share of the variance of a goal's parameter that this source causes after very many circles
+    share: float
 
 
 def _largest_remaining_sources(family: CampaignFamily) -> dict[str, _LargestSource]:

@@ -131,7 +131,7 @@ class Space:
         )
 
     def _check_interest(self) -> None:
-        """Raise an `InputError` if the criterion cannot be applied to the parameters or prior."""
+        """Raise an `InputError` if the design criterion does not suit the parameters or priors."""
         groups = {p.group for p in self.bound.parameters if p.name in self.chosen}
         number = len(self.chosen)
         if self.criterion == "c":

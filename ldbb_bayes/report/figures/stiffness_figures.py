@@ -45,8 +45,8 @@ _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
 # Width and height of a compact figure of the compliance by direction in one plane [inch]. A sheet
 # of the test certificate shows this figure beside another figure.
 _COMPACT_SIZE = (3.4, 3.7)
-# Relative widths of two panels: the polar plot, and the plot of the same curves against the angle
-# to the right of it.
+# Relative widths of two panels that show the compliance by direction: the polar plot, and to the
+# right of it the same curves against the angle.
 _WIDTHS = (1.0, 1.7)
 _RINGS = 4  # largest number of grid circles in a polar panel
 _TICKS_DEG = np.arange(0, 361, 45)
