@@ -419,10 +419,11 @@ class Gaussian(Shown):
         rng: np.random.Generator,
         size: tuple[int, ...] = (),
     ) -> Array:
-        """Return independent random draws of the q coefficients, shape ``(*size, ..., q)``.
+        """Return random draws from Gaussian functions of q coefficients, shape ``(*size, ..., q)``.
 
         ``size`` is the shape of the array of draws from each Gaussian function; by default, there
-        is one draw from each. The dimensions "..." hold the Gaussian functions.
+        is one draw from each. The dimensions "..." hold the Gaussian functions. The draws are
+        independent.
         """
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 

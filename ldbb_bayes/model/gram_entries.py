@@ -120,7 +120,7 @@ class GramEntries:
         values: Array,
         kinds: NDArray[np.intp],
     ) -> None:
-        """Compute the scalar products of the columns of a design matrix and with the readings.
+        """Compute scalar products of the columns of a design matrix, also with the readings.
 
         ``columns``, shape (rows, columns), is the design matrix, and ``values``, shape (rows,),
         holds the readings. The list of all products is divided into ``blocks``. ``place``, shape

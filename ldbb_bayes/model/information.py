@@ -199,7 +199,10 @@ class Information:
 
     @cached_property
     def _root(self) -> Array:
-        """Square root of the posterior precision matrix of all m coefficients, shape (m, m)."""
+        """Square root of the posterior precision matrix of all m coefficients, shape (m, m).
+
+        The coefficients are the parameters of interest and the nuisance coefficients of a model.
+        """
         return self._root_of(self._all_rows, np.arange(len(self.names)))
 
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:

@@ -40,16 +40,19 @@ class Parameter:
     """Parameter of interest: a compliance, its change with force (slope), or a geometric error."""
 
     name: str
-    unit: str  #: internal unit of the parameter, made of mm, N and rad, such as mm/N
-    #: standard deviation of the parameter's prior, in internal units (mm, N, rad); infinite if the
-    #: prior is flat
+    #: unit of a parameter of interest in all computations (internal unit), made of mm, N and rad;
+    #: for a compliance such as C_XXX, it is mm/N
+    unit: str
+    #: standard deviation of the prior of a parameter of interest, in internal units (mm, N, rad);
+    #: infinite if the prior is flat
     prior_sd: float
     group: Group
     #: exponent k of the factor (F − F0)^k by which a slope (change of a compliance with force) is
     #: multiplied; F is the force and F0 the reference force. The exponent is 0 for compliances and
     #: geometric errors
     degree: int = 0
-    #: mean of the parameter's prior, in internal units (mm, N, rad); zero if the prior is flat
+    #: mean of the prior of a parameter of interest, in internal units (mm, N, rad); zero if the
+    #: prior is flat
     prior_mean: float = 0.0
 
     @property

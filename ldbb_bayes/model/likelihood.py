@@ -66,7 +66,7 @@ class _InterestRows(NamedTuple):
     transposed_columns: Array | csr_array
     #: Design matrix H of the p parameters of interest in k observation equations, shape (k, p).
     interest: Array
-    values: Array  #: Readings z in k observation equations, shape (k,).
+    values: Array  #: Readings z on the left-hand side of k observation equations, shape (k,).
     #: Index of the kind of each of k observation equations, shape (k,). Equations of one kind have
     #: the same variance.
     kinds: NDArray[np.intp]

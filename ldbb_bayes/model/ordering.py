@@ -86,9 +86,10 @@ class _Node(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of columns that one step of a factorisation eliminates, and that it changes.
+        """Number of columns that one step eliminates, and number of columns that it changes.
 
-        The columns are those of a sparse matrix. The columns that change are eliminated later.
+        The step belongs to the factorisation of a sparse matrix. The columns that change are
+        eliminated in later steps.
         """
         return self.columns.bit_count(), self.border.bit_count()
 
@@ -259,11 +260,11 @@ def _merge(single: list[_Node]) -> list[_Node]:
 def _cost(shape: tuple[int, int], copies: int) -> float:
     """Return the time to eliminate a set of columns, in units of the time of one multiplication.
 
-    ``shape`` holds the number of columns of the set, and the number of later columns that they
-    change. ``copies`` is the number of sets with this shape, which are eliminated by the same
-    function calls. The multiplications are done for each set. The function calls are made only once
-    for all copies, and the later columns are updated only once. The time of the calls and of the
-    updates is therefore divided by ``copies``.
+    The columns are those of a sparse matrix. ``shape`` holds the number of columns of the set, and
+    the number of later columns that they change. ``copies`` is the number of sets with this shape,
+    which are eliminated by the same function calls. The multiplications are done for each set. The
+    function calls are made only once for all copies, and the later columns are updated only once.
+    The time of the calls and of the updates is therefore divided by ``copies``.
     """
     columns = shape[0]
     border = shape[1]

@@ -261,7 +261,8 @@ class Prior(Shown):
     #: higher orders, are proportional to n^(−p), where the order n is the number of waves around
     #: the circle. The prior is Gaussian, truncated to [0.5, 3.5].
     decay: float = 2.0
-    #: prior sd of the decay p (see ``decay``) before truncation to [0.5, 3.5]
+    #: prior sd, before truncation to [0.5, 3.5], of the decay p: the exponent with which form
+    #: errors decrease with their order
     decay_sd: float = 0.7
     #: whether the prior sd of a slope (change of a compliance with force) depends on the estimate
     #: of its compliance. If true, the typical magnitude c in the formula of ``slope_scale`` is

@@ -80,10 +80,10 @@ class Reduced:
     #: angles, shape (m, 25) with m = min(n, 25). It converts Fourier coefficients into reduced
     #: readings, the at most 25 numbers that replace the readings of the test.
     factor: Array
-    #: Sum of squares of the part of the test's readings that the Fourier functions to order 12
-    #: cannot describe [mm²].
+    #: Sum of squares of the part of a test's readings that the Fourier functions to order 12 (1,
+    #: cos θ, sin θ, …, sin 12θ) cannot describe [mm²].
     residual_ss: float
-    #: Number n of readings of the test.
+    #: Number n of readings of one test, before they are reduced to at most 25 numbers.
     readings: int
 
     @cached_property

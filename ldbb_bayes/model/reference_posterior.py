@@ -68,7 +68,8 @@ class _StackedReadings(NamedTuple):
     #: Matrices that convert the 25 Fourier coefficients of a test into the m numbers to which its
     #: readings are reduced, shape (tests, m, 25).
     factors: Array
-    readings: Array  #: readings, reduced to m numbers for each test [mm], shape (tests, m, 1)
+    #: readings of all tests, reduced to m numbers for each test [mm], shape (tests, m, 1)
+    readings: Array
 
 
 @dataclass(frozen=True, eq=False)

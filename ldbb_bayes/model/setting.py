@@ -121,7 +121,7 @@ class Setting:
     #: reference force F0 [N], at which compliances are stated. Slopes (changes of compliances with
     #: force) are multiplied by powers of F − F0, where F is the force of a test
     reference_force_N: float
-    force_range_N: float  #: largest minus smallest force of the campaign [N]
+    force_range_N: float  #: largest minus smallest bar force of the campaign [N]
     #: whether the form errors of work ball and tool ball are modelled separately; otherwise only
     #: the sum of both form errors is modelled
     two_balls: bool
@@ -133,7 +133,7 @@ class Setting:
     setups: tuple[int, ...]  #: numbers of the campaign's set-ups, such as 1 and 2
     planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
-    largest_force_N: float  #: largest force of the whole campaign [N]
+    largest_force_N: float  #: largest bar force of the whole campaign [N]
     #: name of the hyper-parameter λ that is the noise factor of each test's circle, shape (tests,);
     #: empty string if circles have no noise factors
     circle: Array
@@ -160,7 +160,7 @@ class Setting:
 
     @property
     def tests(self) -> int:
-        """Number of tests that this object describes."""
+        """Number of tests whose conditions are described."""
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:

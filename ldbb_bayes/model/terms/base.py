@@ -50,11 +50,12 @@ class Unit(NamedTuple):
     'µm/bar'
     """
 
-    inside: str  #: internal unit of a coefficient, made of mm, N and rad
+    #: unit of a nuisance coefficient in all computations (internal unit), made of mm, N and rad
+    inside: str
     #: unit in which reports display a coefficient, expressed in internal units (mm, N, rad): 1e-3
     #: for µm, for example, because 1 µm is 1e-3 mm
     one: float
-    label: str  #: name of the unit in which reports display a coefficient, such as µm
+    label: str  #: name of the unit in which reports display a nuisance coefficient, such as µm
 
 
 @dataclass(frozen=True)

@@ -59,16 +59,16 @@ class Scale(NamedTuple):
     #: name of a hyper-parameter, such as sigma; if it is a length, its name in results ends with
     #: ``_um``
     name: Hyper
-    #: number that defines the hyper-parameter's prior, or the name of the field of `Prior` that
+    #: number that defines the prior of a hyper-parameter, or the name of the field of `Prior` that
     #: holds this number. For a half-normal prior, it is the scale of the prior [µm]; for the
     #: exponent p (``law`` is ``decay``), it is the prior mean. It is not used if ``law`` is
     #: ``circle``
     prior_um: float | str
-    symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
-    words: str = ""  #: description of the hyper-parameter in reports, such as white noise
-    #: kind of prior of the hyper-parameter: ``half-normal`` for a length, ``decay`` for the
-    #: exponent p (the prior sd of a form error of order n is proportional to n^(−p)), or ``circle``
-    #: for the noise factor λ of one circle
+    symbol: str = ""  #: symbol of a hyper-parameter in reports, such as σ
+    words: str = ""  #: description of a hyper-parameter in reports, such as white noise for σ
+    #: kind of prior of a hyper-parameter: ``half-normal`` for a length, ``decay`` for the exponent
+    #: p (the prior sd of a form error of order n is proportional to n^(−p)), or ``circle`` for the
+    #: noise factor λ of one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
