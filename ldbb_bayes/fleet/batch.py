@@ -309,10 +309,10 @@ def _fit_campaigns(
     """Fit the campaigns of a batch that have no row yet, and return the number of these campaigns.
 
     Each row is saved in the ``journal``, a database in the folder of the batch, as soon as it is
-    computed. If ``retry`` is true, campaigns that failed in an earlier run are fitted again.
-    ``executor`` runs the fits; if ``executor`` is None, the fits run in this process. ``progress``
-    is called with three arguments: the number of finished campaigns, the number of all campaigns
-    and the number of failed campaigns.
+    computed. ``settings`` are the settings of every fit. If ``retry`` is true, campaigns that
+    failed in an earlier run are fitted again. ``executor`` runs the fits; if ``executor`` is None,
+    the fits run in this process. ``progress`` is called with three arguments: the number of
+    finished campaigns, the number of all campaigns and the number of failed campaigns.
     """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
@@ -337,10 +337,11 @@ def _fit_campaigns(
 
 
 def _row_of_result(settings: Settings, job: Job, result: dict[str, Any] | Lost) -> dict[str, Any]:
-    """Return the row of a campaign, given the result of its job.
+    """Return the row of a campaign in the table of a batch, given the result of its fit.
 
-    The result is the row itself, or `Lost` if the worker process died twice. In the second case,
-    the row states that the campaign could not be fitted.
+    ``result`` is the row itself, or `Lost` if the worker process died twice. In the second case,
+    the row states that the campaign could not be fitted. ``job`` is the campaign, and ``settings``
+    are the settings of the fit.
     """
     if isinstance(result, Lost):
         return failed_row(settings, job, result.reason)

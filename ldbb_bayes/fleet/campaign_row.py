@@ -136,8 +136,9 @@ def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
 def _read_campaign(settings: Settings, path: str) -> Campaign:
     """Read a campaign, and apply the settings of the batch that replace what its files state.
 
-    The settings state certified properties of the instrument, tolerances and, for a tidy CSV file,
-    also the fields of `Campaign` that such a file cannot state.
+    ``path`` is the file path of the campaign. The settings state certified properties of the
+    instrument, tolerances and, for a tidy CSV file, also the fields of `Campaign` that such a file
+    cannot state.
     """
     is_table = not os.path.isdir(path) and not path.lower().endswith(".toml")
     fields = settings.table if is_table else {}
@@ -148,8 +149,8 @@ def _read_campaign(settings: Settings, path: str) -> Campaign:
 def _reason(error: Exception, job: Job) -> str:
     """Return one line of text that states why a campaign could not be fitted.
 
-    ``error`` is the error that the fit raised. The text names the file path of the campaign as the
-    user wrote it.
+    ``error`` is the error that the fit raised, and ``job`` is the campaign. The text names the file
+    path of the campaign as the user wrote it.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -167,6 +168,7 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
     """Return the values in a campaign's row that state its path, and how the campaign is fitted.
 
     The row belongs to the table of a batch. The keys of the result are the names of the columns.
+    ``job`` is the campaign, and ``settings`` are the settings of the fit.
     """
     return {
         "campaign": job.path,
@@ -201,6 +203,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     row may hold further quantities: the Bayes factor of linear over constant compliance, the
     sufficient statistics, the stiffness by direction and the conformity with tolerances. If one of
     these further quantities cannot be computed, a warning in the row names this quantity.
+    ``settings`` are the settings of the fit.
     """
     density = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
@@ -280,15 +283,15 @@ def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
 
 
 def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
-    """Return a dictionary with the stiffness by direction at the reference force.
+    """Return the stiffness by direction of a machine, from the fit of one campaign.
 
-    The dictionary has one entry, ``stiffness``. This entry is a dictionary whose keys are the names
-    of quantities: stiffnesses, their ratios and directions, and differences of compliances. The
-    values hold the unit, mean, sd, median and credible interval of each quantity. If the readings
-    do not determine a quantity, these values are None, with one exception: the lower end of the
-    credible interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit. If the
-    reference force is zero, an empty dictionary is returned. ``prob`` is the probability of the
-    credible intervals.
+    The stiffness is computed at the reference force. The result is a dictionary with one entry,
+    ``stiffness``. This entry is a dictionary whose keys are the names of quantities: stiffnesses,
+    their ratios and directions, and differences of compliances. The values hold the unit, mean, sd,
+    median and credible interval of each quantity. If the readings do not determine a quantity,
+    these values are None, with one exception: the lower end of the credible interval of a
+    stiffness, or of a ratio of stiffnesses, is kept as a lower limit. If the reference force is
+    zero, an empty dictionary is returned. ``prob`` is the probability of the credible intervals.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:
@@ -324,8 +327,8 @@ def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
 def _conformity_columns(fitted: FittedModel) -> dict[str, Any]:
     """Return the decision on conformity for each quantity with a tolerance.
 
-    The result is a dictionary with the single entry ``conformity``, whose keys are the names of the
-    quantities.
+    ``fitted`` is the fit of one campaign. The result is a dictionary with the single entry
+    ``conformity``, whose keys are the names of the quantities.
     """
     decisions = {
         name: decision.as_dict() for name, decision in assess_conformity(fitted.tree()).items()

@@ -130,7 +130,8 @@ def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
 def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
     """Draw the panel of one parameter: its estimates, control limits and probable changes.
 
-    ``name`` is the name of the parameter.
+    ``axes`` is the panel of the control chart, ``trend`` the trend of the machine, and ``name`` the
+    name of the parameter.
     """
     rows = trend.estimates[trend.estimates["parameter"] == name]
     factor, label = axis_label(name, str(rows["unit"].iloc[0]))
@@ -157,6 +158,7 @@ def _draw_limits(axes: Axes, data: _PanelData) -> None:
     """Shade the range between the control limits in a panel of a control chart.
 
     The first campaign has no control limits, because the limits follow from earlier campaigns.
+    ``axes`` is the panel, and ``data`` holds the values of its parameter.
     """
     steps = [np.append(limit, limit[-1]) for limit in data.limits]
     label = f"limits from those before, {100 * LIMITS:g} %"
@@ -169,8 +171,9 @@ def _draw_points(
     """Draw a parameter's estimates from some campaigns, with their credible intervals as bars.
 
     The estimates are drawn into ``axes``, a panel of a control chart. ``chosen`` is a mask of the n
-    campaigns, shape (n,), that is true for the estimates to draw. ``label`` is the text for these
-    points in the legend.
+    campaigns, shape (n,), that is true for the estimates to draw. ``data`` holds the values of all
+    campaigns. ``colour`` and ``marker`` are those of the points; ``label`` is their text in the
+    legend.
     """
     if chosen.any():
         error = np.abs(data.interval - data.estimate)

@@ -225,8 +225,9 @@ def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
 def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> float:
     """Return the force [N] for which the compliances are given.
 
-    By default, it is the median of the reference forces in ``rows``. Raise an `InputError` if the
-    user gives a force that is negative or not finite.
+    The force is ``reference_force_N``, which the user gives. If it is None, the force is the median
+    of the reference forces in ``rows``, the rows of a batch's table. Raise an `InputError` for a
+    force that is negative or not finite.
     """
     if reference_force_N is None:
         reference_force_N = np.median(rows["reference_force_N"])
@@ -371,7 +372,10 @@ def _divide_out_prior(
 
 
 def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
-    """Return the covariance matrix (q, q) of q quantities, given its lower triangle row by row."""
+    """Return the covariance matrix of q quantities, shape (q, q), from its lower triangle.
+
+    ``lower_triangle`` lists the elements of the lower triangle row by row.
+    """
     covariance = np.zeros((q, q))
     covariance[np.tril_indices(q)] = lower_triangle
     covariance += np.tril(covariance, -1).T

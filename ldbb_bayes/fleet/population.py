@@ -243,7 +243,10 @@ class Population(Result):
         return tuple(ranked(flagged, self._largest_z))
 
     def _largest_z(self, name: str) -> float:
-        """Return the largest absolute deviation (attribute ``z``) of a machine's parameters."""
+        """Return the largest absolute deviation of a machine's parameters from their predictions.
+
+        The deviations are the attribute ``z`` of the machine with the given name.
+        """
         return max(abs(z) for z in self.machine[name].z.values())
 
     def as_dict(self) -> dict[str, Any]:

@@ -181,6 +181,7 @@ def _add_caveat(
 
     A caveat is a limitation of an analysis, which reports describe to the user. ``rows`` are the
     rows of the campaigns in the table of a batch. If there are no rows, no caveat is added.
+    ``kind`` and ``text`` are the kind and the text of the caveat.
     """
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))

@@ -256,7 +256,10 @@ def elastic_draws_with(
 
 
 def _joint_load_of(bound: BoundModel) -> JointLoad | None:
-    """Return the model's term for joints that deflect under their own load, or None without it."""
+    """Return the term of a model for joints that deflect under their own load.
+
+    The result is None if the model has no such term. ``bound`` is the model of a campaign.
+    """
     for term in bound.model.nuisances:
         if isinstance(term, JointLoad):
             return term

@@ -134,9 +134,10 @@ def _best_of_rounds(
     seed: int,
     max_points: int,
 ) -> Integral:
-    """Return the earliest round that reaches the tolerance, or the best round if none does.
+    """Return the earliest round of sampling that reaches the tolerance, or else the best round.
 
-    The best round is the round with the smallest error. A round with weights that cannot be trusted
+    In a round, points are drawn and weighted to compute the integral of a density, whose logarithm
+    is ``log_density``. The best round is the round with the smallest error. A round with weights that cannot be trusted
     is returned only if no round has weights that can be trusted. The first round only serves to fit
     the proposal, which is the density from which points are drawn, and is never returned. The
     arguments are the same as in `importance_sample`.

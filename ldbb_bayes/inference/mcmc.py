@@ -324,7 +324,8 @@ class _Ensemble:
 
         ``start``, shape (walkers, d), holds the starting points. ``log_density`` returns the log
         density at n points, shape (n,), from an array of shape (n, d). ``redraw`` is the source of
-        independent points to which walkers may jump, or None.
+        independent points to which walkers may jump, or None. ``seed`` is the seed of the random
+        numbers.
         """
         walkers, dimensions = start.shape
         self._sampler = emcee.EnsembleSampler(

@@ -357,7 +357,7 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
 
 
 def _fields(source: Campaign | CircularTest, *excluded: str) -> dict[str, Any]:
-    """Return the fields of a dataclass object in a dict, except those named in ``excluded``."""
+    """Return the fields of a campaign or test in a dict, except those named in ``excluded``."""
     names = [field.name for field in fields(source) if field.name not in excluded]
     return {name: getattr(source, name) for name in names}
 
