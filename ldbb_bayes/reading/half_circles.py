@@ -68,18 +68,25 @@ class MeasuredArc:
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
     """Return the arcs of a campaign, with the two half circles of a test joined into one arc.
 
-    In the returned list, the joined arc takes the place of its first half.
+    In the returned list, the joined arc takes the place of its first half. It bears the name of its
+    first half if its own name would be that of another arc, too.
     """
     remaining = list(arcs)
     joined = []
+    names_of_first_halves = []
     while remaining:
         arc = remaining.pop(0)
+        names_of_first_halves.append(arc.fields["name"])
         for k, other in enumerate(remaining):
             if _are_halves_of_one_test(arc, other):
                 del remaining[k]
                 arc = _joined_arc(arc, other)
                 break
         joined.append(arc)
+    names = [arc.fields["name"] for arc in joined]
+    for k, name in enumerate(names_of_first_halves):
+        if names.count(names[k]) > 1:
+            joined[k] = replace(joined[k], fields=joined[k].fields | {"name": name})
     return joined
 
 
