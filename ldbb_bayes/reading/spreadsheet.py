@@ -26,6 +26,7 @@ from ldbb_bayes.reading.labview import is_labview, rows_of_labview
 from ldbb_bayes.reading.loads_between import with_loads_between
 from ldbb_bayes.reading.matlab_display import displays_of_matlab, is_matlab_display
 from ldbb_bayes.reading.octave import is_octave, sheets_of_octave
+from ldbb_bayes.reading.page_marks import without_page_marks
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
@@ -106,10 +107,12 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
 
     ``separator`` is the character between the cells, and ``encoding`` is the encoding of the file.
     """
+    n_removed = 0
     if is_labview(text):
         separator = "\t" if "\t" in text else ","
         rows = rows_of_labview(rows_of_text(path, text, separator))
     else:
+        text, n_removed = without_page_marks(text, separator)
         rows = rows_of_text(path, text, separator)
     if is_matlab_display(text):
         displays = displays_of_matlab(Sheet(path, "", rows, encoding, separator), text)
@@ -117,7 +120,8 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
     if separator == " ":
         lines = text.split("\n")
         rows = with_aligned_units(with_aligned_headers(rows, lines), lines)
-    return _tables_below_each_other(Sheet(path, "", rows, encoding, separator))
+    sheet = Sheet(path, "", rows, encoding, separator, n_headers=n_removed)
+    return _tables_below_each_other(sheet)
 
 
 def _tables_below_each_other(sheet: Sheet) -> list[Sheet]:

@@ -84,6 +84,8 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
             tables.append([*lines_of_first, *lines, sheet.rows[next_header]])
             lines_above_table = lines_between
         first_row = next_header + 1
+        if not (lines or begins_anew):
+            first_row = _row_below_units(sheet.rows, header, next_header)
     tables[-1] += sheet.rows[first_row:]
     if len(tables) == 1:
         return [replace(sheet, rows=tables[0], n_headers=len(headers))]
@@ -170,14 +172,30 @@ def _describes_columns(cells: Sequence[str]) -> bool:
     return is_load and all(load_in_name([cell]) is not None for cell in cells[1:])
 
 
+def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int:
+    """Return the index of the row below a repeated header, and below its repeated units and rules.
+
+    These rows are equal to the rows below the first header. ``first_header`` and ``header`` are the
+    indices of the two headers among the rows.
+    """
+    n_repeated = 1
+    while first_header + n_repeated < header and header + n_repeated < len(rows):
+        cells = rows[header + n_repeated].cells
+        if cells != rows[first_header + n_repeated].cells or count_numbers(cells):
+            break
+        n_repeated += 1
+    return header + n_repeated
+
+
 def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
     """Return whether the rows below two headers begin with the same cell, such as 0°.
 
-    ``first_header`` and ``header`` are the indices of the two headers among the rows.
+    Rows of units below both headers are passed over. ``first_header`` and ``header`` are the
+    indices of the two headers among the rows.
     """
-    first_cells = []
-    for header_row in (first_header, header):
-        first_cells += [row.cells[:1] for row in rows[header_row + 1 : header_row + 2]]
+    below = _row_below_units(rows, first_header, header)
+    below_first = first_header + below - header
+    first_cells = [row.cells[:1] for row in (*rows[below_first:][:1], *rows[below:][:1])]
     return len(first_cells) == 2 and first_cells[0] == first_cells[1]
 
 

@@ -23,6 +23,8 @@ def printout_cases() -> dict[str, FieldCase]:
         **test_column_cases(),
         **index_cases(),
         **stored_number_cases(),
+        **page_cases(),
+        **half_cases(),
     }
 
 
@@ -239,6 +241,57 @@ def stored_number_cases() -> dict[str, FieldCase]:
         circles=circles,
     )
     return {"stored_numbers": case}
+
+
+def page_cases() -> dict[str, FieldCase]:
+    """Return printouts with a head on each page."""
+    names = "   Angle     Deviation\n     deg            um"
+    heads = (
+        "Page {p} of 3   Angle [deg]   Deviation [um]",
+        f"Lab 7    Page {{p}} of 3    Machine 12\n{names}",
+        "Page {p} of 3 printed 2026-01-02 12:0{p} by Meier",
+    )
+    cases = {}
+    for number, head in enumerate(heads):
+        files = {}
+        for circle in field.TRUTH:
+            lines = [names] if number == 2 else []
+            for k, (angle, reading) in enumerate(
+                zip(circle.angle_deg, circle.reading_um, strict=True)
+            ):
+                if k % 24 == 0 and (k or number != 2):
+                    lines.append(head.format(p=k // 24 + 1))
+                lines.append(f"{angle:8g}    {reading:10.3f}")
+            files[f"{circle.force_N:g}N.txt"] = "\n".join([*lines, ""]).encode()
+        cases[f"head_of_page_{number}"] = FieldCase(
+            "heads of pages", f"{head!r} on each page", files, told="the table is read whole"
+        )
+    return cases
+
+
+def half_cases() -> dict[str, FieldCase]:
+    """Return one file with all circles, each in two half tables."""
+    circles = []
+    lines = []
+    for circle in field.TRUTH:
+        first = np.append(np.arange(len(circle.angle_deg) // 2), len(circle.angle_deg) // 2)
+        second = np.arange(len(circle.angle_deg) // 2, len(circle.angle_deg))
+        for number, rows in enumerate((first, second), start=1):
+            lines += [f"Force {circle.force_N:g} N, part {number}", "Angle [deg];Reading [um]"]
+            for k in rows:
+                lines.append(";".join(str(cell) for cell in field.plain(circle, int(k))))
+        rows = np.concatenate([first, second])
+        circles.append(
+            replace(circle, angle_deg=circle.angle_deg[rows], reading_um=circle.reading_um[rows])
+        )
+    case = FieldCase(
+        "half circles",
+        "all circles in one file, each in two tables",
+        {"all.csv": "\n".join([*lines, ""]).encode()},
+        circles=tuple(circles),
+        told="are one test",
+    )
+    return {"half_tables": case}
 
 
 def dotted_cases() -> dict[str, FieldCase]:

@@ -1,0 +1,108 @@
+"""Headers of printed pages between the rows of a text, such as ``Lab 3   Page 2 of 3``."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from ldbb_bayes.reading.cell_units import number_in_cell
+from ldbb_bayes.reading.column_roles import names_any_role, names_columns
+from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.names import load_in_name
+from ldbb_bayes.reading.travel_direction import directions_stated
+from ldbb_bayes.reading.words import LONGEST_TEXT
+
+__all__ = ["TextOfPages", "without_page_marks"]
+
+# Regular expression for the number of a page, such as "Page 2 of 3" or "- Seite 2 -".
+_PAGE_MARK = re.compile(
+    r"(?<![^\s;,|])(?:[-–—|(\[]+\s*)?(?:page|seite|blatt|feuille|pagina|página|strana|strona|стр\.?)"
+    r"\s*:?\s*\d+(?:\s*(?:of|von|de|di|sur|z|из|/)\s*\d+)?(?:\s*[-–—|)\]]+)?(?![^\s;,|])",
+    re.IGNORECASE,
+)
+
+
+class TextOfPages(NamedTuple):
+    """Text of several printed pages, without the headers of these pages."""
+
+    text: str
+    n_removed: int  #: number of lines between the rows of numbers that were removed
+
+
+def without_page_marks(text: str, separator: str) -> TextOfPages:
+    """Return a text without the numbers of its pages; all other lines keep their numbers.
+
+    Between the rows of numbers, the whole line with the number of a page is removed, unless it
+    names columns or states a value, such as a force. Next to such a line, lines are removed that
+    stand in the text before, too, such as a title. If another character than a blank separates the
+    cells, only lines that hold nothing but the number of a page are changed.
+
+    Parameters
+    ----------
+    text
+        Text whose lines are rows of cells.
+    separator
+        Character between the cells.
+    """
+    lines = text.split("\n")
+    numbers = [k for k, line in enumerate(lines) if _is_row_of_numbers(line, separator)]
+    n_removed = 0
+    for k, line in enumerate(lines):
+        mark = _PAGE_MARK.search(line[:LONGEST_TEXT])
+        if mark is None:
+            continue
+        rest = line[: mark.start()] + " " * len(mark[0]) + line[mark.end() :]
+        is_alone = not rest.strip(f" \t\f{separator}")
+        if separator != " " and not is_alone:
+            continue
+        is_between = bool(numbers) and numbers[0] < k < numbers[-1]
+        if is_alone or (is_between and not _states_something(rest)):
+            rest = ""
+        lines[k] = rest
+        if is_between and not rest:
+            n_removed += 1 + _remove_titles(lines, k, separator)
+    return TextOfPages("\n".join(lines), n_removed)
+
+
+def _is_row_of_numbers(line: str, separator: str) -> bool:
+    """Return whether a line holds numbers: at least two, and no more words than numbers."""
+    cells = line.split() if separator == " " else line.split(separator)
+    filled = [cell.strip() for cell in cells if cell.strip()]
+    n_numbers = sum(number_in_cell(cell) is not None for cell in filled)
+    has_mark = _PAGE_MARK.search(line[:LONGEST_TEXT]) is not None
+    return n_numbers >= 2 and 2 * n_numbers >= len(filled) and not has_mark
+
+
+def _names_columns(line: str) -> bool:
+    """Return whether a line may be the header of a table, with names of at least two columns."""
+    words = line.split()
+    return names_columns(words) and sum(names_any_role(word) for word in words) >= 2
+
+
+def _states_something(line: str) -> bool:
+    """Return whether a line names columns, or states a value or a direction of travel."""
+    if _names_columns(line):
+        return True
+    is_stated = bool(statements_in([(0, line)])) or load_in_name([line]) is not None
+    return is_stated or bool(directions_stated([(0, line)]))
+
+
+def _remove_titles(lines: list[str], marked: int, separator: str) -> int:
+    """Empty the lines next to a line with the number of a page that repeat an earlier line.
+
+    The number of these lines is returned. ``marked`` is the index of the line with the number of
+    the page. Lines that name columns are kept.
+    """
+    earlier = {line.strip() for line in lines[:marked]}
+    n_removed = 0
+    for neighbours in (range(marked - 1, -1, -1), range(marked + 1, len(lines))):
+        for k in neighbours:
+            line = lines[k].strip()
+            is_repeated = line in earlier if k > marked else lines[:k].count(lines[k]) > 0
+            if _is_row_of_numbers(line, separator) or not (line == "" or is_repeated):
+                break
+            if _names_columns(line):
+                break
+            n_removed += line != ""
+            lines[k] = ""
+    return n_removed
