@@ -59,13 +59,15 @@ class Degeneracy:
     #: coefficients cancel. This field is the class name of the model term that the pivot belongs
     #: to, or an empty string if the pivot is a parameter.
     term: str
-    #: change of each coefficient, by its name, in internal units (mm, N, rad). Together, these
-    #: changes cancel in every reading. Nuisance coefficients come before parameters.
+    #: change of each coefficient of the degeneracy, by its name, in internal units (mm, N, rad).
+    #: Together, these changes cancel in every reading. Nuisance coefficients come before
+    #: parameters.
     combination: Mapping[str, float]
     #: parameters of interest that contribute notably to the degeneracy: the effect of each on the
     #: readings is more than 2 % of the largest effect of any coefficient in ``combination``
     parameters: tuple[str, ...]
-    #: internal units of all parameters in ``combination``; the keys are the names of the parameters
+    #: internal units (mm, N, rad) of the parameters whose effects cancel in the degeneracy; the
+    #: keys are names of parameters
     units: Mapping[str, str]
     #: whether the model has a term for every nuisance coefficient in ``combination``. If a term is
     #: missing, its effect is not included in the credible intervals of the parameters.
@@ -73,11 +75,12 @@ class Degeneracy:
     #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
     #: by a certificate or has been set by the user; false if one of them has its default value
     stated: bool
-    #: root sum of squares of the changes in ``combination``, where each change is divided by the
-    #: prior standard deviation of its coefficient
+    #: size of the degeneracy: root sum of squares of the changes of its coefficients, where each
+    #: change is divided by the prior standard deviation of the coefficient
     prior_sds: float
-    #: largest change of a reading that ``combination`` causes [µm]; 0 if this change is a rounding
-    #: error (below 1e-9 of the largest change that one of the coefficients alone causes)
+    #: largest change of a reading that the coefficients of the degeneracy cause together [µm]; 0 if
+    #: this change is a rounding error (below 1e-9 of the largest change that one of the
+    #: coefficients alone causes)
     change_um: float
 
     @property

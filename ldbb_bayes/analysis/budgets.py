@@ -55,8 +55,8 @@ Kind = Literal["A", "B"]
 # A nuisance coefficient whose share of a parameter's variance is below this number has no separate
 # line in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
-# Shares are averaged over at most this number of posterior draws of the hyper-parameters. The draws
-# are evenly spaced among all draws.
+# The shares of all sources in the variance of a parameter are averaged over at most this number of
+# posterior draws of the hyper-parameters. The draws are evenly spaced among all draws.
 _MOST_AVERAGED = 16
 
 
@@ -64,9 +64,9 @@ _MOST_AVERAGED = 16
 class Contribution:
     """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
-    #: name of the source: a nuisance coefficient, a kind of noise in the readings, ``Parameters``
-    #: for the priors of the parameters, or "other …" for all coefficients of one model term whose
-    #: shares are small
+    #: name of the source of uncertainty: a nuisance coefficient, a kind of noise in the readings,
+    #: ``Parameters`` for the priors of the parameters, or "other …" for all coefficients of one
+    #: model term whose shares are small
     source: str
     term: str  #: model term, such as ``Mount``, that the source of uncertainty belongs to
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the

@@ -79,8 +79,8 @@ MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
 # describe the radius and the centre: the mean radius, and the amplitudes of cos θ and sin θ.
 _CENTRED = np.arange(SIZE) >= 3
 # Regular expressions for the names of hysteresis coefficients. ``_CONSTANT_HYSTERESIS`` matches
-# coefficients of the part that does not depend on force. ``_PROPORTIONAL_HYSTERESIS`` matches
-# coefficients of the part that is proportional to force.
+# coefficients of the part of the hysteresis that does not depend on force.
+# ``_PROPORTIONAL_HYSTERESIS`` matches coefficients of the part that is proportional to force.
 _CONSTANT_HYSTERESIS = re.compile(r"hysteresis_(?!force)")
 _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 

@@ -228,7 +228,7 @@ class Comparison(Result):
     'depends on assumptions that the readings allow'
     """
 
-    campaign: ComparedCampaign  #: name of the campaign and digest of its readings
+    campaign: ComparedCampaign  #: name of the campaign and SHA-256 digest of its readings
     models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
     #: log Bayes factor ln B of every other model over the first model [nat]. The keys have the form
     #: "linear/constant", where "constant" is the name of the first model.
@@ -247,8 +247,8 @@ class Comparison(Result):
     #: (changes of compliance with force); empty if neither model has slopes, or if the two models
     #: differ only in this prior
     prior_sensitivity: tuple[ScaledSlopes, ...]
-    #: prior widths of the slopes (changes of compliance with force) at which the log Bayes factor
-    #: in ``prior_sensitivity`` changes sign
+    #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
+    #: factor of the second model over the first changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about the random
     #: differences between circles. The first entry is for the assumption that the models make. The
@@ -274,10 +274,11 @@ class Comparison(Result):
     #: `local_fits` returns; empty if all tests have the same force, or if only evidences were
     #: computed
     local_fits: Records
-    #: largest error allowed for a log evidence [nat]. The log evidences of the two models are also
-    #: computed with other assumptions about the random differences between circles. With such an
-    #: assumption, an error of 0.1 nat is allowed if the log evidences of both models are at least
-    #: 10 nat below the larger of their log evidences under the original assumption.
+    #: largest error allowed for a log evidence [nat]. The log evidences of the first two of the
+    #: compared models are also computed with other assumptions about the random differences between
+    #: circles. With such an assumption, an error of 0.1 nat is allowed if the log evidences of both
+    #: models are at least 10 nat below the larger of their log evidences under the original
+    #: assumption.
     tolerance: float
     #: largest error of any log evidence [nat], except of the rough log evidences with assumptions
     #: that the readings clearly reject (see ``tolerance``)
@@ -426,8 +427,8 @@ class _ComparisonPlan:
 
     #: the first two of the compared models; the keys are the names that the caller gave
     pair: dict[str, HybridModel]
-    #: model with the most parameters; it is also fitted separately to the tests at each pair of
-    #: neighbouring forces
+    #: the one of the compared models with the most parameters; it is also fitted separately to the
+    #: tests at each pair of neighbouring forces
     largest: HybridModel
     #: the largest model, with its compliances reduced to constant or linear functions of force;
     #: models in which only some compliances change with force are derived from this model

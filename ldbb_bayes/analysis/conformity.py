@@ -83,8 +83,8 @@ class Conformity(Result):
 
     #: unit of the quantity that has the tolerance, and of its limits, mean, sd and guard band
     unit: str
-    #: bar force for which the quantity is computed [N]; None for geometric errors and slopes, which
-    #: do not depend on the force
+    #: bar force for which the quantity that has the tolerance is computed [N]; None for geometric
+    #: errors and slopes, which do not depend on the force
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
@@ -100,7 +100,8 @@ class Conformity(Result):
     guard_band: float
     #: minimum probability of conformance, or of non-conformance, at which a decision is made
     confidence: float
-    decision: Decision  #: decision on conformity by the rules of ISO 14253-1
+    #: decision on conformity of the quantity with its tolerance, by the rules of ISO 14253-1
+    decision: Decision
 
     @property
     def limits(self) -> tuple[float, float]:

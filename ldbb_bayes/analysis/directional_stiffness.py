@@ -170,9 +170,12 @@ class PlaneStiffness(Result):
     #: name of the cross compliance (deflection along one axis of the plane per unit of force along
     #: the other), such as C_XYX; empty if the model has no cross compliance in this plane
     cross_name: str
-    #: cross compliance of the plane; None if the model has no such compliance
+    #: cross compliance of the plane: deflection along one axis per unit of force along the other;
+    #: None if the model has no such compliance
     cross: StatedValue | None
-    difference_name: str  #: name of ``difference``, such as C_XXX − C_YYY
+    #: name of the difference of the compliances along the two axes of the plane, such as
+    #: C_XXX − C_YYY
+    difference_name: str
     #: compliance along the first axis of the plane minus compliance along its second axis
     difference: StatedValue
 

@@ -26,14 +26,16 @@ class CurveExtremes:
     about the mean curve, and the smallest values are too small.
     """
 
-    #: posterior draws of the largest value of the curve, shape (draws,), in the unit of the curve
+    #: posterior draws of the largest value of an uncertain curve, shape (draws,), in the unit of
+    #: the curve
     largest: Array
-    #: posterior draws of the smallest value of the curve, shape (draws,), in the unit of the curve
+    #: posterior draws of the smallest value of an uncertain curve, shape (draws,), in the unit of
+    #: the curve
     smallest: Array
-    #: index of the point of the curve with the largest value, for each posterior draw of the curve,
-    #: shape (draws,)
+    #: index of the point at which an uncertain curve is largest, for each posterior draw of the
+    #: curve, shape (draws,)
     index_of_largest: Array
-    #: index of the point of the curve with the smallest value, for each posterior draw of the
+    #: index of the point at which an uncertain curve is smallest, for each posterior draw of the
     #: curve, shape (draws,)
     index_of_smallest: Array
 

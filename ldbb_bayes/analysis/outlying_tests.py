@@ -70,8 +70,8 @@ class JudgedTest:
     flagged, because nothing shows which test is wrong.
     """
 
-    #: probability that another circle of the same machine would deviate from the prediction at
-    #: least as much as the test, in any Fourier order
+    #: probability that another circle of the same machine would deviate from the prediction by the
+    #: other tests at least as much as the test, in any Fourier order
     p_value: float
     family_wise_p_value: float  #: p-value of the test, adjusted for the number of tests (Holm)
     #: p-value of the test's deviation from the prediction in each single Fourier order, 0 … 12
@@ -80,9 +80,9 @@ class JudgedTest:
     #: whether the test is flagged as not in agreement with the other tests. A test is flagged if
     #: its family-wise p-value is below 2 % and more than half of the tests remain unflagged.
     flag: bool
-    #: −ln of the probability of a larger deviation, in the Fourier order in which the test deviates
-    #: most. If several tests have the same p-value, the one with the largest ``distance`` is
-    #: flagged first.
+    #: −ln of the probability that another circle deviates more from the prediction than the test,
+    #: in the Fourier order in which the test deviates most. If several tests have the same p-value,
+    #: the one with the largest ``distance`` is flagged first.
     distance: float
 
 

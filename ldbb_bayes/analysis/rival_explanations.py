@@ -34,8 +34,8 @@ _ASKING = 1.0
 class Explained:
     """One combination of explanations of why compliance seems to change with force."""
 
-    #: names of the explanations, such as "slopes", why compliance seems to change with force, that
-    #: are combined in one model
+    #: explanations, such as "slopes", of why compliance seems to change with force: names of those
+    #: that one model combines
     by: tuple[str, ...]
     #: log evidence of the model that contains exactly the explanations named in ``by`` [nat]
     log_evidence: float
@@ -51,10 +51,10 @@ class Explanations:
     Every combination has the same prior probability.
     """
 
-    #: posterior probability of each explanation why compliance seems to change with force: the sum
-    #: of the probabilities of all models that contain it. The keys are names of explanations.
+    #: posterior probability of each explanation of why compliance seems to change with force: the
+    #: sum of the probabilities of all models that contain it. The keys are names of explanations.
     inclusion_probability: dict[str, float]
-    #: all combinations of explanations why compliance seems to change with force, the most
+    #: all combinations of explanations of why compliance seems to change with force, the most
     #: probable first
     models: tuple[Explained, ...]
     #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from evidences

@@ -46,12 +46,13 @@ _ORDERS_TRIED = 200
 class RemedyKind(StrEnum):
     """Kinds of remedy for a large uncertainty, from the cheapest to the most expensive."""
 
-    ORDER = "order"  #: the same circles are run in an order that is not correlated with force
-    DIRECTION = "direction"  #: every circle is run in both directions of travel
-    BALLS = "balls"  #: every circle is repeated with both balls turned in their sockets
-    CIRCLES = "circles"  #: every circle of the plan is run twice
-    RADIUS = "radius"  #: every circle of the plan is run again at another radius
-    CERTIFICATE = "certificate"  #: a calibration certificate of the instrument
+    #: remedy: the same circles are run in an order that is not correlated with force
+    ORDER = "order"
+    DIRECTION = "direction"  #: remedy: every circle is run in both directions of travel
+    BALLS = "balls"  #: remedy: every circle is repeated with both balls turned in their sockets
+    CIRCLES = "circles"  #: remedy: every circle of the plan is run twice
+    RADIUS = "radius"  #: remedy: every circle of the plan is run again at another radius
+    CERTIFICATE = "certificate"  #: remedy: a calibration certificate of the instrument
 
 
 @dataclass(frozen=True)

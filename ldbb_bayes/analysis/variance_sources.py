@@ -83,7 +83,7 @@ class ModelVariance:
     The quantities are parameters, and changes of compliances with force.
     """
 
-    probability: float  #: probability of the model in the average; one for a single model
+    probability: float  #: probability of the model in an average; one for a single model
     bound: BoundModel  #: the model, applied to a campaign or to a plan
     information: Information  #: linear model of the readings, at one value of the hyper-parameters
     #: changes of q quantities (parameters, or changes of compliances with force), in mm, N and rad,

@@ -79,8 +79,8 @@ class PriorRange:
 class LeftOutCircle:
     """Comparison of one circle with the prediction from the other circles."""
 
-    #: probability that another circle of the same machine would deviate from the prediction at
-    #: least as much as this circle
+    #: probability that another circle of the same machine would deviate from the prediction by the
+    #: other circles at least as much as this circle
     p_value: float
     #: p-value of the circle's deviation from the prediction, adjusted for the number of circles
     #: (Holm)
