@@ -137,10 +137,10 @@ def _best_of_rounds(
     """Return the earliest round of sampling that reaches the tolerance, or else the best round.
 
     In a round, points are drawn and weighted to compute the integral of a density, whose logarithm
-    is ``log_density``. The best round is the round with the smallest error. A round with weights that cannot be trusted
-    is returned only if no round has weights that can be trusted. The first round only serves to fit
-    the proposal, which is the density from which points are drawn, and is never returned. The
-    arguments are the same as in `importance_sample`.
+    is ``log_density``. The best round is the round with the smallest error. A round with weights
+    that cannot be trusted is returned only if no round has weights that can be trusted. The first
+    round only serves to fit the proposal, which is the density from which points are drawn, and is
+    never returned. The arguments are the same as in `importance_sample`.
     """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)

@@ -84,9 +84,9 @@ def _is_level(row: Row, n_index: int, width: int) -> bool:
     """Return whether a row is a further level of a header, above its lowest level.
 
     The row must have a name for the first column after the index, and no numbers. A text in the
-    columns of the index is the name of the level; the row must then have names for at least two other
-    columns. ``n_index`` is the number of columns of the index, and ``width`` the number of all
-    columns.
+    columns of the index is the name of the level; the row must then have names for at least two
+    other columns. ``n_index`` is the number of columns of the index, and ``width`` the number of
+    all columns.
     """
     cells = row.cells
     n_names = sum(bool(cell) for cell in cells[n_index:])
