@@ -40,13 +40,13 @@ _COMMANDS_BY_FUNCTION = {
 
 
 class _Commands(TyperGroup):
-    """Group of all commands.
+    """Group of all commands of ``ldbb-bayes``.
 
     If a command is used wrongly, one message is printed, and the exit code is 2.
     """
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
-        """Run the command that the arguments name, or show the help if they name no command.
+        """Run the command of ``ldbb-bayes`` that the arguments name, or show the help.
 
         ``args`` are the arguments typed after ``ldbb-bayes``; None stands for the arguments with
         which this process was started. ``positional`` and ``keywords`` are further arguments for

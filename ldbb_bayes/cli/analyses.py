@@ -100,7 +100,7 @@ def identify(
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
-    """Return sentences that state what was assumed when tables were imported."""
+    """Return sentences on what was assumed when the campaign's tables were imported."""
     # The import is here and not at the top of the file, because the imported module takes a long
     # time to load.
     from ldbb_bayes.cli.sources import import_parts
@@ -109,7 +109,7 @@ def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
 
 
 def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
-    """Return the tables and sentences of a result, followed by remarks on the readings.
+    """Return the tables and sentences about a result, followed by remarks on the readings.
 
     The remarks name readings of the campaign that look odd, for example because they seem to be in
     the wrong unit, or because they are equal in two tests.

@@ -49,7 +49,7 @@ __all__ = [
 # Default deflection of the work ball's mount per unit of pressure [µm/bar], from the published
 # experiment. The pressure is that of the regulator that produces the force.
 _MOUNT_UM_PER_BAR = 2.33
-# Quantities that the columns of a table of readings can hold.
+# Quantities, such as angle and reading, that the columns of an imported table can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
 
@@ -250,30 +250,31 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return the number or the heading by which a typed string names a column of a table.
+    """Return the number or the heading by which the user names a column of a table.
 
-    The result is a number, counted from 1, if the string consists only of digits.
+    The result is the number of the column, counted from 1, if the string consists only of digits,
+    and otherwise the string, which is the heading of the column.
     """
     return int(text) if text.isdecimal() else text
 
 
 def _read_column(text: str, flag: str) -> str | int:
-    """Return the number (from 1) or the heading of the column of a table that the user typed."""
+    """Return the column of a table that the user typed: its number (from 1) or its heading."""
     return _column_in(text)
 
 
 def _read_columns(entries: list[str], flag: str) -> list[str | int]:
-    """Return the number (from 1) or the heading of each column of a table that the user typed."""
+    """Return the columns of a table that the user typed: their numbers (from 1) or headings."""
     return [_column_in(text) for text in entries]
 
 
 def _read_sheets(text: str, flag: str) -> list[str]:
-    """Return the names of sheets of a workbook that a comma-separated string lists."""
+    """Return the names of the workbook's sheets that the user typed, separated by commas."""
     return [name.strip() for name in text.split(",")]
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return the layout (how tables are to be read) from a layout file and options.
+    """Return how imported tables are to be read (the layout), from a layout file and options.
 
     ``layout`` is the path of the file; None if there is no file. ``options`` holds values of fields
     of `Layout`; the keys are names of fields. These values take precedence over the file.
@@ -287,7 +288,7 @@ def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
 
 
 def _model_options() -> dict[str, Option]:
-    """Return the options that describe a model.
+    """Return the command-line options with which the user describes the model of the readings.
 
     The help text of the option ``--without`` lists all terms that a model can have.
     """
@@ -306,7 +307,7 @@ def model_from(
     model: Path | None = None,
     drift: str | None = None,
 ) -> lb.HybridModel:
-    """Return the model that options describe.
+    """Return the model of the readings that the command-line options describe.
 
     Parameters
     ----------
@@ -376,7 +377,7 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 
 # Options that describe a tidy CSV, and labels of the measurement, such as its date.
 _TABLE_OPTIONS = options_of("table", "labels")
-# Options for values from calibration certificates.
+# Command-line options for values that calibration certificates state.
 _CERTIFICATE_OPTIONS = options_of("certificates")
 # Arguments of `instrument_fields` for values from calibration certificates. The last two are the
 # names of certificates. They have no command-line option, because they are read from the files of

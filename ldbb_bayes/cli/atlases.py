@@ -21,7 +21,7 @@ from ldbb_bayes.cli.values import pairs_in, points_in
 
 __all__ = ["ATLAS_FILES", "machine", "write_atlases"]
 
-# Names of all files that `write_atlases` can write.
+# Names of all files with figures of parameters' patterns that `write_atlases` can write.
 ATLAS_FILES = figure_files(
     [f"compliance_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]
     + [f"geometric_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]

@@ -63,7 +63,7 @@ def import_(
     instrument = lb.Instrument(**certificates)
 
     def import_with(completed: lb.reading.Layout) -> Imported:
-        """Import the tables with a completed layout; return the campaign and the assumptions."""
+        """Import the files, whose tables are read as ``completed`` states."""
         return lb.import_campaign(files, layout=completed, **table, **name, instrument=instrument)
 
     result = import_with_answers(import_with, layout, ask=can_ask())

@@ -20,9 +20,10 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
 
 
 def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
-    """Return the directions of travel that a typed string lists, such as CW.
+    """Return the directions of travel, such as CW (clockwise), that the user typed.
 
-    The string ``both`` means CW and CCW. ``flag`` is the flag of the option; it is not used.
+    The string ``both`` means CW and CCW (counter-clockwise). ``flag`` is the flag of the option; it
+    is not used.
     """
     if entry.strip().lower() == "both":
         return ("CW", "CCW")
@@ -47,7 +48,7 @@ def _read_prices(entry: str, flag: str) -> dict[str, float]:
     return prices
 
 
-# Options of the command design; the keys are the names of the options.
+# Options of the command ``design`` of ``ldbb-bayes``; the keys are the names of the options.
 DESIGN_OPTIONS: Mapping[str, Option] = options_of(
     "design",
     range=Kind(str, read_range),

@@ -46,10 +46,10 @@ _TOLERANCE = 0.05
 
 
 class WrittenReport(NamedTuple):
-    """A report that was written into its folder."""
+    """A report, after its files were written into the report's folder."""
 
     document: Document
-    #: Tables and sentences to print at the terminal.
+    #: Tables and sentences on the results of the report, to be printed at the terminal.
     parts: tuple[Any, ...]
     #: Whether the random draws of the fit reached the required effective sample size.
     converged: bool
@@ -57,18 +57,20 @@ class WrittenReport(NamedTuple):
 
 @dataclass(frozen=True)
 class _Analyses:
-    """Results that a report shows in addition to the fit.
+    """Results that a report shows in addition to the fit of the campaign.
 
     If the comparison of models, or the design (choice of the next tests), cannot be computed, a
     string with the reason is stored instead.
     """
 
-    #: Comparison of constant with linear compliance.
+    #: Comparison of two models: compliance that does not depend on the force, and compliance linear
+    #: in it.
     comparison: lb.analysis.Comparison | str
     #: Posterior averaged over two models, one with constant and one with linear compliance; None if
     #: it cannot be computed.
     averaged: xr.DataTree | None
-    #: Function that returns the best tests to run next; the first call waits for the computation.
+    #: Function without arguments that returns the best circular tests to run next; the first call
+    #: waits for the computation.
     design: Callable[[], lb.analysis.Design | str]
 
 
@@ -305,7 +307,7 @@ def _import_in_worker(executor: Executor | None) -> None:
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:
-    """Return the result of an analysis, or a string that states why it cannot be computed.
+    """Return the result of an analysis for a report, or a string with the reason of its failure.
 
     ``work`` is the function without arguments that computes the analysis.
     """
@@ -389,7 +391,7 @@ def _printed_parts(
 
 
 def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
-    """Return the comparison of models and the next tests, to be printed at the terminal."""
+    """Return the passages of a report on the comparison of models and on the next tests."""
     parts: list[Any] = []
     comparison = analyses.comparison
     if isinstance(comparison, str):

@@ -23,7 +23,7 @@ from ldbb_bayes.report import wording
 
 __all__ = ["demo", "fit", "summarize"]
 
-# Names of the folders that the command demo writes.
+# Names of the folders that the command ``demo`` of ``ldbb-bayes`` writes.
 _DEMO_FILES = ("campaign", "constant", "linear", "figures")
 
 

@@ -31,12 +31,14 @@ GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
 
 
 class GoalDesignFiles(NamedTuple):
-    """Files that describe the cheapest campaign that reaches all goals."""
+    """Files about the cheapest campaign that reaches all goals for expanded uncertainties."""
 
-    #: result of the search as a JSON object, which also has sentences that describe the result
+    #: result of the search for the cheapest campaign, as a JSON object with sentences that describe
+    #: the result
     record: dict[str, Any]
-    contents: dict[str, Any]  #: contents of the files; the keys are the names of the files
-    #: function that writes the plan into a folder; None if no campaign was found
+    #: contents of the files about the campaign; the keys are the names of the files
+    contents: dict[str, Any]
+    #: function that writes the campaign, as a plan, into a folder; None if no campaign was found
     write_more: Callable[[Path], object] | None
 
 
@@ -46,7 +48,7 @@ def find_for_goals(
     settings: Mapping[str, Any],
     progress: Callable[[int, int], None] | None,
 ) -> GoalDesign:
-    """Return the cheapest campaigns that reach goals.
+    """Return the cheapest campaigns that reach the user's goals for expanded uncertainties.
 
     Parameters
     ----------

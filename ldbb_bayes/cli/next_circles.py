@@ -66,7 +66,7 @@ def next_(
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
-    """Return sentences that state what was assumed when tables were imported."""
+    """Return sentences on what was assumed when the campaign's tables were imported."""
     # The import is here and not at the top of the file, because the imported module takes a long
     # time to load.
     from ldbb_bayes.cli.sources import import_parts

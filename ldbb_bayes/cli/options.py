@@ -43,9 +43,10 @@ __all__ = [
 # exit code if a target was not reached, such as the required number of draws, the required accuracy
 # of an evidence, or the proof that a design is the best
 EXIT_MISSED = 1
-EXIT_BAD_INPUT = 2  # exit code if options or files cannot be used
-EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
-# If this value is the default of an option, the user must type the option.
+EXIT_BAD_INPUT = 2  # exit code of the program if options or files cannot be used
+# exit code of the program if the user types Ctrl-C, as in shells: 128 + SIGINT
+EXIT_INTERRUPTED = 130
+# If this value is the default of a command-line option, the user must type the option.
 REQUIRED = inspect.Parameter.empty
 # Placeholder that stands for an option's value in the help, for each type of value. The
 # placeholders are short, so that the names of options fit on narrow terminals.
@@ -57,14 +58,16 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 
 
 class Kind(NamedTuple):
-    """A kind of option value: type of the typed value, and function that converts the value."""
+    """A kind of value of command-line options: type of the typed value, and conversion function."""
 
-    #: Type in which Typer, the library that reads the command line, returns the typed value.
+    #: Type in which Typer, the library that reads the command line, returns the typed value of an
+    #: option.
     typed: Any
-    #: Function that returns the converted value, given the typed value and the option's flag.
+    #: Function that converts the typed value of an option; its arguments are this value and the
+    #: option's flag, which is used in error messages.
     read: Callable[[Any, str], Any]
-    #: Placeholder that stands for the value in the help, such as X,Y,Z; None for the placeholder of
-    #: the type.
+    #: Placeholder that stands for the option's value in the help, such as X,Y,Z; None for the usual
+    #: placeholder of the type.
     metavar: str | None = None
 
 
@@ -79,9 +82,11 @@ class Option:
     #: Python type to which Typer, the library that reads the command line, converts the typed
     #: value; or a `Kind`, which has its own function for the conversion
     kind: Any
-    help: str  #: help text of the option
-    default: Any  #: value used if the option is not typed; for None, no value is passed on
-    #: name of the keyword argument to which the option's value is passed; if empty, the argument
+    help: str  #: text that describes the option in the help of the command
+    #: value that is used if the user does not type the option; for None, no value is passed to the
+    #: command's function
+    default: Any
+    #: name of the command's keyword argument that gets the option's value; if empty, the argument
     #: has the same name as the option
     to: str
     #: further arguments of `typer.Option`; the key ``name`` gives the flag of the option, if the
@@ -89,7 +94,7 @@ class Option:
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
-        """Return the flag that a user types for the option with this name.
+        """Return the flag that a user types for the command-line option with this name.
 
         For ``radius_mm`` it is ``--radius-mm``, unless ``settings`` holds another flag.
         """
@@ -118,7 +123,7 @@ class Option:
         )
 
     def read(self, typed: Any, name: str) -> Any:
-        """Return the converted value of the option; None if the user did not type the option.
+        """Return the converted value of a command-line option; None if the user did not type it.
 
         ``typed`` is the value as Typer (the library that reads the command line) returns it, and
         ``name`` the name of the option.
@@ -136,10 +141,13 @@ class Option:
 class Group:
     """Options whose values together make one argument of a command, such as the model."""
 
-    options: Mapping[str, Option]  #: options of the group; the keys are the names of the options
-    make: Callable[..., Any]  #: function that makes the argument from the values of the options
-    #: parameter of the command that is not an option; its value is the first argument of ``make``.
-    #: None if there is no such parameter.
+    #: options of the command line that together make one argument; the keys are the names of the
+    #: options
+    options: Mapping[str, Option]
+    #: function that makes the argument of the command from the values of the options
+    make: Callable[..., Any]
+    #: parameter of the command that is not an option, such as a file; its value is the first
+    #: argument of ``make``. None if there is no such parameter.
     positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
@@ -170,7 +178,7 @@ class Group:
 
 
 def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: Any) -> Option:
-    """Return an option of a command or of a `group` of options.
+    """Return an option of a command of ``ldbb-bayes``, or of a `group` of options.
 
     Parameters
     ----------
@@ -252,7 +260,7 @@ class _CatalogueEntry(NamedTuple):
 
 
 def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
-    """Yield the options of one group of the file ``options.toml``.
+    """Yield name and declaration of each option in one group of the file ``options.toml``.
 
     ``entries`` is the content of the group. An option in a panel of the help gets the heading of
     the panel.
@@ -324,7 +332,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _only_value(**values: Any) -> Any:
-    """Return the value of the only option in a group; None if the user did not type it."""
+    """Return the value of the only command-line option in a group; None if it was not typed."""
     for value in values.values():
         return value
     return None
@@ -350,29 +358,35 @@ def fail(message: str, code: int) -> NoReturn:
 
 
 def _read_names(text: str, flag: str) -> tuple[str, ...]:
-    """Return the names in a comma-separated string."""
+    """Return the names that the user typed as an option's value, separated by commas."""
     return names_in(text)
 
 
 def _read_negated(flag_is_set: bool, flag: str) -> bool:
-    """Return the opposite of a flag: false if the user typed the option."""
+    """Return false if the user typed an option such as ``--no-compare``, and true if not."""
     return not flag_is_set
 
 
 def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
-    """Return the goals that the user typed as NAME=U; the keys are names of quantities."""
+    """Return the goals for expanded uncertainties U that the user typed as NAME=U.
+
+    The keys are names of quantities, and the values are texts such as "20 nm/N".
+    """
     return pairs_in(entries, flag, "NAME=U")
 
 
 def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
-    """Return the tolerances that the user typed as NAME="VALUE UNIT"; the keys are quantities."""
+    """Return the tolerances of parameters that the user typed as NAME="VALUE UNIT".
+
+    The keys are names of quantities, and the values are texts such as "60 nm/N".
+    """
     return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
 
 
-# Kind of an option whose value is a comma-separated list of numbers.
+# Kind of a command-line option whose value is a comma-separated list of numbers.
 NUMBERS = Kind(str, numbers_in)
-# Types of option values: Python types, or objects of the class `Kind`. The keys are the names of
-# these types in the file options.toml.
+# Types of the values of command-line options: Python types, or objects of the class `Kind`. The
+# keys are the names of these types in the file options.toml.
 _KINDS: Mapping[str, Any] = {
     "text": str,
     "integer": int,

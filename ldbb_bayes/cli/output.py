@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Output", "drawing", "figure_files", "show", "write_files"]
 
-_WIDTH = 120  # width of printed tables if stdout is not a terminal [characters]
+_WIDTH = 120  # width of the tables that a command prints if stdout is not a terminal [characters]
 _NARROWEST = 40  # smallest width of printed tables [characters]; narrower terminals wrap lines
 
 
@@ -81,7 +81,7 @@ def drawing(name: str, *results: Any) -> Callable[[], Figure]:
     """
 
     def draw() -> Figure:
-        """Draw the figure ``name`` from the given results."""
+        """Draw the figure with the name ``name`` from results such as a posterior; return it."""
         return cast("Figure", getattr(lb.figures, name)(*results))
 
     return draw
@@ -180,7 +180,7 @@ class Output:
         write_more: Callable[[Path], object] | None = None,
         note: str = "",
     ) -> None:
-        """Write the files of a result, then print the result as JSON or as tables and sentences.
+        """Write the files of a command's result, then print the result as JSON or as tables.
 
         Parameters
         ----------

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Function that updates a progress bar. Most bars take two arguments: the number of things done and
-# the total number of things to do.
+# Function that updates a progress bar. Most bars take two arguments: the number of items, such as
+# fits, that are done, and the number of all items.
 Tell = Callable[..., None]
 # Function that begins a named step of a computation, and returns the function that reports the
 # progress of this step.
@@ -53,7 +53,7 @@ def _progress_bar(
         task = bar.add_task("starting", total=1.0)
 
         def update(*arguments: Any, **keywords: Any) -> None:
-            """Show a new state of the progress bar; the arguments are those of ``state_of``."""
+            """Show the progress bar with a new share and text; ``state_of`` gets the arguments."""
             state = state_of(*arguments, **keywords)
             bar.update(task, completed=state.share, description=state.text)
 
@@ -61,7 +61,7 @@ def _progress_bar(
 
 
 def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
-    """Return the share and the text of a progress bar that counts things done and things failed."""
+    """Return completed share and text of a progress bar that counts items done and failed."""
     text = f"{done}/{total}"
     if failed:
         text += f", {failed} failed"
@@ -69,7 +69,7 @@ def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
 
 
 def _sampling_state(state: SamplingState) -> _BarState:
-    """Return the share and the text of a progress bar for the random sampling of a posterior.
+    """Return completed share and text of a progress bar for the sampling of a posterior.
 
     The share is the effective sample size reached so far, divided by the required size.
     """
@@ -82,13 +82,13 @@ def _sampling_state(state: SamplingState) -> _BarState:
 
 
 def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
-    """Return the share and the text of a progress bar for the named steps of a computation."""
+    """Return completed share and text of a progress bar for a computation in named steps."""
     text = f"{step} {done}/{total}" if total else step
     return _BarState(share, text)
 
 
 def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a progress bar that shows how many things, such as campaigns, are done or have failed.
+    """Return a progress bar that counts items, such as campaigns, that are done or have failed.
 
     Parameters
     ----------
@@ -150,12 +150,12 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
-        """Report that a step of a computation begins; return a function to report its progress."""
+        """Report that a step begins; return the function that reports the step's progress."""
         if update is None:
             return None
 
         def tell(done: int, total: int, failed: int = 0) -> None:
-            """Report how many items of the present step are done, out of how many in all."""
+            """Report how many of all items of a computation's present step are done."""
             weight_done = weight_before[step] + weights[step] * done / max(total, 1)
             update(weight_done / total_weight, step, done, total)
 

@@ -26,11 +26,11 @@ __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign", "import_wi
 class MachineType(NamedTuple):
     """A type of machine tool: its name, its topology, and the axes that move workpiece and tool."""
 
-    #: Type of the machine tool in words.
+    #: Kind of machine tool in words, as shown to the user, such as a gantry machine.
     name: str
-    #: Topology of the machine: its axes from workpiece to tool, such as wCAFYXZSt.
+    #: Topology of the machine tool: its axes from workpiece to tool, such as wCAFYXZSt.
     topology: str
-    #: Text that says which axes move the workpiece, and which axes move the tool.
+    #: Text that says which axes of the machine tool move the workpiece, and which move the tool.
     looks: str
 
 
@@ -41,7 +41,7 @@ _ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": Fal
 
 
 def can_ask() -> bool:
-    """Return whether a user can answer questions at a terminal."""
+    """Return whether a user can answer questions, because input and output are a terminal."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -80,13 +80,14 @@ def import_with_answers(
 
 
 def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) -> lb.reading.Layout:
-    """Ask the user for information that is missing in the files; return the completed layout.
+    """Ask the user what the tables do not state; return how to read them, with the answer.
 
-    ``question`` says what is missing. ``layout`` says how to read the files; the answer is added.
+    ``question`` says what is missing, such as the unit of the readings. ``layout`` says how the
+    tables are to be read; the answer is added to it.
     """
 
     def read(answer: str) -> lb.reading.Layout:
-        """Return the layout of the tables, completed with the user's answer."""
+        """Return the layout (how tables are to be read), completed with the typed answer."""
         value: Any = answer
         if question.field == "sign" and answer in question.answers:
             value = int(answer)
@@ -141,7 +142,7 @@ def _ask_topology(planes: Sequence[str]) -> str:
     """
 
     def read(answer: str) -> str:
-        """Return the topology that the user's answer states."""
+        """Return the topology of the machine that the typed answer states."""
         return _read_topology(answer, planes)
 
     typer.echo("What does the machine look like?", err=True)
@@ -184,7 +185,7 @@ def _read_topology(answer: str, planes: Sequence[str]) -> str:
 
 
 def _read_yes_or_no(answer: str) -> bool:
-    """Return true for an answer that means yes, and false for an answer that means no."""
+    """Return whether the user's answer to a yes-or-no question means yes."""
     require(
         answer.casefold() in _ANSWERS,
         f"the answer must be y or n, got {answer!r}. Type one of them.",
@@ -193,7 +194,10 @@ def _read_yes_or_no(answer: str) -> bool:
 
 
 def _read_ball(answer: str) -> lb.Ball | None:
-    """Return the ball that an answer describes by grade or sphericity; None for an empty answer."""
+    """Return the ball that the user's answer describes by its grade or its sphericity.
+
+    Return None for an empty answer.
+    """
     if not answer:
         return None
     return ball_in(answer, "the grade")

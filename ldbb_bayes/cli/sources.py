@@ -143,13 +143,16 @@ class ReportSource:
 
     @property
     def is_result(self) -> bool:
-        """Whether the first path belongs to a stored fit."""
+        """Whether the first path that the user typed belongs to a stored fit."""
         first = self.paths[0]
         return first.suffix == ".nc" or (first.is_dir() and (first / "posterior.nc").exists())
 
     @property
     def is_campaign(self) -> bool:
-        """Whether the first path is a campaign folder or a campaign.toml, which needs no import."""
+        """Whether the first path that the user typed is a campaign folder or a campaign.toml.
+
+        Such a path needs no import.
+        """
         first = self.paths[0]
         return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
 
@@ -227,7 +230,7 @@ class ReportSource:
         return SourceCampaign(campaign, imported)
 
     def read_any(self) -> SourceCampaign:
-        """Return the campaign or plan, read from its folder, a stored fit, or tables.
+        """Return the campaign or plan that the user names, from its folder, a stored fit or tables.
 
         At a terminal, the user is asked for information that is needed to read the tables, but not
         about machine, mount and balls.
@@ -260,7 +263,7 @@ class ReportSource:
         return self._read_readings(ask=can_ask())
 
     def _read_readings(self, *, ask: bool) -> SourceCampaign:
-        """Return the campaign, read from a folder or campaign.toml, or imported from tables.
+        """Return the campaign in a folder or a campaign.toml, or imported from the user's tables.
 
         ``ask`` states whether to ask the user for information that the tables do not give.
         """
@@ -271,7 +274,7 @@ class ReportSource:
         return SourceCampaign(imported.campaign, imported)
 
     def _read_campaign(self) -> lb.Campaign:
-        """Return the campaign in the given folder or file.
+        """Return the campaign in the folder or the campaign.toml that the user names.
 
         Names and dates that the user gives as options replace those of the campaign. Raise an
         `InputError` if several files are given, or options that apply only to the import of tables.
@@ -297,9 +300,9 @@ class ReportSource:
         return replace(campaign, **labels)
 
     def _import_tables(self, *, ask: bool) -> Imported:
-        """Return the campaign imported from the tables, with the assumptions of the import.
+        """Return the campaign imported from the user's tables, with the assumptions of the import.
 
-        Raise an `InputError` if the first path is a folder.
+        Raise an `InputError` if the first path that the user typed is a folder.
         """
         first = self.paths[0]
         require(
@@ -310,7 +313,7 @@ class ReportSource:
         instrument = lb.Instrument(**self.certificates)
 
         def import_with(layout: lb.reading.Layout) -> Imported:
-            """Import the tables with a layout; return the campaign and the assumptions."""
+            """Import the files, whose tables are read as ``layout`` states; return the campaign."""
             return lb.import_campaign(
                 self.typed_paths, layout=layout, **self.campaign_fields, instrument=instrument
             )
