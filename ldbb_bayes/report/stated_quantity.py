@@ -80,7 +80,8 @@ class StatedQuantity:
     def value_and_U(self) -> ValueAndU:
         """Return the value and its expanded uncertainty (k = 2), in the unit that readers see.
 
-        If only a limit is stated, the limit takes the place of the value, and no U is stated.
+        If the test certificate states only a limit of the quantity, the limit takes the place of
+        the value, and no U is stated.
         """
         if self.limit:
             return ValueAndU(self.limit, "–")

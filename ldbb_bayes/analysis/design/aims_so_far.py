@@ -137,8 +137,8 @@ def _inflation(sd: float, weights: Array, covariance: Array) -> float:
 class GoalState:
     """A goal for the uncertainty of a parameter, and the present estimate of the parameter.
 
-    ``aim`` holds the standard uncertainty that is needed to meet the goal. It is used for the
-    choice of the next circle.
+    ``aim`` holds the standard uncertainty that is needed to meet the goal. The next circle is
+    chosen with this aim.
     """
 
     goal: Goal
@@ -149,10 +149,11 @@ class GoalState:
     aim: UncertaintyAim
 
     def is_met(self) -> Array:
-        """Return whether the goal is met now, for each posterior draw of the parameter, shape (n,).
+        """Return whether the goal is met, for each posterior draw of its parameter, shape (n,).
 
-        Each draw is taken as the true value of the parameter. The result differs between draws only
-        if the goal limits U to a percentage of the parameter's value.
+        A goal limits the expanded uncertainty U of a parameter. Each draw is taken as the true
+        value of the parameter, and U is the present uncertainty. The result differs between draws
+        only if the goal limits U to a percentage of the parameter's value.
         """
         return self.goal.is_met(self.draws, self.sd)
 

@@ -36,8 +36,9 @@ __all__ = ["believed_scales", "fisher_information"]
 # normal quantile of its cumulative prior probability. The prior probability of a score beyond the
 # limit is below 1e-9 on each side.
 _LARGEST_SCORE = 6.0
-# Step of the central differences from which derivatives are computed. The step is a change of a
-# normal score: the standard normal quantile of a hyper-parameter's cumulative prior probability.
+# Step of the central differences from which the derivatives of the variances of noise and effects
+# are computed. The step is a change of a normal score: the standard normal quantile of a
+# hyper-parameter's cumulative prior probability.
 _STEP = 0.1
 # If a plan has more circles than this number, the analysis is assumed to know the true
 # hyper-parameters. With so many circles, an average over their posterior would take a long time,
@@ -80,6 +81,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
     first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
+    # The hyper-parameters are scales: the standard deviations of the noise and of other effects.
     # The Fisher information about a scale increases with the scale. Compute the information
     # half-way between the true scores and the first estimate of the scores. This approximates the
     # average information better than the information at the true scores does.

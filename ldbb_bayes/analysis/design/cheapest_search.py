@@ -50,8 +50,9 @@ _HALVINGS = 10
 _NEAR = 0.03
 # Largest number of full forecasts for campaigns with the same clockings, radii and certificates.
 _MOST_FORECASTS = 8
-# Number of possible machines in a preliminary forecast of a campaign with one circle fewer. This
-# forecast is fast, and shows whether the full forecast is worthwhile.
+# After the search has found a campaign that reaches the goals, it tries the campaign with one
+# circle fewer. A preliminary forecast with this number of possible machines is fast, and shows
+# whether the full forecast is worthwhile.
 _FEW_MACHINES = 16
 # Limit for the total computing effort of the full forecasts. The effort of a forecast is the square
 # of its number of circles; forecasts of campaigns with the largest number of circles do not count.
@@ -283,8 +284,9 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        # Smallest value of the field ``inflation`` of `_Progress` in all families of campaigns that
-        # have been searched. It is used for a family that has no full forecast yet.
+        # Smallest value, in all families of campaigns searched so far, of the coefficient that is
+        # stored as `_Progress.inflation`. It states by how much uncertainties are larger in a full
+        # forecast than in a quick forecast, and is used for a family without a full forecast.
         self._inflation = np.inf
         #: whether, with the largest number of circles allowed, all goals are reached in at least
         #: one family of campaigns (same ball angles, radii and certificates)

@@ -59,7 +59,7 @@ def _circles(
     """Return one circle at every force, with alternating directions of travel.
 
     ``ways`` are the directions of travel. The balls are not turned in their sockets. All other
-    settings are those of ``template``.
+    settings are those of ``template``, a test of the machine.
     """
     circles = []
     for k, force_N in enumerate(forces_N):

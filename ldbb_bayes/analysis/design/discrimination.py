@@ -124,8 +124,9 @@ def discrimination_of(
         slope_variance = size**2
     root = np.linalg.cholesky(covariance)
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
-    # Each eigenvalue in ``remaining`` belongs to a combination of the slopes. The eigenvalue is the
-    # share of the variance of this combination that remains after the tests.
+    # Each eigenvalue in ``remaining`` belongs to a combination of the slopes (changes of compliance
+    # with force). The eigenvalue is the share of the variance of this combination that remains
+    # after the tests.
     remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))

@@ -59,12 +59,12 @@ class Goal(Result):
         return self.share is not None
 
     def limit_U(self, value: ArrayLike) -> Array:
-        """Return the largest U that the goal permits for given values of the parameter.
+        """Return the largest expanded uncertainty U (k = 2) that the goal permits its parameter.
 
         Parameters
         ----------
         value
-            Values of the parameter in its internal unit, of any shape.
+            Values of the parameter in the unit ``unit`` (composed of mm, N and rad), of any shape.
 
         Returns
         -------
@@ -79,18 +79,18 @@ class Goal(Result):
     def limit_u(self, value: ArrayLike) -> Array:
         """Return the largest standard uncertainty u = U/2 that the goal permits.
 
-        ``value`` holds values of the parameter in its internal unit. The result has the same unit
-        and shape.
+        ``value`` holds values of the goal's parameter in the unit ``unit``. The result has the same
+        unit and shape.
         """
         return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
 
     def is_met(self, value: ArrayLike, u: ArrayLike) -> Array:
-        """Return whether standard uncertainties u meet the goal, for given values of the parameter.
+        """Return whether standard uncertainties u meet the goal, for given values of its parameter.
 
         Parameters
         ----------
         value
-            Values of the parameter in its internal unit.
+            Values of the parameter in the unit ``unit``.
         u
             Standard uncertainties in the same unit, of the same shape.
 

@@ -374,10 +374,11 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
 
 
 def _objective(space: Space, known: Known) -> Objective:
-    """Return an objective: the information from the circles run, and from each possible circle.
+    """Return the information from the circles run so far, and from each possible next circle.
 
-    All parameters are of interest. ``space`` holds the possible circles, and ``known`` holds
-    equally likely values of the hyper-parameters. The criterion of the objective is not used here.
+    The result is an objective as for a search for a design, but its criterion is not used. All
+    parameters are of interest. ``space`` holds the possible circles, and ``known`` holds equally
+    likely values of the hyper-parameters.
     """
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     names = known.bound.names

@@ -107,8 +107,10 @@ class Optimum(Shown):
     def excess(self) -> float:
         """Relative excess of the largest sensitivity over ``bound``; zero for the best shares.
 
-        If the criterion is concave, its value for the best design with the same number of tests is
-        larger than its value for these shares by at most ``bound`` times ``excess``.
+        The sensitivity of a candidate test is the derivative of the design criterion with respect
+        to its share; ``bound`` is the mean of the sensitivities, weighted by the shares. If the
+        criterion is concave, its value for the best design with the same number of tests is larger
+        than its value for these shares by at most ``bound`` times ``excess``.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 

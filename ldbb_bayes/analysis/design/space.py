@@ -301,7 +301,7 @@ class Space:
         )
 
     def forecast(self, plan: Campaign, *, machines: int | None = None) -> Forecast:
-        """Return the forecast of the results of a plan that `plan_of` returned.
+        """Return the forecast of the results of planned tests: a plan that `plan_of` returned.
 
         ``machines`` is the number of possible machines over which the forecast averages, by default
         64.

@@ -109,8 +109,9 @@ def extend_hyper_parameters(
     if pilot is not bound.campaign:
         pilot_bound = _hyper_posterior(bound.model, pilot).bound
     pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
-    # Names of the noise factors λ of the circles that have already been run. The same circle may
-    # have different names in ``bound`` and in the model of the pilot alone.
+    # Names of the noise factors λ of the circles that have already been run. The λ of a circle may
+    # have another name in ``bound`` than in the model of the pilot alone. The pilot is the campaign
+    # that the design starts from.
     circles_run = bound.setting.circle[:run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
