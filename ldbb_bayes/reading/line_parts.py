@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 
-__all__ = ["divide_line", "segments_of_line", "statements_of_line"]
+__all__ = ["divide_line", "finer_divisions", "segments_of_line", "statements_of_line"]
 
 # Regular expression for the marks between sentences and between the cells of a line.
 _STRONG_MARK = re.compile(r"[;|\t]|\.(?=\s)")
@@ -18,11 +18,31 @@ _ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
 # Regular expression for the marks or wide spaces between the segments of a line. Marks before a
 # number are not matched, because the number may be the value of the words before it.
 _SEGMENT_MARK = re.compile(rf"(?:{_ANY_MARK.pattern}|\s{{2,}})+(?!\W*\d)")
+# Regular expressions for further marks and words that may stand between statements. Each of them
+# often stands within a statement, too.
+_DASH_OR_SLASH = r"\s[-–—/]\s"
+_COLON = r":(?=\s)"
+_BRACKET = r"[()\[\]]"
+_AND = r"\s(?:and|und|et|y)\s"
 
 
 def divide_line(text: str) -> list[str]:
     """Return the parts into which semicolons, ``|``, tabs, full stops and commas divide a line."""
     return _ANY_MARK.split(text)
+
+
+def finer_divisions(text: str) -> Iterator[list[str]]:
+    """Yield the parts of a line, divided in several ways at marks that may be within statements.
+
+    All divisions are at the marks of `divide_line`. The first is also at dashes and slashes between
+    blanks, the next ones at colons, at brackets, and at words such as "and". The last ones are at
+    dashes, slashes and one of the others. Example: ``Force 36 N - positive: bar shorter``.
+    """
+    others = (_COLON, _BRACKET, _AND)
+    for marks in (_DASH_OR_SLASH, *others):
+        yield re.split(f"{_ANY_MARK.pattern}|{marks}", text)
+    for marks in others:
+        yield re.split(f"{_ANY_MARK.pattern}|{_DASH_OR_SLASH}|{marks}", text)
 
 
 def segments_of_line(text: str) -> list[str]:

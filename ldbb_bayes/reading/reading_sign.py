@@ -11,7 +11,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.column_roles import unit_of
-from ldbb_bayes.reading.line_parts import divide_line, segments_of_line
+from ldbb_bayes.reading.line_parts import divide_line, finer_divisions, segments_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
@@ -235,6 +235,9 @@ def _statements(text: str) -> list[str]:
     statements = divide_line(text)
     if any(_words_in(statement) for statement in statements):
         return statements
+    for parts in finer_divisions(text):
+        if any(_sign_of(_words_in(part)) is not None for part in parts):
+            return parts
     if is_about_sign(text):
         return [text]
     segments = _with_labels_joined(segments_of_line(text))

@@ -49,6 +49,7 @@ from ldbb_bayes.reading.statistics_rows import (
     label_of_statistics,
     rows_of_statistics,
     statistics_among,
+    words_among_numbers,
 )
 from ldbb_bayes.reading.travel_direction import with_sides_in_full
 from ldbb_bayes.reading.unit_columns import unit_columns
@@ -597,7 +598,7 @@ def _read_columns(
     heading = with_condition_that_names_tests(sheet, heading, cells, layout)
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)
-    _check_no_statistics(sheet, heading, lines, cells)
+    _check_rows_hold_readings(sheet, heading, lines, cells)
     numbering = _two_numbering_columns(heading, cells)
     if numbering and "test" not in layout.columns:
         heading = _without_test_column(heading)
@@ -623,13 +624,14 @@ def _read_columns(
     )
 
 
-def _check_no_statistics(
+def _check_rows_hold_readings(
     sheet: Sheet, heading: Heading, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> None:
-    """Raise an `InputError` if a column without a role says that some rows hold statistics.
+    """Raise an `InputError` if a column without a role says that some rows hold no readings.
 
-    An example is a column ``stat`` with the cells "raw" and "mean". ``lines`` are the line numbers
-    of the rows, and ``cells`` the cells of each column.
+    Examples are a column ``stat`` with the cells "raw" and "mean", and a column that numbers the
+    rows but begins with the cells "Gain" and "Offset". ``lines`` are the line numbers of the rows,
+    and ``cells`` the cells of each column.
     """
     for column in unused_columns(heading):
         rows = statistics_among(cells[column])
@@ -639,6 +641,15 @@ def _check_no_statistics(
             raise InputError(
                 f"{sheet.place}: rows must hold readings, got {cells[column][rows[0]]!r} in column"
                 f" {name!r}. Remove the rows of statistics: {listed}."
+            )
+        words = words_among_numbers(cells[column])
+        if words:
+            name = heading.headers[column][:LONGEST_NAME]
+            word = cells[column][words[0]][:LONGEST_NAME]
+            listed = shown_list([str(lines[row]) for row in words], LONGEST_NAME)
+            raise InputError(
+                f"{sheet.place}: rows must hold readings, got {word!r} in column {name!r}. Apply to"
+                f" the readings what these rows state, and remove the rows: {listed}."
             )
 
 

@@ -1,4 +1,7 @@
-"""Rows of statistics in a table, such as the mean and the maximum of the readings."""
+"""Rows of a table that hold no readings: statistics, such as the mean, and factors, such as a gain.
+
+Factors are numbers with which all readings of a column are to be converted.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,26 @@ import re
 from collections.abc import Sequence
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.numerals import is_missing, looks_like_number
 from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable
 
-__all__ = ["label_of_statistics", "rows_of_statistics", "statistics_among"]
+__all__ = [
+    "label_of_statistics",
+    "rows_of_statistics",
+    "statistics_among",
+    "words_among_numbers",
+]
 
 # Words, such as "mean", of which the label of a row of statistics consists.
 _WORDS = frozenset(WORDS["statistics"]["words"].split())
 # Words which mean a row of statistics if a cell consists of such a word alone.
 _SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())
+# Words, such as "gain", which mean that a row states how the readings are to be converted.
+_CONVERSIONS = frozenset(WORDS["statistics"]["conversion"].split())
+# A column is one of numbers if at least this share of its filled cells are numbers.
+_SHARE_OF_NUMBERS = 0.9
+# Regular expression for a word of at least three letters at the beginning of a cell.
+_FIRST_WORD = re.compile(r"\W*[^\W\d_]{3,}")
 
 
 def statistics_among(cells: Sequence[str]) -> list[int]:
@@ -26,6 +40,39 @@ def statistics_among(cells: Sequence[str]) -> list[int]:
     if len(statistics) == len(cells):
         return []
     return statistics
+
+
+def words_among_numbers(cells: Sequence[str]) -> list[int]:
+    """Return the indices of the cells of a column which show that their rows hold no readings.
+
+    These are words such as "gain" and "offset" in any column, and all words in a column that
+    otherwise holds numbers. A sign for a missing value is not a word. The list is empty if all
+    cells name a conversion.
+    """
+    conversions = [k for k, cell in enumerate(cells) if _names_conversion(cell)]
+    if len(conversions) == len(cells):
+        return []
+    if conversions or not _holds_numbers(cells):
+        return conversions
+    return [k for k, cell in enumerate(cells) if _is_word(cell)]
+
+
+def _holds_numbers(cells: Sequence[str]) -> bool:
+    """Return whether nearly all cells of a column are numbers; empty cells are not counted."""
+    filled = [cell for cell in cells if cell and not is_missing(cell)]
+    n_numbers = sum(looks_like_number(cell) for cell in filled)
+    return bool(filled) and n_numbers >= _SHARE_OF_NUMBERS * len(filled)
+
+
+def _is_word(cell: str) -> bool:
+    """Return whether a cell begins with a word, and is no sign for a missing value."""
+    is_number = looks_like_number(cell) or is_missing(cell)
+    return _FIRST_WORD.match(cell) is not None and not is_number
+
+
+def _names_conversion(cell: str) -> bool:
+    """Return whether a cell is a word such as "gain", "scale factor" or "Offset:"."""
+    return re.sub(r"[\W_]+", "", comparable(cell)) in _CONVERSIONS
 
 
 def label_of_statistics(row: Row, angle_column: int) -> str:

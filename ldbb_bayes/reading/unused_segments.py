@@ -10,7 +10,7 @@ from collections.abc import Collection
 
 from ldbb_bayes.reading.angle_convention import states_angles
 from ldbb_bayes.reading.circle_centre import without_centre
-from ldbb_bayes.reading.line_parts import segments_of_line
+from ldbb_bayes.reading.line_parts import finer_divisions, segments_of_line
 from ldbb_bayes.reading.lines_above import is_label, statements_in
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import is_missing
@@ -44,18 +44,40 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
         is quoted, segments with a load are left out.
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
-    # A line of one segment has no unused segment, unless it also defines a difference of two radii
-    # that does not determine the sign of the readings, as in "Force 238 N nominal minus measured".
-    if len(segments) == 1 and not leaves_difference_unread(text):
+    # A line of one segment has no unused segment, unless it has several parts, or defines a
+    # difference of two radii that does not determine the sign of the readings, as in "Force 238 N
+    # nominal minus measured".
+    has_parts = len(next(finer_divisions(text))) > 1
+    if len(segments) == 1 and not has_parts and not leaves_difference_unread(text):
         return ""
     is_line_quoted = text.strip() in quoted
     unused = []
     for k, segment in enumerate(segments):
         states_load = load_in_name([segment]) is not None
         is_quoted = segment.strip() in quoted or (is_line_quoted and states_load)
-        if _may_matter(segment) and not (is_quoted or _is_used(segments, k, text)):
+        if not _may_matter(segment) or is_quoted:
+            continue
+        if _is_used(segments, k, text):
+            unused += _unused_parts(segment, quoted)
+        else:
             unused.append(segment.strip())
     return "; ".join(unused)
+
+
+def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
+    """Return the parts of a used segment, between dashes or slashes, that nothing was taken from.
+
+    An example is the last part of ``Force 36 N - gauge turned over``. A part counts as used if the
+    segment would state less without it. ``quoted`` are words of the line that notes quote.
+    """
+    parts = next(finer_divisions(segment))
+    unused = []
+    for k, part in enumerate(parts):
+        others = " - ".join(parts[:k] + parts[k + 1 :])
+        is_needed = _facts(segment) != _facts(others) or is_about_sign(part)
+        if len(parts) > 1 and _may_matter(part) and not (is_needed or part.strip() in quoted):
+            unused.append(part.strip())
+    return unused
 
 
 def _may_matter(segment: str) -> bool:

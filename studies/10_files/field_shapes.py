@@ -175,7 +175,26 @@ def wide_cases() -> dict[str, FieldCase]:
             ),
             circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
         )
-    return {**cases, **numbered_pair_cases()}
+    return {**cases, **numbered_pair_cases(), **conversion_cases()}
+
+
+def conversion_cases() -> dict[str, FieldCase]:
+    """Return a table whose first rows state a gain and an offset of its readings."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        angle, reading = field.plain(circle, k)
+        return [k + 1, angle, reading]
+
+    header = "Channel,Angle [deg],Reading [um]"
+    return {
+        "gain_rows": FieldCase(
+            "rows that are no readings",
+            "rows 'Gain' and 'Offset' above the readings",
+            field.texts(f"{header}\nGain,1,1\nOffset,0,0", row),
+            refusal="Apply to the readings what these rows state, and remove the rows: 2, 3",
+            mended=field.texts(header, row),
+        )
+    }
 
 
 def numbered_pair_cases() -> dict[str, FieldCase]:

@@ -201,6 +201,9 @@ def shared_sign_cases() -> dict[str, FieldCase]:
         "Winkel ab +Y im Uhrzeigersinn, positiv = kürzer": (90.0, -1),
         "Angles run clockwise from +X. Positive values: bar shortened.": (0.0, -1),
         "Angles ccw from the negative X axis. Positive values: bar shortened.": (180.0, 1),
+        "Angles ccw and positive readings mean a shorter bar": (0.0, 1),
+        "Angles cw from +X - positive readings mean a shorter bar": (0.0, -1),
+        "Feed 2000 mm/min (positive readings: bar shorter)": (0.0, 1),
     }
     cases = {}
     for number, (line, convention) in enumerate(turned_lines.items()):
@@ -227,7 +230,6 @@ def shared_sign_cases() -> dict[str, FieldCase]:
         "Sign: as on the drawing",
         "Sign convention: ISO 230-4",
         "Positive readings: see drawing",
-        "Angles ccw and positive readings mean a shorter bar",
     )
     for number, line in enumerate(asked):
         cases[f"sign_asked_{number}"] = FieldCase(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -82,3 +83,23 @@ def test_statistics_in_the_column_of_tests_are_no_tests(tmp_path: Path) -> None:
     path.write_text("\n".join(["test;Angle [deg];Reading [um]", *rows, ""]))
     forces = [test.force_N for test in lb.import_campaign(path).campaign.tests]
     assert forces == [100.0, 300.0]
+
+
+@pytest.mark.parametrize("cells", [("Gain", "Offset"), ("Scale factor", "Nullpunkt")])
+@pytest.mark.parametrize("number", [str, lambda _: ""])
+def test_rows_of_gain_and_offset_are_refused_with_their_lines(
+    cells: tuple[str, str], number: Callable[[int], str], tmp_path: Path
+) -> None:
+    rows = [f"{cells[0]};1;0.5", f"{cells[1]};0;10"]
+    rows += [f"{number(k + 1)};{row}" for k, row in enumerate(ROWS)]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join(["Channel;Angle [deg];Reading [um]", *rows, ""]))
+    with pytest.raises(lb.InputError, match=r"what these rows state, and remove the rows: 2, 3\."):
+        lb.import_campaign(path)
+
+
+def test_remarks_beside_some_rows_are_no_reason_to_refuse(tmp_path: Path) -> None:
+    rows = [f"{row};{'touched' if k == 4 else ''}" for k, row in enumerate(ROWS)]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join(["Angle [deg];Reading [um];Remark", *rows, ""]))
+    assert lb.import_campaign(path).campaign.readings == len(ROWS)

@@ -323,3 +323,30 @@ def test_values_of_the_campaign_may_be_stated_by_a_text_that_is_not_understood(
 ) -> None:
     notes = notes_of(tmp_path, ["Magnetfuß kompensiert"])
     assert notes["mount"].endswith("(no text that is understood says otherwise)")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Feed 2000 mm/min - positive reading = bar shorter",
+        "Temperature 20.3 °C: positive reading = bar shorter",
+        "Temperature 20.3 °C (positive reading = bar shorter)",
+        "Temperature 20.3 °C and positive reading = bar shorter",
+        "Temp: 20 °C / lecture comptée négative quand la barre s'allonge",
+        "Winkel ab +X im UZS - Anzeige positiv beim Einfahren (Stab kürzer)",
+        "Kladný údaj znamená zkrácení tyče",
+    ],
+)
+def test_a_sign_beside_another_quantity_is_used(tmp_path: Path, line: str) -> None:
+    note = notes_of(tmp_path, [line])["sign of the reading"]
+    assert note == "-1: a longer bar is negative (line 1)"
+
+
+def test_a_part_of_a_line_that_nothing_was_taken_from_is_told(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Temperature 20.3 °C - gauge turned over"])
+    assert notes["texts not used"] == "'gauge turned over' (line 1)"
+
+
+def test_parts_of_a_line_that_are_used_are_not_told(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Radius 150 mm - clockwise run"])
+    assert "texts not used" not in notes
