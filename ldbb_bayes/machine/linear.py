@@ -194,31 +194,34 @@ class Kept:
     #: kept as the representative of its proportional set, that is, of the compliances whose effects
     #: on the readings are proportional to each other.
     names: tuple[ComplianceName, ...]
-    #: for each compliance in ``names``, the names of all compliances of its proportional set (Table
-    #: 2 of the paper). The compliances of a set change the readings in proportion to each other.
-    #: The compliance from ``names`` comes first.
+    #: for each compliance in ``names`` (those that circular tests can separate), the names of all
+    #: compliances of its proportional set (Table 2 of the paper). The compliances of a set change
+    #: the readings in proportion to each other. The compliance from ``names`` comes first.
     sets: tuple[tuple[str, ...], ...]
     #: weights of the compliances of each proportional set, that is, of compliances that change the
     #: readings in proportion to each other. A weight is the effect of a compliance on the reading
     #: divided by the effect of the set's first compliance; its unit is a power of mm.
     weights: tuple[tuple[float, ...], ...]
-    #: for each compliance in ``names``, further compliances that change its estimated value, with
-    #: the weights by which they are multiplied. The effect of such a further compliance on the
-    #: readings is a linear combination of the effects of several compliances in ``names``.
+    #: for each compliance in ``names`` (those that circular tests can separate), further
+    #: compliances that change its estimated value, with the weights by which they are multiplied.
+    #: The effect of such a further compliance on the readings is a linear combination of the
+    #: effects of several compliances in ``names``.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each compliance in ``names``, whether negative values are physically impossible; a
-    #: deflection in the direction of its load, for example, cannot be negative
+    #: for each compliance in ``names`` (those that circular tests can separate), whether negative
+    #: values are physically impossible; a deflection in the direction of its load, for example,
+    #: cannot be negative
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
-    #: names of compliances that are left out of ``names``, because their effect on the reading is a
-    #: linear combination of the effects of several compliances in ``names``. If several compliances
-    #: left out have effects proportional to each other, only one of them is named.
+    #: names of compliances that are left out of ``names`` (those that circular tests can separate),
+    #: because their effect on the reading is a linear combination of the effects of several
+    #: compliances in ``names``. If several compliances left out have effects proportional to each
+    #: other, only one of them is named.
     dependent: tuple[str, ...]
     #: rank of the matrix with one column for each compliance that may change a reading; a column
     #: holds the readings per unit of the compliance, at equally spaced angles of full circles
     rank: int
-    #: condition number of the matrix with one column for each compliance in ``names``; a column
-    #: holds the readings per unit of the compliance
+    #: condition number of the matrix with one column for each compliance that circular tests can
+    #: separate; a column holds the readings per unit of the compliance
     condition_number: float
 
 

@@ -190,10 +190,10 @@ class Information:
         if times == 1.0 and self._noise_names.isdisjoint(fixed):
             if len(free) == len(self.names):
                 return self._root, free
-            # R is a square root of the posterior precision matrix of all coefficients,
-            # RᵀR = precision. If only the columns of the free coefficients are kept, RᵀR is the
-            # precision matrix of the free coefficients. R is used here instead of the design matrix
-            # because it has fewer rows.
+            # R is a square root of the posterior precision matrix of all coefficients, RᵀR =
+            # precision. If only the columns of the free coefficients (those not taken as known) are
+            # kept, RᵀR is the precision matrix of the free coefficients. R is used here instead of
+            # the design matrix because it has fewer rows.
             return np.asarray(np.linalg.qr(self._root[:, free], mode="r")), free
         return self._root_of(np.sqrt(times) * self.rows(fixed), free), free
 

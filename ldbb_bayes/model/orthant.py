@@ -274,9 +274,9 @@ class Orthant:
         noise = np.zeros(len(value))
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
-            # The first pass leaves out the constraints u_j ≥ 0 for which the mean of u_j is at
-            # least six sds above zero. If leaving them out changes ln P(u ≥ 0) by more than a tenth
-            # of the tolerance, the second pass uses all constraints.
+            # ln P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
+            # u_j is at least six sds above zero. If leaving them out changes ln P(u ≥ 0) by more
+            # than a tenth of the tolerance, it is computed again with all constraints.
             is_used = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(is_used, axis=0):

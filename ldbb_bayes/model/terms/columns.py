@@ -96,7 +96,7 @@ class Source(NamedTuple):
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return the factor by which a coefficient's prior sd is multiplied, from hyper-parameters.
+        """Return the product of hyper-parameters that multiplies the prior sd of a coefficient.
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of one shape;
         lengths are in mm. The result is a number or an array of the same shape.
