@@ -32,7 +32,7 @@ __all__ = [
 Branch = Literal["tool", "workpiece"]
 # Letters of the linear axes, in the order in which vectors hold the components along the axes.
 LINEAR = "XYZ"
-# Letters of the rotations about X, Y and Z, in the order in which vectors hold their angles.
+# Letters of the rotations about X, Y and Z, in the order in which vectors hold the rotations.
 ROTARY = "ABC"
 # Letters that axes may have in a topology; U, V, W are secondary axes, S is the spindle.
 _AXIS_LETTERS = "XYZABCUVWS"
