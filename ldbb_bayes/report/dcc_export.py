@@ -153,8 +153,8 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:
     """Return the columns of a covariance matrix, each as a list of its elements.
 
-    Each element is a tuple of the value and of the unit in D-SI notation. ``units`` are the
-    internal units of the parameters.
+    Each element is a tuple of the value and of the unit in D-SI notation. ``units`` are the units
+    of the parameters in the program, such as mm/N.
     """
     columns = []
     for j, column_unit in enumerate(units):

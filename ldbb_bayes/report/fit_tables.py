@@ -369,7 +369,7 @@ def _value_row(label: str, value: Mapping[str, float], unit: str) -> tuple[str, 
     """Return the cells of a row: label, value, standard uncertainty, credible interval and unit.
 
     ``value`` holds the entries ``mean``, ``sd``, ``ci_low`` and ``ci_high``, in the internal unit
-    ``unit``.
+    ``unit`` (mm, N, rad).
     """
     statement = units.state(value["mean"], value["sd"], (value["ci_low"], value["ci_high"]), unit)
     return (label, statement.value, statement.u, statement.interval, statement.unit)
@@ -506,7 +506,7 @@ def _prior_mean_cell(entry: Mapping[str, Any], factor: float) -> str:
     """Return the prior mean of a parameter as a string, or a dash if no prior mean is stated.
 
     ``entry`` is what the JSON record of the fit states about the parameter. ``factor`` converts the
-    internal unit of the parameter to the unit shown.
+    internal unit of the parameter (mm, N, rad) to the unit shown.
     """
     prior_mean = entry.get("prior_mean")
     if prior_mean is None:

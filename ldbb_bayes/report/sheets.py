@@ -385,7 +385,7 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
 def _limits(conformity: Conformity, factor: float) -> str:
     """Return the limits of a tolerance as a string, such as "≤ 60" or "−20 … 40".
 
-    ``factor`` converts the internal unit of the quantity to the unit shown.
+    ``factor`` converts the internal unit of the quantity (mm, N, rad) to the unit shown.
     """
     low, high = (f"{limit * factor:.4g}".replace("-", "−") for limit in conformity.limits)
     if conformity.lower is None:

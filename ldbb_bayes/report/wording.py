@@ -339,11 +339,11 @@ def unit_words(name: str) -> tuple[float, str]:
 def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
     """Return the unit in which an uncertainty budget shows the standard uncertainty of a source.
 
-    The unit is returned as two values: the factor that converts the internal unit to the unit
-    shown, and the label of the unit shown. ``source`` is the name of a nuisance coefficient, which
-    describes an effect that is modelled but not of interest. ``term`` is the class name of its
-    model term. For noise, both names are the same. ``unit`` is the internal unit; it is used only
-    for noise.
+    The unit is returned as two values: the factor that converts the internal unit (mm, N, rad) to
+    the unit shown, and the label of the unit shown. ``source`` is the name of a nuisance
+    coefficient, which describes an effect that is modelled but not of interest. ``term`` is the
+    class name of its model term. For noise, both names are the same. ``unit`` is the internal unit;
+    it is used only for noise.
     """
     if source == term:
         if unit == "N":

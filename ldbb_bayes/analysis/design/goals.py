@@ -147,9 +147,9 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
 def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
     """Return the goal that the user stated as ``entry``.
 
-    ``entry`` is a string such as "5 %" or "2 nm/N", a number in internal units, or a `Goal`.
-    ``name``, ``unit`` and ``group`` are the name, the internal unit and the group of the goal's
-    parameter. The groups are compliances, slopes and geometric errors.
+    ``entry`` is a string such as "5 %" or "2 nm/N", a number in the unit ``unit``, or a `Goal`.
+    ``name``, ``unit`` and ``group`` are the name, the unit (composed of mm, N and rad) and the
+    group of the goal's parameter. The groups are compliances, slopes and geometric errors.
     """
     subject = f"goal of {name}"
     goal: Goal

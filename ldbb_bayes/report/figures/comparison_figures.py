@@ -297,8 +297,8 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     def draw_band(axes: Axes, name: str, factor: float) -> None:
         """Draw the band of one compliance C, and the derivative d(F C)/dF as a dotted line.
 
-        ``name`` is the name of the compliance. ``factor`` converts its internal unit to the unit
-        shown.
+        ``name`` is the name of the compliance. ``factor`` converts its unit in the program, such as
+        mm/N, to the unit shown, such as nm/N.
         """
         curve = curves[name]
         force_N = np.array(curve.force_N)
@@ -363,7 +363,7 @@ def _draw_against_force(
     parameters. ``title`` is the first part of the figure's title. ``draw_beneath`` is a function
     that is called for each panel before the curves are drawn. The arguments of this function are
     the panel, the name of the parameter, and the factor that converts the parameter's internal unit
-    to the unit shown.
+    (mm, N, rad) to the unit shown.
     """
     first = next(iter(comparison.models.values()))
     figure, all_axes = panels(len(names), 3, 1.7, 0.9)
@@ -399,8 +399,8 @@ def _draw_local_fits(axes: Axes, local_fits: pd.DataFrame, name: str, factor: fl
     """Draw the estimates of one parameter from local fits.
 
     A local fit uses only the tests at two neighbouring forces. ``name`` is the name of the
-    parameter; ``factor`` converts the parameter's internal unit to the unit shown. A least-squares
-    estimate beyond the panel's range is drawn as an arrow at the edge of the panel.
+    parameter; ``factor`` converts the parameter's internal unit (mm, N, rad) to the unit shown. A
+    least-squares estimate beyond the panel's range is drawn as an arrow at the edge of the panel.
     """
     if local_fits.empty:
         return

@@ -158,7 +158,8 @@ def axis_label(name: str, unit: str) -> tuple[float, str]:
     """Return a factor and a label for an axis that shows a parameter.
 
     The label states the parameter and the unit, for example "C_XXX (nm/N)". The factor converts a
-    value from ``unit``, the internal unit of the parameter ``name``, to the unit in the label.
+    value from ``unit``, the internal unit (mm, N, rad) of the parameter ``name``, to the unit in
+    the label.
     """
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"

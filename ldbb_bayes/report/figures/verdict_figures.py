@@ -119,7 +119,7 @@ def _bell(value: Array, mean: float, sd: float) -> Array:
 def _uncertainty_words(u: float, unit: str) -> str:
     """Return a standard uncertainty with its unit as a string, such as "1.2 nm/N".
 
-    ``u`` is the standard uncertainty in the internal unit ``unit``.
+    ``u`` is the standard uncertainty in the unit ``unit``, such as mm/N.
     """
     factor, label = display_unit(unit)
     return f"{round_uncertainty(u * factor)[0]} {label}"
