@@ -43,7 +43,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        """Store the message as one line; a long message is shortened in its middle."""
+        """Store ``message`` as one line, which is shortened in its middle if it is too long."""
         line = " ".join(message.split("\n"))
         if len(line) > LONGEST_MESSAGE:
             line = f"{line[: 2 * LONGEST_MESSAGE // 3]} … {line[-LONGEST_MESSAGE // 3 :]}"
@@ -104,9 +104,9 @@ class _Similarity(NamedTuple):
     Larger values mean more similar names.
     """
 
-    ratio: float  # share of the letters of two names that match, from 0 to 1
-    same_letters: bool  # whether both names consist of the same letters in any order
-    # number of letters of the first sequence of letters that occurs in both names
+    ratio: float  # share of the letters of two compared names that match, from 0 to 1
+    same_letters: bool  # whether two compared names consist of the same letters in any order
+    # number of letters of the first sequence of letters that occurs in both compared names
     first_match_size: int
 
 
@@ -120,7 +120,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     lower_name = name.lower()
 
     def similarity(candidate: str) -> _Similarity:
-        """Return how similar a known name is to the misspelt name."""
+        """Return how similar the known name ``candidate`` is to a name that is misspelt."""
         lower_candidate = candidate.lower()
         match = SequenceMatcher(None, lower_candidate, lower_name)
         return _Similarity(
@@ -163,9 +163,10 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
-    """Return a question for the user: whether the most similar known name was meant.
+    """Return a question for the user, such as "Did you mean 'mount'?", or an empty text.
 
-    The result is empty if that name and ``name`` have no letter in common.
+    The question suggests the known name that is most similar to ``name``. The text is empty if the
+    two names have no letter in common.
     """
     candidate = nearest(name, known)
     if not set(name.casefold()) & set(candidate.casefold()):

@@ -227,7 +227,8 @@ class Shown:
     returns all tables and sentences, which notebooks show too.
     """
 
-    # Names of the displayed attributes; if there are none, all fields of a dataclass are displayed.
+    # Names of the attributes that the display of an object shows. If there are none, all fields of
+    # a dataclass are shown.
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
@@ -240,15 +241,15 @@ class Shown:
             cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """Return the object as one line of text."""
+        """Return this result as one line of text."""
         return brief(self, _LONGEST_REPR)
 
     def __str__(self) -> str:
-        """Return the most important tables and sentences about the object, for one screen."""
+        """Return the most important tables and sentences about this result, for one screen."""
         return lines_of(screen_of(self), terminal_width())
 
     def details(self) -> str:
-        """Return all tables and sentences about this object as text."""
+        """Return all tables and sentences about this result as text."""
         return text_of(self, terminal_width())
 
     def _repr_html_(self) -> str:
@@ -265,7 +266,7 @@ class Result(Shown):
     __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the result as a dictionary that can be written as JSON.
+        """Return this result as a dictionary that can be written as JSON.
 
         Numbers are in internal units (mm, N, rad) unless the name of a field states another unit.
         """
@@ -290,20 +291,23 @@ _ADAPTERS: dict[type, TypeAdapter[Any]] = {}
 
 
 def _adapter(kind: type) -> TypeAdapter[Any]:
-    """Return pydantic's converter of a class to dictionaries and back; it is made only once."""
+    """Return the pydantic object that converts results of a class to dictionaries and back.
+
+    The object is made only once for each class.
+    """
     if kind not in _ADAPTERS:
         _ADAPTERS[kind] = TypeAdapter(kind)
     return _ADAPTERS[kind]
 
 
 class ByName(Shown, dict[str, T]):
-    """Dictionary whose keys are names and whose values are results.
+    """Dictionary of results of one class, whose keys are the names of the results.
 
     The dictionary is displayed as one table.
     """
 
     def __repr__(self) -> str:
-        """Return the number of entries and the class of the values as one line of text."""
+        """Return the number and the class of the results in the dictionary as one line of text."""
         kind = type(next(iter(self.values()), None)).__name__
         return f"<{len(self)} {kind}>"
 
@@ -312,8 +316,8 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 """Part of a displayed result: a table, a paragraph (a text) or a list (a tuple of texts)."""
 
 
-# Functions that define how classes of results are displayed. They are called when a result is first
-# displayed.
+# Functions of other modules that define how classes of results are displayed. They are called when
+# a result is first displayed.
 _REGISTRATIONS: set[Callable[[], object]] = set()
 
 
@@ -344,7 +348,7 @@ def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | Non
 
 @singledispatch
 def parts_of(result: Any) -> tuple[Passage, ...]:
-    """Return a result as tables, sentences and lists, in reading order.
+    """Return the parts that describe a result: tables, sentences and lists, in reading order.
 
     By default, one table of the result's fields is returned. Other modules, such as
     `ldbb_bayes.report.text`, can define other parts for a class of results with a function that has
@@ -463,7 +467,7 @@ def read_result(
 
 
 def _reason_of(error: Exception) -> str:
-    """Return the message of an error.
+    """Return the reason of an error, for a message about a damaged file of results.
 
     If pydantic (the library that checks the content of files) raised the error, return only the
     first entry of the error's message.

@@ -104,16 +104,18 @@ _NO_BREAK = "\xa0"
 
 @dataclass(frozen=True)
 class Table:
-    """Table for display and for files.
+    """Table of results with a caption and headings, for display and for files.
 
     Floating-point numbers are displayed with four significant digits, and None is displayed as a
     dash. All other cells are displayed unchanged.
     """
 
     caption: str
-    heads: tuple[str, ...]  #: headings of the columns, each with its unit, such as force (N)
-    numeric: tuple[bool, ...]  #: whether each column holds numbers, which are aligned right
-    #: rows of cells; the first cell of a row is the name of the row
+    #: headings of the table's columns, each with its unit, such as force (N)
+    heads: tuple[str, ...]
+    #: whether each column of the table holds numbers, which are aligned right
+    numeric: tuple[bool, ...]
+    #: rows of cells of the table; the first cell of a row is the name of the row
     rows: tuple[tuple[Any, ...], ...]
 
     @classmethod
@@ -166,7 +168,7 @@ class Table:
         """Return the table as HTML; special characters in its texts are escaped."""
         heads = [typeset(head) for head in self.heads]
         head_tags = ['th scope="col"'] * len(heads)
-        # Narrow screens show each cell after the heading of its column.
+        # On narrow screens, the page shows each cell of a table after the heading of its column.
         cell_tags = [f'td data-head="{html.escape(head)}"' for head in heads[1:]]
         row_tags = ['th scope="row"', *cell_tags]
         head = self._html_row(head_tags, heads)
@@ -177,7 +179,7 @@ class Table:
         return f"<table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody></table>"
 
     def _html_row(self, tags: Iterable[str], values: Iterable[str]) -> str:
-        """Return the cells of one row as HTML.
+        """Return the cells of one row of the table as HTML.
 
         ``tags`` holds the name and the attributes of each cell's HTML element, and ``values`` the
         texts of the cells. Cells of columns with numbers also get the class ``n``.
@@ -193,7 +195,10 @@ class _TextLayout:
     """Layout of a table as lines of text of a given width."""
 
     def __init__(self, table: Table, width: int) -> None:
-        """Store the texts of the table; at first, all columns stand side by side."""
+        """Store the texts of ``table``, to be laid out in lines of ``width`` characters.
+
+        At first, all columns stand side by side.
+        """
         self._caption = typeset(table.caption)
         self._heads = [typeset(head) for head in table.heads]
         self._numeric = table.numeric
@@ -206,7 +211,8 @@ class _TextLayout:
         self._columns = list(range(len(self._heads)))
         self._constant: list[int] = []
         self._beneath: list[int] = []
-        # Lines into which the heading of each column is broken; the unit is on a separate line.
+        # Lines into which the heading of each column of the table is broken; the unit is on a line
+        # of its own.
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
@@ -230,7 +236,7 @@ class _TextLayout:
         return "\n".join(lines)
 
     def _lines(self, beneath: Sequence[int]) -> list[str]:
-        """Return the lines of the table.
+        """Return the table as lines of text: caption, headings and rows.
 
         Cells of the columns with the indices ``beneath`` are on separate lines below each row.
         """
@@ -277,7 +283,7 @@ class _TextLayout:
         return head == "unit", head in _ESTIMATE, self._numeric[column]
 
     def _is_constant(self, column: int) -> bool:
-        """Return whether a column, other than the unit, has the same value in all rows."""
+        """Return whether a column of the table, other than its unit, has one value in all rows."""
         values = {row[column] for row in self._rows}
         return self._heads[column] != "unit" and len(values) == 1
 
@@ -287,7 +293,7 @@ class _TextLayout:
         return sum(self._column_width(column) for column in self._columns) + gaps > self._width
 
     def _column_width(self, column: int) -> int:
-        """Return the width of a column with its present heading [characters]."""
+        """Return the width of a table's column with its present heading [characters]."""
         return self._width_with(column, self._head_lines[column])
 
     def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
@@ -310,7 +316,7 @@ class _TextLayout:
             self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
 
     def _lines_of_heads(self) -> list[str]:
-        """Return the lines of text with the headings of all columns.
+        """Return lines of text with the headings of all columns that stand side by side.
 
         Headings may have several lines. Empty lines are put above headings with fewer lines than
         the longest one.
@@ -342,7 +348,7 @@ class _TextLayout:
         return (" " * _GAP).join(aligned).replace(_NO_BREAK, " ").rstrip()
 
     def _entries(self, row: Sequence[str], columns: Iterable[int]) -> str:
-        """Return the cells of a row in the given columns as text, each after its column's heading.
+        """Return the cells of a table's row in some columns as text, each after its heading.
 
         An example is "noise 0.12 µm; direction: CW". ``columns`` are indices of columns. Empty
         cells are left out.
@@ -370,12 +376,12 @@ def _cell_with_heading(head: str, value: str, numeric: bool) -> str:
 
 
 def _typeset_row(row: Sequence[Any]) -> tuple[str, ...]:
-    """Return the cells of a row as texts with true minus signs and powers of ten."""
+    """Return the cells of a table's row as texts with true minus signs and powers of ten."""
     return tuple(typeset(_text_of_cell(value)) for value in row)
 
 
 def _text_of_cell(value: Any) -> str:
-    """Return a cell as text: a dash for None, four significant digits for a float."""
+    """Return a table's cell as text: a dash for None, four significant digits for a float."""
     if value is None:
         return "–"
     if isinstance(value, float):
@@ -392,17 +398,19 @@ class ReadableFrame(pd.DataFrame):
 
     @property
     def _constructor(self) -> type[pd.DataFrame]:
+        """Class of the data frames that pandas makes from this one, such as a selection of rows."""
         return ReadableFrame
 
     def __repr__(self) -> str:
-        """Return the table as text for a screen."""
+        """Return the data frame as a table for one screen, without columns that do not fit."""
         return table_of(_for_print(self)).screen(terminal_width())
 
     def details(self) -> str:
-        """Return the table with all its columns and rows, as text."""
+        """Return the data frame as a table with all its columns and rows, as text."""
         return table_of(_for_print(self, all_rows=True)).text(terminal_width())
 
     def _repr_html_(self) -> str:
+        """Return the data frame as a table in HTML, for a notebook."""
         return table_of(_for_print(self)).html()
 
 
@@ -432,14 +440,15 @@ class _RowsInstead(NamedTuple):
     The data frame itself keeps the rows that are not displayed.
     """
 
-    #: names of the rows that are not displayed; only `ReadableFrame.details` displays them
+    #: names of the rows of a data frame that are not displayed; only `ReadableFrame.details`
+    #: displays them
     replaced: tuple[str, ...]
-    #: rows that are displayed in place of the rows ``replaced``; the keys are the names of the
-    #: displayed rows. Each value is a dictionary of cells whose keys are the names of the columns.
+    #: rows that are displayed in place of rows of a data frame; the keys are their names. Each
+    #: value is a dictionary of cells whose keys are the names of the columns.
     displayed: Mapping[str, Mapping[str, Any]]
     #: index of a row of the data frame; the rows in ``displayed`` are inserted above this row
     position: int
-    length: int  #: number of rows of the whole data frame
+    length: int  #: number of rows of the data frame when the rows to replace were chosen
 
 
 def with_rows_instead(
@@ -552,21 +561,23 @@ def _heads_with_units(frame: pd.DataFrame) -> list[str]:
 
 
 def _row_label(label: Hashable) -> Hashable:
-    """Return the name of a row; a name of several parts is joined by slashes."""
+    """Return the name of a data frame's row; a name of several parts is joined by slashes."""
     if isinstance(label, tuple):
         return " / ".join(map(str, label))
     return label
 
 
 def _displayed_cells(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
-    """Return the cells of a row for display: numbers in the display unit, None for missing values.
+    """Return the cells of a data frame's row for display, with numbers in the display unit.
 
-    ``names`` are the names of the columns, and ``values`` the values of the row.
+    ``names`` are the names of the columns, and ``values`` the values of the row. Missing values
+    become None.
     """
     factor = 1.0
     row = dict(zip(names, values, strict=True))
     unit = row.get("unit")
-    with suppress(InputError):  # A row without an internal unit is displayed unchanged.
+    # A row that states no internal unit is displayed without conversion of its numbers.
+    with suppress(InputError):
         factor, unit = display_unit(str(unit))
     decimals = _decimals_of(row, factor)
     cells: list[Any] = []
@@ -586,11 +597,11 @@ def _displayed_cells(names: Sequence[Hashable], values: Sequence[Any]) -> list[A
 
 
 def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
-    """Return the number of decimals with which a row's uncertainty has two significant digits.
+    """Return the number of decimals with which a data frame's row is displayed.
 
-    The uncertainty is the standard uncertainty of the row. ``row`` holds the cells of the row; the
-    keys are the names of the columns. ``factor`` converts the unit of the cells to the display
-    unit. Return None for a row without a standard uncertainty.
+    With these decimals, the standard uncertainty of the row has two significant digits. ``row``
+    holds the cells of the row; the keys are the names of the columns. ``factor`` converts the unit
+    of the cells to the display unit. Return None for a row without a standard uncertainty.
     """
     for name in _STANDARD_UNCERTAINTIES:
         u = row.get(name)
@@ -628,5 +639,5 @@ def _with_no_break_spaces(text: str) -> str:
 
 
 def _spaces_replaced(match: re.Match[str]) -> str:
-    """Return the matched text with a no-break space in place of every space."""
+    """Return the text that a regular expression matched, with no-break spaces for all spaces."""
     return match[0].replace(" ", _NO_BREAK)

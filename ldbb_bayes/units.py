@@ -90,12 +90,12 @@ class _Size(NamedTuple):
     force is −1.
     """
 
-    factor: float  # value of the unit in mm, N and rad; 1e-3 for µm
-    length: int  # power of length in the dimension of the unit: 1 for mm/N
-    force: int  # power of force in the dimension of the unit: −1 for mm/N
+    factor: float  # value of a unit that a user may write, in mm, N and rad; 1e-3 for µm
+    length: int  # power of length in the dimension of a unit: 1 for mm/N
+    force: int  # power of force in the dimension of a unit: −1 for mm/N
 
 
-# Factors of the prefixes that a user may write before m, N and rad.
+# Factors of the prefixes, such as k, that a user may write before the units m, N and rad.
 _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
@@ -124,7 +124,7 @@ def _units_to_write() -> dict[str, _Size]:
 # Conversions to mm, N and rad of the units that a user may write. The keys are the names of the
 # units. A user may also write quotients and squares of these units.
 UNITS_TO_WRITE = _units_to_write()
-# Superscripts of the minus sign and the digits, for powers of ten.
+# Characters for the exponents of powers of ten: superscripts of the minus sign and digits.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Units of settings, such as the standard deviation of a prior. The name of a setting ends with its
 # unit: sd_um is in µm. The keys are the endings, and the values are the units.
@@ -278,7 +278,7 @@ def _size_of(unit: str) -> _Size | None:
 
 
 def _as_quotients(match: re.Match[str]) -> str:
-    """Return the units in a bracket as a quotient.
+    """Return units in a bracket, which form a product, with slashes between them.
 
     ``match`` is the match of a regular expression, whose group 1 is the text in the bracket. For (N
     m) the result is N/m, because µrad/(N m) equals µrad/N/m.
@@ -323,11 +323,11 @@ def inside_name(text: str) -> str:
 
 
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
-    """Return items in the order of a sort key, the largest key first.
+    """Return items in descending order of a number, such as the share of a variance.
 
-    ``key`` is a function that returns the sort key of an item. Items keep their original order if
-    the relative difference of their keys is at most ``tolerance``; rounding errors therefore do not
-    affect the order. Keys below 1e-12 times the largest key are treated as zero.
+    ``key`` is a function that returns this number for an item. Items keep their original order if
+    the relative difference of their numbers is at most ``tolerance``; rounding errors therefore do
+    not affect the order. Numbers below 1e-12 times the largest are treated as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)
@@ -346,18 +346,26 @@ def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 
 
 
 class _Ranked(NamedTuple):
+    """An item that `ranked` sorts, with the number by which it is sorted.
+
+    ``key`` is this number, and ``position`` the index of ``item`` in the original order.
+    """
+
     key: float
     position: int
     item: Any
 
 
 def _largest_key_first(entry: _Ranked) -> tuple[float, int]:
-    """Return a key for Python's sort, by which the largest sort key of `ranked` comes first."""
+    """Return a key for Python's sort that puts the entry with the largest number first.
+
+    Of several entries with equal numbers, the one that came first stays first.
+    """
     return -entry.key, entry.position
 
 
 def _position(entry: _Ranked) -> int:
-    """Return the position of an item in the original order."""
+    """Return the position that an entry of `ranked` had in the original order."""
     return entry.position
 
 
@@ -426,25 +434,26 @@ def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Statement:
-    """Texts for a result and its uncertainty as metrologists write them, and their common unit."""
+    """Texts of a result and its uncertainty as metrologists write them, and their common unit."""
 
-    value: str  #: value, rounded to the decimal place of the standard uncertainty
-    u: str  #: standard uncertainty with two significant digits
-    #: expanded uncertainty (k = 2). If the distribution is skewed, this text states instead the
-    #: distances from the value to the ends of the credible interval, as +a / −b. If the value is
-    #: outside the interval, the text is "see interval".
+    #: value of the result as text, rounded to the decimal place of the standard uncertainty
+    value: str
+    u: str  #: standard uncertainty of the result as text, with two significant digits
+    #: expanded uncertainty (k = 2) of the result as text. If the distribution is skewed, this text
+    #: states instead the distances from the value to the ends of the credible interval, as +a / −b.
+    #: If the value is outside the interval, the text is "see interval".
     expanded: str
-    ends: tuple[str, str]  #: lower and upper limit of the credible interval
-    unit: str  #: display unit of value, uncertainties and limits
+    ends: tuple[str, str]  #: lower and upper limit of the credible interval of the result, as texts
+    unit: str  #: display unit of the result's value, uncertainties and limits, such as nm/N
 
     @property
     def interval(self) -> str:
-        """Credible interval as text: lower and upper limit in brackets."""
+        """Credible interval of a result as text: lower and upper limit in brackets."""
         return f"[{self.ends[0]}, {self.ends[1]}]"
 
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
-    """Return the texts for a result and its uncertainty in the display unit, such as nm/N.
+    """Return the texts of a result and its uncertainty in the display unit, such as nm/N.
 
     ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval,
     all in the internal unit ``unit`` (of mm, N and rad).
@@ -527,7 +536,7 @@ def typeset(text: str) -> str:
 
 
 def _power_of_ten(match: re.Match[str]) -> str:
-    """Return a power of ten such as ·10⁻⁵ in place of an exponent such as e-05.
+    """Return the text of a power of ten, such as ·10⁻⁵, for an exponent such as e-05.
 
     Group 1 of ``match`` is the sign of the exponent, and group 2 its digits without leading zeros.
     """

@@ -138,6 +138,7 @@ class _Remarks:
     """Remarks on what looks odd in a campaign, collected while the campaign is examined."""
 
     def __init__(self) -> None:
+        """Start without remarks."""
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:

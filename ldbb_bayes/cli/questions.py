@@ -26,7 +26,7 @@ __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign", "import_wi
 class MachineType(NamedTuple):
     """A type of machine tool: its name, its topology, and the axes that move workpiece and tool."""
 
-    #: Kind of machine tool in words, as shown to the user, such as a gantry machine.
+    #: Kind of machine tool in words, such as C-frame.
     name: str
     #: Topology of the machine tool: its axes from workpiece to tool, such as wCAFYXZSt.
     topology: str
@@ -41,7 +41,7 @@ _ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": Fal
 
 
 def can_ask() -> bool:
-    """Return whether a user can answer questions, because input and output are a terminal."""
+    """Return whether a user can answer questions: standard input and error are a terminal."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 

@@ -33,7 +33,7 @@ _STRING_OR_COMMENT = re.compile(
     ''',
     re.DOTALL | re.VERBOSE,
 )
-# Largest number of characters of a line that an error message shows.
+# Largest number of characters of a TOML file's line that an error message shows.
 _LINE_SHOWN = 40
 
 

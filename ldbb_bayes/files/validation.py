@@ -22,9 +22,9 @@ _EXPECTATION = "Input should be "
 
 @cache
 def _adapter(model: type[Any]) -> TypeAdapter[Any]:
-    """Return pydantic's validator of a class.
+    """Return the object of the library pydantic that checks values for a class.
 
-    The validator is kept for later calls, because making a validator takes milliseconds.
+    The object is kept for later calls, because it takes milliseconds to make it.
     """
     return TypeAdapter(model)
 
@@ -60,7 +60,8 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     first = (unknown_keys or errors)[0]
     location = _locate(model, content, first["loc"])
     cause = first.get("ctx", {}).get("error")
-    if not location.keys:  # The file as a whole is wrong, not one of its entries.
+    # The error concerns the content of the file as a whole, not one of its entries.
+    if not location.keys:
         reason = _describe_invalid("content", first)
         if isinstance(cause, InputError):
             reason = str(cause)
@@ -84,11 +85,14 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
 
 
 class _Location(NamedTuple):
-    """Place of an error in the content of a file."""
+    """Place of an invalid entry in the content of a TOML file."""
 
-    # keys that lead from the outermost table to the entry; entries of lists are numbered from 1
+    # keys of a TOML file that lead from the outermost table to an invalid entry; entries of lists
+    # are numbered from 1
     keys: list[str]
-    owner: Any  # class of the library pydantic that describes the table with the wrong entry
+    # class, of the library pydantic, that describes valid content of the table with the invalid
+    # entry
+    owner: Any
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
@@ -107,7 +111,9 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     owner = model
     for key in loc:
         if not isinstance(content, dict | list):
-            break  # pydantic appends names of types to the keys that lead to the error
+            # The location that pydantic reports may end with names of types, which are no keys of
+            # the file.
+            break
         keys.append(str(key + 1) if isinstance(key, int) else key)
         entries = dict(enumerate(content)) if isinstance(content, list) else content
         content = entries.get(key)
@@ -116,10 +122,10 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the class that describes the table under a key of a file.
+    """Return the pydantic class that describes the table under the key ``key`` of a TOML file.
 
-    ``owner`` is the class that describes the table in which the key ``key`` occurs. If the value of
-    the key is not a table, return ``owner``.
+    ``owner`` is the class that describes the table in which the key occurs. If the value of the key
+    is not a table, return ``owner``.
     """
     for name, field in owner.__pydantic_fields__.items():
         if key not in (name, field.alias):
@@ -201,7 +207,8 @@ def _input_error(
     place = subject
     if kwargs.get("name"):
         place = f"{subject} {kwargs['name']!r}"
-    if not first["loc"]:  # The arguments together are wrong, not one of them.
+    # The error concerns the combination of the arguments, not a single argument.
+    if not first["loc"]:
         return InputError(f"{place}: {_describe_invalid('arguments', first)}")
     key = first["loc"][0]
     dataclass_fields = vars(cls)["__dataclass_fields__"]

@@ -51,14 +51,14 @@ def _refuse_dangerous(content: bytes) -> None:
     depth = 0
 
     def refuse_document_type(*_: object) -> None:
-        """Raise an `InputError`, because the XML declares a document type."""
+        """Raise an `InputError`, because the XML file declares a document type."""
         raise InputError(
             "the file must have no document type (DTD), got one. Remove <!DOCTYPE …> and its"
             " entities."
         )
 
     def enter_element(*_: object) -> None:
-        """Increase the number of levels by one; raise an `InputError` if there are too many."""
+        """Count one more level of nested XML elements; refuse the file if there are too many."""
         nonlocal depth
         depth += 1
         require(
@@ -68,7 +68,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def leave_element(*_: object) -> None:
-        """Reduce the number of levels by one, because an element ends."""
+        """Count one level of nested XML elements less, because an element ends."""
         nonlocal depth
         depth -= 1
 

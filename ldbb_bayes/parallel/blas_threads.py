@@ -38,7 +38,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
-        """Call the function while BLAS is limited to a single thread."""
+        """Call ``function`` while the linear algebra library BLAS is limited to a single thread."""
         with _loaded_libraries().limit(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 

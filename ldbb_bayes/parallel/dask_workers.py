@@ -48,19 +48,19 @@ _WORKER_ENVIRONMENT: dict[str, Any] = {
     # matrices then take more than twice as long.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
-    # With this logging level, Dask does not report closed connections, which are of no use to the
+    # With this logging level, Dask does not report closed connections; such reports do not help the
     # user.
     "DASK_LOGGING__DISTRIBUTED": "critical",
     **ONE_THREAD,
 }
 # Configuration of Dask for a cluster on this computer.
 _DASK_OPTIONS: dict[str, Any] = {
-    # Dask must not repeat a job whose worker was killed: the function `done` repeats the job after
-    # all other jobs.
+    # Dask must not repeat a job whose worker process was killed. The function `done` of this
+    # package repeats the job after all other jobs.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.comm.timeouts.connect": ANSWER_S,
-    # The profiler of the workers is switched off, because its record of run times would grow with
-    # every job.
+    # Dask's profiler is switched off in the worker processes, because its record of run times would
+    # grow with every job.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
@@ -143,7 +143,7 @@ class _DaskExecutor(Executor):
     """Executor whose threads send jobs to Dask workers; each thread waits for one job at a time."""
 
     def __init__(self, client: Any) -> None:
-        """Start the threads; ``client`` is the connection to the Dask scheduler."""
+        """Create an executor for Dask workers; ``client`` is the connection to Dask's scheduler."""
         self._client = client
         self._threads = ThreadPoolExecutor(_WAITING_THREADS)
         self.workers = _WAITING_THREADS
@@ -156,7 +156,7 @@ class _DaskExecutor(Executor):
         return self._threads.submit(self._call_in_worker, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs.
+        """Accept no more jobs for the Dask workers.
 
         If ``wait`` is true, return only when the submitted jobs have ended. If ``cancel_futures``
         is true, cancel the jobs that have not begun.
@@ -174,7 +174,7 @@ class _DaskExecutor(Executor):
             return dask_future.result()
         except BaseException as error:
             if dask_future.status == "error":
-                raise  # The call raised the error, or its worker died.
+                raise  # The call in the Dask worker raised this error, or the worker died.
             raise BrokenExecutor(str(error)) from error
 
 

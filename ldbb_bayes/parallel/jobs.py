@@ -37,7 +37,7 @@ _TURN = threading.RLock()
 
 @dataclass(frozen=True)
 class Lost:
-    """Stand-in for the result of a job whose worker process died twice."""
+    """Object that stands in place of a job's result if the job's worker process died twice."""
 
     reason: str = (
         "its worker died twice, the second time with no other job at work (killed, or out of"
@@ -47,14 +47,15 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """One attempt to run a job.
+    """One attempt to run a job of a parallel computation in a worker process.
 
     A second attempt is made if the worker process dies during the first.
     """
 
-    index: int  # index of the job, from 0
-    job: T  # argument with which the user's function is called to do the job
-    is_last: bool  # whether this is the second and last attempt to run the job
+    index: int  # index of the job among the jobs of a parallel computation, from 0
+    job: T  # argument of the function that a parallel computation calls once for each job
+    # whether this is the second and last attempt to run the job of a parallel computation
+    is_last: bool
 
 
 def done(
@@ -149,7 +150,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     future = executor.submit(call)
 
     def result() -> R:
-        """Wait for the result of the call; if it failed in the other process, repeat it here."""
+        """Wait for the result of the call in the other process; if it failed, call here instead."""
         with suppress(Exception):
             return future.result()
         return call()
@@ -158,7 +159,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
 
 
 def _limit_in_flight(executor: Executor | None) -> int:
-    """Return how many jobs may be submitted to an executor and not yet finished."""
+    """Return how many jobs may be submitted to an executor before their results are awaited."""
     if executor is None:
         return 1
     workers: int = getattr(executor, "workers", 0)
@@ -166,7 +167,10 @@ def _limit_in_flight(executor: Executor | None) -> int:
 
 
 def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
-    """Return a future that will hold the result of a call; without an executor, call at once."""
+    """Return a future for the result of a call that an executor makes.
+
+    Without an executor, the call is made at once in this process, and the future holds its result.
+    """
     if executor is not None:
         return executor.submit(call)
     future: Future[R] = Future()
@@ -178,20 +182,24 @@ def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
 
 
 def _run_in_turn(function: Callable[[T], R], job: T) -> R:
-    """Run a job in this thread, with one BLAS thread and while no other thread runs a job."""
+    """Call ``function`` with the argument ``job`` in this thread, and return the result.
+
+    The linear algebra library BLAS is limited to one thread, and no other thread runs a job at the
+    same time.
+    """
     with _TURN, threadpool_limits(1):
         return function(job)
 
 
 def _error_of(future: Future[R]) -> BaseException | None:
-    """Return the error of a finished or cancelled future; None if it has a result."""
+    """Return the error of a job from its finished or cancelled future; None if it succeeded."""
     if future.cancelled():
         return BrokenExecutor("cancelled")
     return future.exception()
 
 
 def _is_death_of_worker(error: BaseException) -> bool:
-    """Return whether an error means that a worker process died.
+    """Return whether a job's error means that the worker process of the job died.
 
     Dask's error KilledWorker is recognised by its name, because Dask need not be installed.
     """

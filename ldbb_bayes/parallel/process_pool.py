@@ -43,7 +43,7 @@ _UNGUARDED_SCRIPT = (
 
 
 class WorkerDiedError(RuntimeError):
-    """Error for a job whose worker process died; other jobs are not affected."""
+    """Error of a job whose worker process died; it does not affect the jobs of other processes."""
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def refuse_to_nest() -> None:
 
 
 def ignore_interruption() -> None:
-    """Make this worker process ignore Ctrl-C.
+    """Make this worker process of a parallel computation ignore Ctrl-C.
 
     A terminal sends Ctrl-C to all processes of a program. The process that started the worker
     handles Ctrl-C.
@@ -100,17 +100,21 @@ def ignore_interruption() -> None:
 
 
 class _Answer(NamedTuple):
-    """Outcome of a job in a worker process: its result, or the exception that it raised."""
+    """Outcome of a job that a worker process ran: its result, or the exception that it raised."""
 
-    succeeded: bool  # true if the job ended without an exception
-    content: Any  # result of the job, or the exception
+    succeeded: bool  # whether a job ended in its worker process without an exception
+    # result of the job that a worker process ran, or the exception that the job raised
+    content: Any
 
 
 class _ProcessPool(Executor):
     """Executor with one thread for each worker process; the thread sends jobs to this process."""
 
     def __init__(self, workers: int) -> None:
-        """Start the threads; every thread starts its worker process with its first job."""
+        """Create an executor with ``workers`` worker processes on this computer.
+
+        Each thread of the executor starts its worker process at the first job of the thread.
+        """
         self.workers = workers
         self._threads = ThreadPoolExecutor(workers)
         self._local = threading.local()
@@ -118,14 +122,14 @@ class _ProcessPool(Executor):
         self._killed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit the call ``fn(*args, **kwargs)`` to a worker process.
+        """Submit the call ``fn(*args, **kwargs)`` to one of the worker processes.
 
         Return a future (of ``concurrent.futures``) that will hold the result of the call.
         """
         return self._threads.submit(self._call_in_process, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs.
+        """Accept no more jobs for the worker processes.
 
         If ``wait`` is true, return only when the submitted jobs have ended. If ``cancel_futures``
         is true, cancel the jobs that have not begun.
@@ -143,9 +147,10 @@ class _ProcessPool(Executor):
             process.join()
 
     def _call_in_process(self, call: Callable[[], Any]) -> Any:
-        """Run a job in the worker process of this thread, and return its result or raise its error.
+        """Make a call in the worker process that belongs to this thread; return its result.
 
-        The process is started with the first job of the thread.
+        Raise the error of the call, or a `WorkerDiedError` if the process ends. The process is
+        started at the first call from this thread.
         """
         connection = getattr(self._local, "connection", None)
         if connection is None:
