@@ -220,7 +220,7 @@ class Population(Result):
     #: whether the random draws of the spreads (standard deviations from machine to machine) can be
     #: trusted. They can be trusted if Pareto's k̂ of their weights is low enough.
     trusted: bool
-    caveats: tuple[Caveat, ...]  #: reasons for caution when the results are used
+    caveats: tuple[Caveat, ...]  #: limitations of the results for the population
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
     #: whether every machine was compared with the other machines and the comparison was reliable;
     #: this comparison shows which machines do not belong to the population

@@ -59,7 +59,7 @@ class CaveatKind(StrEnum):
 class Caveat(Result):
     """One limitation of a trend or a population. Reports describe it to the user in a sentence."""
 
-    kind: CaveatKind  #: kind of a limitation of a trend or a population
+    kind: CaveatKind  #: kind of the limitation of a trend or a population
     #: names of the campaigns, machines or parameters that a limitation of a trend or a population
     #: concerns
     names: tuple[str, ...] = ()

@@ -100,14 +100,14 @@ class ParameterChange(Result):
     #: index of the campaign just before which the parameter most probably changed, under the
     #: assumption that it changed; campaigns are counted from 0 in order of time
     place: int
-    #: size of the parameter's step (later level minus earlier level) under the assumption that this
-    #: parameter changed, averaged over the possible times of the change
+    #: size of the step change of the parameter over time (later level minus earlier level) under
+    #: the assumption that this parameter changed, averaged over the possible times of the change
     change: Summary
-    #: step of the parameter in per cent of its level before the step; None if the standard
+    #: step change of the parameter in per cent of its level before the change; None if the standard
     #: uncertainty of that level is 20 % of the level or more
     percent: float | None
-    #: posterior mean of the parameter's level before the step, under the assumption that this
-    #: parameter changed
+    #: posterior mean of the parameter's level before its step change, under the assumption that
+    #: this parameter changed
     level_before: float
     #: level (value) of the parameter at the last campaign. The level is averaged over all
     #: possibilities, weighted by their probabilities: that no parameter has changed, or that one
@@ -170,7 +170,7 @@ class Trend(Result):
     probability: Annotated[float, Field(alias="probability_of_change")]
     #: whether the posterior probability of a change is above the threshold, so that it is reported
     changed: bool
-    #: upper bound on the probability that a change is reported if there is none
+    #: upper bound on the probability that a change of the machine is reported if none has occurred
     false_alarm: float
     campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
     #: possible step and present level of each parameter of the machine; the keys are the names of

@@ -341,27 +341,30 @@ class JointDensity:
     def __call__(self, x: Array) -> Array:
         """Return the log posterior density, shape (n,), at n points x of shape (n, p + h).
 
-        The first p coordinates of a point are scaled parameters, the other h are unbounded
-        coordinates of the hyper-parameters; see the class.
+        The first p coordinates of a point are the parameters minus their least-squares estimates,
+        divided by their typical magnitudes. The other h coordinates are unbounded coordinates of
+        the hyper-parameters, mostly ln(value − lower bound).
         """
         beta, free = self.split(x)
         prior = self.bound.hyper_prior
         return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """Convert points to parameters, shape (..., p), and free coordinates, shape (..., h).
+        """Convert a sampler's points to parameters and free coordinates of hyper-parameters.
 
-        ``x``, shape (..., p + h), holds points with p parameters and h free coordinates, in the
-        coordinates of `JointDensity`. Free coordinates are the h hyper-parameters transformed to be
-        unbounded, mostly ln(value − lower bound).
+        ``x``, shape (..., p + h), holds the points; the first p coordinates of a point are scaled
+        parameters (see `JointDensity`). The results are the parameters in mm, N and rad, shape
+        (..., p), and the free coordinates, shape (..., h). Free coordinates are the h
+        hyper-parameters transformed to be unbounded, mostly ln(value − lower bound).
         """
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
-        """Convert parameters and free coordinates to points of `JointDensity`, shape (..., p + h).
+        """Convert parameters and hyper-parameters to points of a sampler, shape (..., p + h).
 
-        ``beta``, shape (..., p), holds the p parameters. ``free``, shape (..., h), holds the h
+        The first p coordinates of a point are scaled parameters (see `JointDensity`). ``beta``,
+        shape (..., p), holds the p parameters. ``free``, shape (..., h), holds the h
         hyper-parameters transformed to be unbounded, mostly ln(value − lower bound). `split` is the
         inverse.
         """

@@ -211,7 +211,7 @@ class Evidences(Shown):
         return rough
 
     def posterior(self, model: HybridModel) -> HyperPosterior:
-        """Return the posterior of a model's hyper-parameters; equal models share one object."""
+        """Return the posterior density of a model's hyper-parameters; it is made only once."""
         key = model_to_toml(model)
         if key not in self._posteriors:
             check_comparable(model, self.campaign)

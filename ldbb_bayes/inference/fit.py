@@ -184,7 +184,10 @@ class Fit(Result):
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
     def _moves_intervals(self, check: Check) -> bool:
-        """Return whether a failing check of readings matters for intervals, as in `misfits`."""
+        """Return whether a failing check of a test's readings matters for the credible intervals.
+
+        `misfits` explains which failing checks matter.
+        """
         if check.kind == CheckKind.ORDER:
             return self.shift.get(check.test, np.inf) > _LARGEST_SHIFT
         return self.widening > _LARGEST_WIDENING

@@ -212,7 +212,8 @@ class _StandardDraws(NamedTuple):
     value; these draws come first.
     """
 
-    #: random draws of p parameters in standard coordinates, shape (w, tries, p)
+    #: random draws of p parameters, in coordinates in which they are standard normal, for each of w
+    #: values of the hyper-parameters, shape (w, tries, p)
     standard: Array
     #: number of usable draws for each of w values of the hyper-parameters, shape (w,); if the model
     #: does not allow negative compliances, draws with negative compliances are not usable

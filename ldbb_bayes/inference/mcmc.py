@@ -181,7 +181,7 @@ class WeightedPoints(NamedTuple):
     target density is the density from which the sampler is to draw.
     """
 
-    points: Array  #: d coordinates of each of some random points, shape (size, d)
+    points: Array  #: random points with d coordinates for a sampler, shape (size, d)
     #: log importance weight of each random point, ln(target density / proposal density), up to a
     #: constant, shape (size,)
     log_weight: Array

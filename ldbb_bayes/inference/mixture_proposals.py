@@ -296,8 +296,8 @@ class _AxisFit(NamedTuple):
     #: h); the first row is for coordinates below ``offset``, the second row for coordinates above
     #: ``offset``
     freedom: Array
-    #: log of the fitted density along each of h directions, averaged over the weighted points to
-    #: which it was fitted, shape (h,)
+    #: log of the split Student-t density along each of h directions, averaged over the weighted
+    #: points to which the density was fitted, shape (h,)
     log_likelihood: Array
 
 

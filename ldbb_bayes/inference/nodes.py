@@ -494,10 +494,11 @@ class HyperPosterior:
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """Values of the hyper-parameters from `proposal`, with weights for the posterior density.
+        """Random values of the hyper-parameters, weighted to represent their posterior density.
 
-        If ``truncated`` is true, the weights in `proposal` contain an upper bound of the
-        probability that no compliance is negative. Here, the bound is replaced by the probability.
+        The values are those in `proposal`. If ``truncated`` is true, the weights in `proposal`
+        contain an upper bound of the probability that no compliance is negative. Here, the bound is
+        replaced by the probability.
         """
         return self._replace_bound(self.proposal)
 
@@ -543,7 +544,8 @@ class HyperPosterior:
         are left out. The posterior density may extend far towards zero in one hyper-parameter, and
         the other hyper-parameters there may have other values than at the mode. The proposal (the
         density from which points are drawn) covers this region if it is also fitted at these
-        maxima. Each maximum is described by the same pair of arrays as in `modes`.
+        maxima. Each maximum is described by a pair of arrays: its normal scores, shape (h,), and a
+        square root, shape (h, h), of the inverse of minus the Hessian of the log density there.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -577,8 +579,9 @@ class HyperPosterior:
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
         def derivatives(point: Array) -> tuple[Array, Array]:
-            # Return gradient and Hessian of the log density at a point, with zeros for all
-            # derivatives with respect to the coordinate ``axis``, which is held constant.
+            # Return gradient and Hessian of the hyper-parameters' log posterior density at a point,
+            # with zeros for all derivatives with respect to the coordinate ``axis``, which is held
+            # constant.
             gradient, hessian = self._derivatives(point)
             both_may_change = np.outer(may_change, may_change)
             return np.where(may_change, gradient, 0.0), np.where(both_may_change, hessian, 0.0)

@@ -117,9 +117,8 @@ class NormalScores:
     def _log_density_at_bounds(self) -> Array:
         """Log prior densities of k hyper-parameters at their lower and upper bounds, shape (2, k).
 
-        The hyper-parameters are those with truncated normal priors.
-
-        At an infinite bound, the log density is −inf.
+        The hyper-parameters are those with truncated normal priors. At an infinite bound, the log
+        density is −inf.
         """
         white = (self._bounds - self._mean) / self._sd
         log_normal = -0.5 * white**2 - 0.5 * np.log(2.0 * np.pi)
