@@ -241,18 +241,19 @@ class Shown:
             cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """Return this result as one line of text."""
+        """Return this object, such as a result or a campaign, as one line of text."""
         return brief(self, _LONGEST_REPR)
 
     def __str__(self) -> str:
-        """Return the most important tables and sentences about this result, for one screen."""
+        """Return the most important tables and sentences about this object, for one screen."""
         return lines_of(screen_of(self), terminal_width())
 
     def details(self) -> str:
-        """Return all tables and sentences about this result as text."""
+        """Return all tables and sentences about this object, such as a result, as text."""
         return text_of(self, terminal_width())
 
     def _repr_html_(self) -> str:
+        """Return all tables and sentences about this object as HTML, for a notebook."""
         return html_of(self)
 
 

@@ -34,6 +34,12 @@ _STRICT = ConfigDict(extra="forbid", defer_build=True)
 
 @dataclass(frozen=True, kw_only=True, config=_STRICT)
 class _PlannedTest(TestFields):
+    """A table [[test]] or [[foreseen]] of campaign.toml for a test without readings.
+
+    ``readings`` is the number of evenly spaced angles, ``start_deg`` the first angle and
+    ``arc_deg`` the arc that the angles cover.
+    """
+
     readings: Annotated[int, Field(ge=9, le=1_000_000)] | None = None
     start_deg: Number | None = None
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
@@ -41,6 +47,8 @@ class _PlannedTest(TestFields):
 
 @dataclass(frozen=True, kw_only=True, config=_STRICT)
 class _TestFile(_PlannedTest):
+    """A table [[test]] of campaign.toml; ``file`` names the file with the readings, if any."""
+
     file: str | None = None
 
 
@@ -49,12 +57,16 @@ class _TestFile(_PlannedTest):
 # begins with the name of the table: the key U_um of the table [bar] becomes the field bar_U_um.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
+    """The table [balls] of campaign.toml: form deviations of work ball and tool ball."""
+
     work: Ball = field(default_factory=Ball)
     tool: Ball = field(default_factory=Ball)
 
 
 @dataclass(frozen=True, config=_STRICT)
 class _Bar:
+    """The table [bar] of campaign.toml: error of the bar's length and its uncertainty (k = 2)."""
+
     length_error_um: Number = 0.0
     U_um: Positive | None = None
     certificate: Label | None = None
@@ -62,12 +74,20 @@ class _Bar:
 
 @dataclass(frozen=True, config=_STRICT)
 class _Mount(MountCompensation):
+    """The table [mount] of campaign.toml: deflection of the work ball's mount.
+
+    Instead of the deflection, the table may give the stiffness. ``U_percent`` is the expanded
+    uncertainty (k = 2) of the deflection.
+    """
+
     stiffness_N_per_um: Positive | None = None
     U_percent: Percent | None = None
 
 
 @dataclass(frozen=True, config=_STRICT)
 class _Force(ForceLaw):
+    """The table [force] of campaign.toml: force law and certified errors of the force."""
+
     U_percent: Percent | None = None
     linearity_percent: Percent | None = None
     random_N: Positive | None = None
@@ -76,11 +96,15 @@ class _Force(ForceLaw):
 
 @dataclass(frozen=True, config=_STRICT)
 class _Angle:
+    """The table [angle] of campaign.toml: expanded uncertainty (k = 2) of the angles [deg]."""
+
     U_deg: Positive | None = None
 
 
 @dataclass(frozen=True, kw_only=True, config=_STRICT)
 class _CampaignFile(CampaignFields):
+    """Content of a campaign.toml, as the library pydantic checks it."""
+
     schema: Literal[1]
     topology: str
     plane: str

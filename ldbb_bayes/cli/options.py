@@ -255,6 +255,8 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
 
 
 class _CatalogueEntry(NamedTuple):
+    """Name of a command-line option, and its settings in the file ``options.toml``."""
+
     name: str
     settings: Mapping[str, Any]
 

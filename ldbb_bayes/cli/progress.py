@@ -24,6 +24,8 @@ Begin = Callable[[str], Tell | None]
 
 
 class _BarState(NamedTuple):
+    """State of a progress bar: completed share, from 0 to 1, and the text beside the bar."""
+
     share: float
     text: str
 

@@ -173,6 +173,7 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
 
         @wraps(pydantic_init)
         def checked_init(self: T, *args: Any, **kwargs: Any) -> None:
+            """Make the object from its arguments; raise an `InputError` if they are wrong."""
             try:
                 pydantic_init(self, *args, **kwargs)
             except ValidationError as error:
