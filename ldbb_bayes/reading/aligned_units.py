@@ -60,7 +60,7 @@ def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
                 continue
             header_line = _line_above(rows[:above], lines)
             numbers = [lines[other.line - 1] for other in rows[k : k + _SAMPLE_ROWS]]
-            columns = _columns_of(units, _places_of_columns(header_line, numbers, width))
+            columns = _aligned_columns(units, _places_of_columns(header_line, numbers, width))
             if columns:
                 cells = [""] * width
                 for column, unit in zip(columns, units, strict=True):
@@ -96,7 +96,7 @@ def _line_above(rows: Sequence[Row], lines: Sequence[str]) -> str:
     return lines[rows_of_words[-1].line - 1]
 
 
-def _words_of(line: str, pattern: re.Pattern[str]) -> list[_Word]:
+def _texts_with_places(line: str, pattern: re.Pattern[str]) -> list[_Word]:
     """Return the texts of a line that match a pattern, each with its beginning and end.
 
     Tabs are replaced by blanks, as on a printed page. A sign that marks the line as a comment is
@@ -112,7 +112,7 @@ def _units_with_places(row: Row, lines: Sequence[str]) -> list[_Word]:
     A factor, such as 10, belongs to the unit that follows it. The result is an empty list if the
     row is not a row of units. ``lines`` are all lines of the text.
     """
-    words = _words_of(lines[row.line - 1], _NAMES[0])
+    words = _texts_with_places(lines[row.line - 1], _NAMES[0])
     texts = joined_factors([word.text for word in words])
     if not row_of_units(texts, " "):
         return []
@@ -140,13 +140,13 @@ def _places_of_columns(header: str, numbers: Sequence[str], width: int) -> list[
         Number of columns.
     """
     for pattern in _NAMES:
-        places = _words_of(header, pattern)
+        places = _texts_with_places(header, pattern)
         if len(places) == width:
             break
     else:
         return []
     for line in numbers:
-        cells = _words_of(line, _NAMES[0])
+        cells = _texts_with_places(line, _NAMES[0])
         if len(cells) != width:
             break
         for column, cell in enumerate(cells):
@@ -156,7 +156,7 @@ def _places_of_columns(header: str, numbers: Sequence[str], width: int) -> list[
     return places
 
 
-def _columns_of(units: Sequence[_Word], places: Sequence[_Word]) -> list[int]:
+def _aligned_columns(units: Sequence[_Word], places: Sequence[_Word]) -> list[int]:
     """Return the column that each unit aligns with; an empty list if units do not align.
 
     A unit aligns with the column that shares most characters of the line with it, or else with the

@@ -102,7 +102,7 @@ class AngleConvention(NamedTuple):
     offset_deg: float
 
 
-class _Words(NamedTuple):
+class _AngleStatement(NamedTuple):
     """What a text states about angles: where they begin, and in which direction they increase."""
 
     zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
@@ -132,14 +132,18 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
         If an axis lies outside the plane, if words contradict each other, or if angles begin at
         another axis than the plane's first axis and nothing states in which sense they run.
     """
-    words = _words_of(recording)
+    words = _statements_about_angles(recording)
     layout = recording.layout
     if layout.angle_sign is not None or layout.angle_offset_deg is not None:
         convention = AngleConvention(layout.angle_sign or 1, layout.angle_offset_deg or 0.0)
         _note_words(recording, words, convention)
         return convention
-    zero = layout.angle_zero or _single(recording, "zero", [entry.zero for entry in words])
-    sense = layout.angle_sense or _single(recording, "sense", [entry.sense for entry in words])
+    zero = layout.angle_zero or _agreed_statement(
+        recording, "zero", [entry.zero for entry in words]
+    )
+    sense = layout.angle_sense or _agreed_statement(
+        recording, "sense", [entry.sense for entry in words]
+    )
     _note_unread(recording, plane, zero, sense)
     if not zero and not sense:
         return AngleConvention(1, 0.0)
@@ -178,7 +182,7 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
         return False
     if unit_mentioned(text):
         return False
-    words = _words_in(recording, cited_line(line), text, is_header=False)
+    words = _statement_about_angles(recording, cited_line(line), text, is_header=False)
     return not (words.zero or words.sense or _HARMLESS.search(text))
 
 
@@ -203,7 +207,7 @@ def _states_only_unit(line: int | str, text: str, fields: Collection[str]) -> bo
 
 
 def _convention_in_words(
-    recording: Recording, plane: str, words: list[_Words], zero: str, sense: str
+    recording: Recording, plane: str, words: list[_AngleStatement], zero: str, sense: str
 ) -> AngleConvention:
     """Return the convention of angles that begin at the axis ``zero`` and run in ``sense``.
 
@@ -230,7 +234,9 @@ def _convention_in_words(
     return AngleConvention(sign, -sign * angle_of_axis(recording, zero, plane))
 
 
-def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
+def _note_words(
+    recording: Recording, words: list[_AngleStatement], convention: AngleConvention
+) -> None:
     """Note each statement in the file that is not used, because the user gives sign and offset.
 
     ``words`` are these statements, and ``convention`` is the user's conversion of the angles.
@@ -241,7 +247,7 @@ def _note_words(recording: Recording, words: list[_Words], convention: AngleConv
         recording.note("angle", value, said, "--angle-sign, --angle-offset-deg")
 
 
-def _single(recording: Recording, subject: str, stated: list[str]) -> str:
+def _agreed_statement(recording: Recording, subject: str, stated: list[str]) -> str:
     """Return the axis at which a file says that angles begin, or their sense (CW or CCW).
 
     ``subject`` is "zero" for the axis, and "sense" for the sense. ``stated`` has an entry for each
@@ -271,7 +277,7 @@ def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
     return angle
 
 
-def _words_of(recording: Recording) -> list[_Words]:
+def _statements_about_angles(recording: Recording) -> list[_AngleStatement]:
     """Return all statements in a file on where angles begin and in which sense they run.
 
     There is one entry for each source that states the axis or the sense. The sources are the header
@@ -282,16 +288,18 @@ def _words_of(recording: Recording) -> list[_Words]:
     if "angle" in recording.heading.roles:
         header = recording.heading.headers[recording.heading.roles["angle"]]
     text = name_as_words(header)
-    words = [_words_in(recording, f"the header {header!r}", text, is_header=True)]
+    words = [_statement_about_angles(recording, f"the header {header!r}", text, is_header=True)]
     for line, content in recording.lines_outside:
         content = content[:LONGEST_TEXT].replace("_", " ")
         for text in statements_of_line(content, _is_mixed):
             if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
-                words.append(_words_in(recording, cited_line(line), text, is_header=False))
+                words.append(
+                    _statement_about_angles(recording, cited_line(line), text, is_header=False)
+                )
     for name in recording.names_of_files():
         if name_is_about_angles(name):
             text = name_as_words(name)
-            words.append(_words_in(recording, "its name", text, is_header=False))
+            words.append(_statement_about_angles(recording, "its name", text, is_header=False))
     return [entry for entry in words if entry.zero or entry.sense]
 
 
@@ -300,7 +308,9 @@ def _is_mixed(text: str) -> bool:
     return _SUBJECT.search(text) is not None and _OTHER_SUBJECT.search(text) is not None
 
 
-def _words_in(recording: Recording, source: str | CitedLine, text: str, is_header: bool) -> _Words:
+def _statement_about_angles(
+    recording: Recording, source: str | CitedLine, text: str, is_header: bool
+) -> _AngleStatement:
     """Return the axis at which angles begin and the sense in which they run, as a text states.
 
     ``text`` is a header, a line or a name, and ``source`` tells where it is, such as "line 3".
@@ -320,7 +330,7 @@ def _words_in(recording: Recording, source: str | CitedLine, text: str, is_heade
         if len(senses) == 1:
             sense = senses.pop()
         _check_reversed(recording, source, text, is_header)
-    return _Words(zero, sense, source)
+    return _AngleStatement(zero, sense, source)
 
 
 def name_is_about_angles(name: str) -> bool:

@@ -70,7 +70,7 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """
     sexagesimal = columns_in_sexagesimal(row.cells for row in rows)
     numbers = [_numbers_of(row.cells, sexagesimal) for row in rows]
-    is_neighbour = _may_be_neighbours(rows, numbers)
+    is_neighbour = _are_evidence_of_table(rows, numbers)
     changed = list(rows)
     units: dict[tuple[int, int], str] = {}
     for k, row in enumerate(rows):
@@ -123,7 +123,7 @@ def _angles_in(row: Row) -> dict[int, str]:
     return angles
 
 
-def _may_be_neighbours(
+def _are_evidence_of_table(
     rows: Sequence[Row], numbers: Sequence[Mapping[int, _NumberAndUnit]]
 ) -> list[bool]:
     """Return, for each row, whether it is evidence that the rows next to it belong to a table.

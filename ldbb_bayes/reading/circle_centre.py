@@ -76,12 +76,12 @@ def take_centres(recordings: Iterable[Recording]) -> None:
             recording.fields.update(dict.fromkeys(CENTRE, 0.0) | dict(coordinates))
             remark = "taken as machine coordinates"
             reason = quoted_line(centres[0].line, centres[0].text, remark)
-            recording.note("centre", _shown(coordinates), reason, _OPTION)
+            recording.note("centre", _coordinates_as_text(coordinates), reason, _OPTION)
             continue
         for centre in centres:
             remark = "perhaps not in machine coordinates"
             reason = quoted_line(centre.line, centre.text, remark)
-            recording.note("centre", _shown({}), reason, _OPTION)
+            recording.note("centre", _coordinates_as_text({}), reason, _OPTION)
 
 
 def without_centre(text: str) -> str:
@@ -126,7 +126,7 @@ def _coordinates_of(text: str) -> dict[str, float]:
     return coordinates
 
 
-def _shown(coordinates: Mapping[str, float]) -> str:
+def _coordinates_as_text(coordinates: Mapping[str, float]) -> str:
     """Return the coordinates of a centre as text; a coordinate that is not stated is zero.
 
     The keys of ``coordinates`` are names of fields, such as ``centre_x_mm``.

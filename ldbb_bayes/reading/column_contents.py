@@ -155,7 +155,7 @@ def name_plane_column(
         headers[column] = "plane"
         return replace(heading, headers=headers)
     if columns:
-        titles = " and ".join(repr(_title(heading, column)) for column in columns)
+        titles = " and ".join(repr(_title_of_column(heading, column)) for column in columns)
         raise InputError(
             f"{sheet.place}: one column must state the plane, got planes in column {titles}. Give"
             " --plane if all tests have the same, or rename the header of the right column to"
@@ -190,7 +190,7 @@ def _note_contradiction(
     """
     planes = sorted({plane_named(cell) for cell in column_cells} - {stated_plane})
     if planes:
-        reason = f"column {_title(heading, column)!r} says {', '.join(planes)}"
+        reason = f"column {_title_of_column(heading, column)!r} says {', '.join(planes)}"
         log.add(sheet.place, "plane", f"{stated_plane}, as given", reason, "--plane")
 
 
@@ -208,8 +208,9 @@ def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequenc
             continue
         for word in sorted(words):
             if plane_named(word) not in _PLANE_CELLS:
+                title = _title_of_column(heading, column)
                 raise InputError(
-                    f"{sheet.place}: column {_title(heading, column)!r} must name the plane (XY, YZ"
+                    f"{sheet.place}: column {title!r} must name the plane (XY, YZ"
                     f" or ZX) in all rows, got {word[:LONGEST_NAME]!r}. Correct it, or give"
                     " --plane."
                 )
@@ -230,7 +231,7 @@ def check_directions(
     if any(entry.direction is not None for entry in layout.test):
         return
     for column in _free_columns(heading, cells):
-        title = _title(heading, column)
+        title = _title_of_column(heading, column)
         words = {cell.strip() for cell in cells[column]}
         if words <= _SIGNS and words != {"1"} and _TRAVEL_WORD.search(title):
             raise InputError(
@@ -270,7 +271,9 @@ def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence
             different.append(column)
     if not different:
         return
-    titles = ", ".join(f"{_title(heading, column)!r} ({column + 1})" for column in different)
+    titles = ", ".join(
+        f"{_title_of_column(heading, column)!r} ({column + 1})" for column in different
+    )
     raise InputError(
         f"{sheet.place}: all readings of a table must share one column of angles, got other angles"
         f" in the columns {titles[:LONGEST_NAME]}. Put each reading with its angles into a file of"
@@ -292,6 +295,6 @@ def _names_plane(header: str) -> bool:
     return any(_PLANE_WORD.fullmatch(word) for word in _WORDS.findall(header))
 
 
-def _title(heading: Heading, column: int) -> str:
+def _title_of_column(heading: Heading, column: int) -> str:
     """Return the header of a column; if it is empty, the number of the column, counted from 1."""
     return heading.headers[column][:LONGEST_NAME] or str(column + 1)

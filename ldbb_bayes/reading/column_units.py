@@ -52,7 +52,7 @@ def is_unit_stated(recording: Recording, role: str) -> bool:
     """Return whether the user or the file states the unit of the column with this role."""
     if getattr(recording.layout, f"{role}_unit") is not None:
         return True
-    return bool(_evidence(recording, role))
+    return bool(_evidence_in_file(recording, role))
 
 
 def unit_size(
@@ -82,16 +82,16 @@ def unit_size(
         contradict each other.
     """
     stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
-    evidence = _evidence(recording, role)
+    evidence = _evidence_in_file(recording, role)
     subject = f"unit of the {role}"
     option = _option(role)
     if stated_unit is not None:
         for other in evidence:
             if set(other.units) != {stated_unit}:
-                contradiction = with_words(other.source, f" says {_listed(other.units)}")
+                contradiction = with_words(other.source, f" says {_units_as_text(other.units)}")
                 recording.note(subject, f"{stated_unit}, as given", contradiction, option)
         recording.log.keep(**{f"{role}_unit": stated_unit})
-        return _size_in(recording, role, stated_unit, "as given")
+        return _size_of_known_unit(recording, role, stated_unit, "as given")
     if not evidence:
         recording.note(subject, usual, reason, option)
         recording.log.keep(**{f"{role}_unit": usual})
@@ -106,10 +106,12 @@ def unit_size(
         if is_complete:
             units.discard(_NO_UNIT)
         if units != set(first.units):
+            units_of_first = _units_as_text(first.units)
+            units_of_other = _units_as_text(other.units)
             raise InputError(
                 f"{recording.place}: the unit of the {role} must be said once, got"
-                f" {_listed(first.units)} in {first.source} and {_listed(other.units)} in"
-                f" {other.source}. Correct the file, or give {option}."
+                f" {units_of_first} in {first.source} and {units_of_other} in {other.source}."
+                f" Correct the file, or give {option}."
             )
     _note_source(recording, role, first)
     return _size_of_rows(recording, role, first)
@@ -124,7 +126,7 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
     if evidence.source == _header_source(recording, role) and not is_scaled:
         return
     subject = f"unit of the {role}"
-    value = _listed([unit_in_shares(unit) or unit for unit in evidence.units])
+    value = _units_as_text([unit_in_shares(unit) or unit for unit in evidence.units])
     if value == SECONDS_UNIT:
         value += ", degrees and minutes included"
     recording.note(subject, value, evidence.source, _option(role))
@@ -143,13 +145,15 @@ def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> f
         if len(evidence.units) > 1:
             line = recording.lines[list(evidence.units).index(unit)]
             source = cited_line(line)
-        sizes[unit] = _size_in(recording, role, unit, source)
+        sizes[unit] = _size_of_known_unit(recording, role, unit, source)
     if len(sizes) == 1:
         return next(iter(sizes.values()))
     return np.array([sizes[unit] for unit in evidence.units])
 
 
-def _size_in(recording: Recording, role: str, unit: str, source: str | CitedLine) -> float:
+def _size_of_known_unit(
+    recording: Recording, role: str, unit: str, source: str | CitedLine
+) -> float:
     """Return the size of a unit in the unit that this package uses for the role of a column.
 
     For readings, for which the package uses µm, the size of mm is 1000. ``source`` says where the
@@ -193,7 +197,7 @@ def _option(role: str) -> str:
     return "--unit" if role == "reading" else f"--{role}-unit"
 
 
-def _listed(units: Sequence[str]) -> str:
+def _units_as_text(units: Sequence[str]) -> str:
     """Return the different units as text for messages: ``mm and um``."""
     return " and ".join(dict.fromkeys(units))[:_UNIT_SHOWN]
 
@@ -209,7 +213,7 @@ def _header_source(recording: Recording, role: str) -> str:
     return f"line {heading.line}"
 
 
-def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
+def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
     """Return the units that each source in the file states for a column, given its role.
 
     A role is what the column holds, such as angle or reading. Some instruments give readings in

@@ -13,7 +13,7 @@ from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_NAME
 
-__all__ = ["advice_on_tests", "cells_of", "columns_of_further_readings", "columns_that_part"]
+__all__ = ["advice_on_tests", "cells_of", "columns_of_further_readings", "columns_that_name_tests"]
 
 # Smallest number of rows of a test. If a column names tests, each name must be in at least this
 # number of rows.
@@ -26,7 +26,7 @@ _ROLES_OF_NUMBERS = ("angle", "reading", "time")
 _COLUMNS_SHOWN = 6
 
 
-def columns_that_part(
+def columns_that_name_tests(
     recording: Recording, directions: Sequence[str] = (), n_tests: int | None = None
 ) -> list[str]:
     """Return the headers of the columns that may name the test of each row.
@@ -88,7 +88,7 @@ def advice_on_tests(recordings: Sequence[Recording], n_stated: int) -> str:
     if remainder or n_tests < 2 or any(recording.label for recording in recordings):
         return ""
     recording = recordings[0]
-    parting = columns_that_part(recording, n_tests=n_tests)
+    parting = columns_that_name_tests(recording, n_tests=n_tests)
     if parting:
         return f"If {parting[0]!r} names the test of each row, give --test-column '{parting[0]}'."
     readings = columns_of_further_readings(recording)

@@ -144,7 +144,7 @@ def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
     block = _find_block(sheet, layout)
     header_row = _find_header_row(sheet, layout, block)
     if header_row is None:
-        header = _no_header(sheet, block)
+        header = _rows_without_header(sheet, block)
     else:
         header = _rows_of_header(sheet, header_row, block)
     place = sheet.place
@@ -177,7 +177,7 @@ def _unit_of_reading(header: str) -> str:
     return unit_of(without_load).unit or unit_of(f"reading {without_load}").unit
 
 
-def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
+def _rows_without_header(sheet: Sheet, block: int) -> _HeaderRows:
     """Return what is known about the columns of a table without a header: neither names nor units.
 
     ``block`` is the index of the row at which the numbers of the table begin.

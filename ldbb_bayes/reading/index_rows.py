@@ -42,7 +42,7 @@ def with_index_names(sheet: Sheet) -> Sheet:
         first = k - 1
         while first > 0 and _is_level(rows[first - 1], n_index, width):
             first -= 1
-        levels = [_filled(row, n_index, width) for row in rows[first:k]]
+        levels = [_names_of_level(row, n_index, width) for row in rows[first:k]]
         names = rows[k].cells[:n_index]
         for column in range(n_index, width):
             names.append(" ".join(level[column] for level in levels if level[column]))
@@ -95,7 +95,7 @@ def _is_level(row: Row, n_index: int, width: int) -> bool:
     return len(cells) <= width and not count_numbers(cells)
 
 
-def _filled(row: Row, n_index: int, width: int) -> list[str]:
+def _names_of_level(row: Row, n_index: int, width: int) -> list[str]:
     """Return the names of all columns in one level of a header.
 
     An empty cell gets the name to its left. The names of the ``n_index`` columns of the index are
@@ -157,12 +157,12 @@ def _with_columns(sheet: Sheet, header: int, names: Sequence[str], kept: Sequenc
     return replace(
         sheet,
         rows=rows,
-        cell_units=_with_places(sheet.cell_units, kept),
-        format_units=_with_places(sheet.format_units, kept),
+        cell_units=_units_of_columns(sheet.cell_units, kept),
+        format_units=_units_of_columns(sheet.format_units, kept),
     )
 
 
-def _with_places(
+def _units_of_columns(
     units: Mapping[tuple[int, int], str], kept: Sequence[int]
 ) -> dict[tuple[int, int], str]:
     """Return the units of the cells in some columns of a table, as a table of these columns.

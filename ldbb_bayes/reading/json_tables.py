@@ -68,7 +68,7 @@ def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
     InputError
         If the text is not valid JSON, or if its lists and objects are nested too deeply.
     """
-    content = _parsed(sheet, text)
+    content = _content_of_json(sheet, text)
     try:
         tables = list(_tables_in(content, ""))
         if not tables:
@@ -78,7 +78,7 @@ def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
     return sheets_of_entries(sheet, tables, "JSON")
 
 
-def _parsed(sheet: Sheet, text: str) -> Any:
+def _content_of_json(sheet: Sheet, text: str) -> Any:
     """Return the content of a text in JSON; for a text with one record in each line, a list."""
     decoder = json.JSONDecoder(
         parse_float=_Number, parse_int=_Number, object_pairs_hook=_with_different_keys
@@ -194,7 +194,7 @@ def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
     """
     columns = {}
     for key, value in content.items():
-        numbers = _numbers_of(value)
+        numbers = _column_of_numbers(value)
         if len(numbers) >= _FEWEST_ROWS:
             columns[key] = numbers
     lengths = [len(numbers) for numbers in columns.values()]
@@ -202,14 +202,14 @@ def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
     return {key: numbers for key, numbers in columns.items() if len(numbers) == usual}
 
 
-def _numbers_of(value: Any) -> list[str]:
+def _column_of_numbers(value: Any) -> list[str]:
     """Return the numbers of a column as texts; an empty list if ``value`` is not a column.
 
     A column is written in one of three ways: as a list, as a dict whose keys are the numbers of the
     rows, or as a dict that holds a list and further properties such as the unit.
     """
     if isinstance(value, dict):
-        return _numbers_of(_list_in(value))
+        return _column_of_numbers(_cells_of_dict(value))
     if not isinstance(value, list) or not any(isinstance(cell, _Number) for cell in value):
         return []
     if any(isinstance(cell, dict | list) for cell in value):
@@ -217,7 +217,7 @@ def _numbers_of(value: Any) -> list[str]:
     return [_text_of(cell) for cell in value]
 
 
-def _list_in(content: Mapping[str, Any]) -> list[Any]:
+def _cells_of_dict(content: Mapping[str, Any]) -> list[Any]:
     """Return the cells of a column that JSON writes as a dict, as in ``{"data": [1.2, 1.4]}``.
 
     The keys of the dict may also be the numbers of the rows. The result is an empty list for any

@@ -50,7 +50,7 @@ def rows_of_labview(rows: Sequence[Row]) -> list[Row]:
     for number, row in enumerate(rows[end_of_header + 2 :]):
         cells = list(row.cells) + [""] * (len(header) - len(row.cells))
         if _has_no_times(labels):
-            cells[0] = _time_of(number, labels)
+            cells[0] = _time_of_row(number, labels)
         plain.append(Row(row.line, cells))
     return plain
 
@@ -63,7 +63,7 @@ def _has_no_times(labels: dict[str, list[str]]) -> bool:
     return labels.get("X_Columns", [""])[0] == "No"
 
 
-def _time_of(number: int, labels: dict[str, list[str]]) -> str:
+def _time_of_row(number: int, labels: dict[str, list[str]]) -> str:
     """Return the time of a row as text.
 
     The time is computed from the first time and the time step that the header states. The text has

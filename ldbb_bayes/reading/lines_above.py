@@ -258,7 +258,7 @@ def _numbers_stated(
     for quantity in _QUANTITIES.values():
         if is_law and quantity.field in _LOADS:
             continue  # the numbers in the line are the constants of a force law, and not loads
-        for match in _pattern(quantity.words).finditer(text):
+        for match in _pattern_of_number(quantity.words).finditer(text):
             statement = _length_with_extension(quantity, match, line, is_extended)
             if statement is None:
                 statement = _stated_number(quantity, match, line)
@@ -274,7 +274,7 @@ def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
     for quantity in _QUANTITIES.values():
         if quantity.field != "radius_mm":
             continue
-        for match in _pattern_behind(quantity.words).finditer(text):
+        for match in _pattern_of_length_before_name(quantity.words).finditer(text):
             unit = _unit_among(match["unit"], quantity.units)
             value = number_in_text(match["number"])
             if unit and value is not None and not OTHER_QUANTITY.search(text[: match.start()]):
@@ -282,7 +282,7 @@ def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
 
 
 @cache
-def _pattern_behind(words: str) -> re.Pattern[str]:
+def _pattern_of_length_before_name(words: str) -> re.Pattern[str]:
     """Return a compiled regular expression for a length before its name: ``100 mm bar``.
 
     ``words`` is the regular expression for the name.
@@ -295,7 +295,7 @@ def _pattern_behind(words: str) -> re.Pattern[str]:
 
 
 @cache
-def _pattern(words: str) -> re.Pattern[str]:
+def _pattern_of_number(words: str) -> re.Pattern[str]:
     """Return a compiled regular expression for a statement such as ``Radius: 150 mm``.
 
     ``words`` is the regular expression for the words that name the quantity, such as ``Radius``.

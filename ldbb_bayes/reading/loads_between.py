@@ -47,7 +47,7 @@ def with_loads_between(sheet: Sheet) -> Sheet:
     blocks = _blocks_of(sheet)
     loads = []  # for each block, the loads that its heading states; keys are line numbers
     for block in blocks:
-        loads.append(_loads_in(sheet, block.heading) if block.numbers else {})
+        loads.append(_loads_by_line(sheet, block.heading) if block.numbers else {})
     n_with_load = sum(bool(loads_of_block) for loads_of_block in loads)
     if n_with_load < 2 or not loads[0] or first_header_row not in blocks[0].heading:
         return sheet
@@ -77,14 +77,14 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
         if count_numbers(row.cells) >= 2:
             successive.append(row)
             continue
-        _close_run(blocks, successive)
+        _store_numbers(blocks, successive)
         successive = []
         blocks[-1].heading.append(row)
-    _close_run(blocks, successive)
+    _store_numbers(blocks, successive)
     return blocks
 
 
-def _close_run(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
+def _store_numbers(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
     """Add successive rows of numbers to the last block.
 
     If there are enough rows for a table, they become the numbers of this block, and a new block is
@@ -98,7 +98,7 @@ def _close_run(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
     blocks.append(_RowBlock([], []))
 
 
-def _loads_in(sheet: Sheet, rows: Sequence[Row]) -> dict[int, NamedLoad]:
+def _loads_by_line(sheet: Sheet, rows: Sequence[Row]) -> dict[int, NamedLoad]:
     """Return a dict with the loads of rows that state exactly one load; the keys are line numbers.
 
     Rows that name a column of angles or times, or another quantity such as a preload, are left out.

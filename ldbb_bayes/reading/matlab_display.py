@@ -17,7 +17,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.column_roles import names_any_role, names_columns
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, is_missing, looks_like_number
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.stacked_tables import lines_that_hold, named_sheets
+from ldbb_bayes.reading.stacked_tables import lines_that_still_apply, named_sheets
 from ldbb_bayes.reading.words import UNITS, unit_named
 
 __all__ = ["displays_of_matlab", "is_matlab_display"]
@@ -108,9 +108,9 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
     if not matrices:
         _check_no_factor(sheet, end.above)
         return [sheet]
-    displays = [_display(sheet, matrix) for matrix in matrices]
+    displays = [_display_of_matrix(sheet, matrix) for matrix in matrices]
     tables = [_rows_of_display(sheet, displays[0], display) for display in displays]
-    tables[-1] += _with_values(end.above)
+    tables[-1] += _with_values_joined(end.above)
     named = [sheet]
     if len(tables) > 1:
         named = named_sheets(sheet, tables)
@@ -135,13 +135,13 @@ def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_ShownM
         if _is_row_of_numbers(row) and is_alike:
             successive.append(row)
             continue
-        _end_run(shown, successive)
+        _store_numbers(shown, successive)
         successive = []
         if _is_row_of_numbers(row):
             successive.append(row)
         else:
             shown[-1].above.append(Row(row.line, [written[row.line - 1].strip()]))
-    _end_run(shown, successive)
+    _store_numbers(shown, successive)
     return shown
 
 
@@ -152,7 +152,7 @@ def _is_row_of_numbers(row: Row) -> bool:
     return all(looks_like_number(cell) or is_missing(cell) for cell in row.cells)
 
 
-def _end_run(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> None:
+def _store_numbers(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> None:
     """Store successive rows of numbers as a matrix, if there are enough rows for a table.
 
     The rows become the numbers of the last item in ``matrices``, and a new item for the next matrix
@@ -176,7 +176,7 @@ def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
             )
 
 
-def _display(sheet: Sheet, shown: _ShownMatrix) -> _Display:
+def _display_of_matrix(sheet: Sheet, shown: _ShownMatrix) -> _Display:
     """Return a displayed matrix with its header, its lines and its multiplied numbers.
 
     ``shown`` are the numbers and all lines above them; some of these lines state the common factor
@@ -207,9 +207,9 @@ def _display(sheet: Sheet, shown: _ShownMatrix) -> _Display:
             if content.split() == names or _SHOWING.fullmatch(content):
                 continue
         display.lines += _line_of_command(row.line, content)
-    display.lines = _with_values(display.lines)
+    display.lines = _with_values_joined(display.lines)
     for row in shown.numbers:
-        display.numbers.append(_multiplied(sheet, row, display))
+        display.numbers.append(_row_times_factor(sheet, row, display))
     return display
 
 
@@ -222,7 +222,7 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
     """
     if display is first:
         return [*first.lines, *first.header, *first.numbers]
-    lines_of_first = lines_that_hold(sheet, first.lines, display.lines)
+    lines_of_first = lines_that_still_apply(sheet, first.lines, display.lines)
     header = display.header
     if not header and len(first.numbers[0].cells) == len(display.numbers[0].cells):
         header = first.header
@@ -266,7 +266,7 @@ def _line_of_command(line: int, content: str) -> list[Row]:
     return [Row(line, [command])]
 
 
-def _with_values(lines: Sequence[Row]) -> list[Row]:
+def _with_values_joined(lines: Sequence[Row]) -> list[Row]:
     """Join each name and the number in the line below it to one line, such as ``R0 = 150``.
 
     A name without a number below it is left out. Lines with other contents are kept. ``lines`` are
@@ -286,7 +286,7 @@ def _with_values(lines: Sequence[Row]) -> list[Row]:
     return joined
 
 
-def _multiplied(sheet: Sheet, row: Row, display: _Display) -> Row:
+def _row_times_factor(sheet: Sheet, row: Row, display: _Display) -> Row:
     """Return a row whose numbers are multiplied by the factor that MATLAB shows above them.
 
     If there is no such factor, the row is returned unchanged. ``display`` is the matrix to which

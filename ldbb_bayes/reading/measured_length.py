@@ -104,10 +104,10 @@ def leaves_length_open(text: str) -> bool:
     Examples are ``Mode: diameter``, and a title such as ``Table 3: diameter deviation``. If the
     line as a whole names no such diameter, its segments are tried.
     """
-    return any(_leaves_open(passage) for passage in (text, *segments_of_line(text)))
+    return any(_may_be_measured_diameter(passage) for passage in (text, *segments_of_line(text)))
 
 
-def _leaves_open(text: str) -> bool:
+def _may_be_measured_diameter(text: str) -> bool:
     """Return whether a text names a diameter that may be what the readings measure.
 
     The result is False if the text states the value of a diameter, or is about another subject.

@@ -81,7 +81,7 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):
-            if _is_open(statement):
+            if _is_ambiguous(statement):
                 raise InputError(
                     f"{place}: whether the readings contain the deflection of the ball's mount"
                     f" must be clear, got {statement.strip()[:_LINE_SHOWN]!r} in line {line}. Give"
@@ -106,7 +106,7 @@ def unread_mount(lines: Iterable[tuple[int | str, str]]) -> CitedLine | None:
     return None
 
 
-def _is_open(statement: str) -> bool:
+def _is_ambiguous(statement: str) -> bool:
     """Return whether a statement is about the mount's deflection, but is not understood."""
     if _MOUNT.search(statement) is None or mount_state(statement):
         return False

@@ -42,12 +42,12 @@ def columns_that_number(
             candidates.append(column)
     for n_columns in (1, 2):
         for columns in combinations(candidates, n_columns):
-            if _are_settled(cells, columns, conditions):
+            if _determine_conditions(cells, columns, conditions):
                 return list(columns)
     return []
 
 
-def _are_settled(
+def _determine_conditions(
     cells: Sequence[Sequence[str]], columns: Sequence[int], conditions: Sequence[int]
 ) -> bool:
     """Return whether rows with equal cells in ``columns`` have equal conditions, such as the force.

@@ -88,11 +88,11 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
     lines = OverviewLines()
     wanted = {_without_blanks(name) for name in names}
     for sheet in sheets:
-        _add_lines_of(sheet, wanted, lines)
+        _add_statements_of_sheet(sheet, wanted, lines)
     return lines
 
 
-def _add_lines_of(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
+def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
     """Add what a sheet without a table of readings states about one test, or about all tests.
 
     The lines about all tests, and the cells about one test, are added to ``lines``. ``wanted`` are

@@ -52,12 +52,12 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     headers = [names[start : start + width] for start in starts]
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
-    titles = _titles(headers)
+    titles = _names_of_tables(headers)
     tables = []
     for start, title in zip(starts, titles, strict=True):
         columns = range(start, start + width)
-        tables.append(_columns_of(sheet, header, columns, numbering, title))
-    _check_whole_circles(sheet, [_angles_of(table) for table in tables])
+        tables.append(_table_in_columns(sheet, header, columns, numbering, title))
+    _check_whole_circles(sheet, [_angles_of_table(table) for table in tables])
     return tables
 
 
@@ -78,7 +78,7 @@ def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
     return bool(numbers) and numbers in (counted_from_0, counted_from_1)
 
 
-def _angles_of(table: Sheet) -> list[float]:
+def _angles_of_table(table: Sheet) -> list[float]:
     """Return the different numbers in the first column of a table, in ascending order."""
     angles = set()
     for row in table.rows:
@@ -148,7 +148,9 @@ def _width_of_tables(names: Sequence[str]) -> int:
     return width
 
 
-def _columns_of(sheet: Sheet, header: int, columns: range, numbering: range, title: str) -> Sheet:
+def _table_in_columns(
+    sheet: Sheet, header: int, columns: range, numbering: range, title: str
+) -> Sheet:
     """Return the table in the given columns of a sheet as a separate sheet with a title.
 
     ``header`` is the index of the row of headers. The rows above this row are kept in every table.
@@ -169,8 +171,8 @@ def _columns_of(sheet: Sheet, header: int, columns: range, numbering: range, tit
         sheet,
         name=title,
         rows=rows,
-        cell_units=_of_columns(sheet.cell_units, columns),
-        format_units=_of_columns(sheet.format_units, columns),
+        cell_units=_units_in_columns(sheet.cell_units, columns),
+        format_units=_units_in_columns(sheet.format_units, columns),
         formulas_without_value=formulas,
     )
 
@@ -188,7 +190,9 @@ def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
     return True
 
 
-def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tuple[int, int], str]:
+def _units_in_columns(
+    units: Mapping[tuple[int, int], str], columns: range
+) -> dict[tuple[int, int], str]:
     """Return the units of the cells in the given columns, which form one table.
 
     Each key holds the line number and the column index of a cell. In ``units``, columns are counted
@@ -202,7 +206,7 @@ def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tu
     return in_table
 
 
-def _titles(headers: Sequence[Sequence[str]]) -> list[str]:
+def _names_of_tables(headers: Sequence[Sequence[str]]) -> list[str]:
     """Return a name for each table: a header of its columns without the unit, or a number.
 
     The name is the header of the second column, the readings. If these headers are not different,

@@ -136,16 +136,16 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
     _note_names(recording)
     if _MINUS.search(_words_of_header(header)):
         sources[-1] = f"the header {header!r}"
-    for source, text in _texts_of(recording, header):
+    for source, text in _texts_about_sign(recording, header):
         sign_of_definition = _sign_of_difference(text) or _sign_of_name(source, text)
         if sign_of_definition is not None:
             sources.setdefault(sign_of_definition, source)
             continue
-        words = _words_in(text)
+        words = _kinds_of_sign_words(text)
         sign = None
         if words:
-            sign = _sign_of(words)
-        elif not _is_open(source, text):
+            sign = _sign_from_kinds(words)
+        elif not _leaves_sign_open(source, text):
             # The note says that a longer bar is taken to give a positive reading. It would be wrong
             # if another text has already stated the opposite.
             if -1 not in sources:
@@ -201,7 +201,7 @@ def _sign_of_name(source: str | CitedLine, text: str) -> int | None:
     return None
 
 
-def _texts_of(recording: Recording, header: str) -> list[tuple[str | CitedLine, str]]:
+def _texts_about_sign(recording: Recording, header: str) -> list[tuple[str | CitedLine, str]]:
     """Return the texts that may state the sign of a test's readings, each after its source.
 
     The texts are ``header``, the header of the readings, and the statements in lines outside the
@@ -209,19 +209,23 @@ def _texts_of(recording: Recording, header: str) -> list[tuple[str | CitedLine, 
     """
     texts: list[tuple[str | CitedLine, str]] = [(f"the header {header!r}", header)]
     for line, text in recording.lines_outside:
-        texts += [(cited_line(line), statement) for statement in _statements(text)]
+        texts += [(cited_line(line), statement) for statement in _statements_in_line(text)]
     return texts
 
 
-def _is_open(source: str | CitedLine, text: str) -> bool:
+def _leaves_sign_open(source: str | CitedLine, text: str) -> bool:
     """Return whether a text is about the sign of readings, but does not say which sign they have.
 
     ``source`` tells where the text is, such as "line 3".
     """
-    return _turns_sign(text) or _is_turned_header(source, text) or _asks(source, text)
+    return (
+        _says_sign_is_reversed(text)
+        or _is_header_of_reversed_sign(source, text)
+        or _explains_sign_unclearly(source, text)
+    )
 
 
-def _statements(text: str) -> list[str]:
+def _statements_in_line(text: str) -> list[str]:
     """Divide a line into statements, not all of which need be about the sign of readings.
 
     In ``Angles from Y, clockwise; positive: bar shorter``, only the last statement is about the
@@ -230,13 +234,13 @@ def _statements(text: str) -> list[str]:
     """
     text = text[:LONGEST_TEXT]
     is_about_signs_alone = _OTHER_SUBJECT.search(text) is None
-    if is_about_signs_alone and _sign_of(_words_in(text)) is not None:
+    if is_about_signs_alone and _sign_from_kinds(_kinds_of_sign_words(text)) is not None:
         return [text]
     statements = divide_line(text)
-    if any(_words_in(statement) for statement in statements):
+    if any(_kinds_of_sign_words(statement) for statement in statements):
         return statements
     for parts in finer_divisions(text):
-        if any(_sign_of(_words_in(part)) is not None for part in parts):
+        if any(_sign_from_kinds(_kinds_of_sign_words(part)) is not None for part in parts):
             return parts
     if is_about_sign(text):
         return [text]
@@ -265,10 +269,10 @@ def is_about_sign(text: str) -> bool:
     """
     if _sign_of_difference(text) is not None or _sign_of_name(cited_line(0), text) is not None:
         return True
-    words = _words_in(text)
-    if words and _sign_of(words) is not None:
+    words = _kinds_of_sign_words(text)
+    if words and _sign_from_kinds(words) is not None:
         return True
-    return _is_open(cited_line(0), text) or _explains_sign(text)
+    return _leaves_sign_open(cited_line(0), text) or _explains_sign(text)
 
 
 def leaves_difference_unread(text: str) -> bool:
@@ -282,7 +286,7 @@ def leaves_difference_unread(text: str) -> bool:
     return is_difference is not None and _sign_of_difference(text) is None
 
 
-def _asks(source: str | CitedLine, text: str) -> bool:
+def _explains_sign_unclearly(source: str | CitedLine, text: str) -> bool:
     """Return whether a line explains the sign of readings in words that are not understood.
 
     Examples are ``Sign: as on the drawing`` and a line that states the sign of readings and the
@@ -338,7 +342,7 @@ def _explains_sign(text: str) -> bool:
     return _MEANING.search(text) is not None
 
 
-def _is_turned_header(source: str | CitedLine, text: str) -> bool:
+def _is_header_of_reversed_sign(source: str | CitedLine, text: str) -> bool:
     """Return whether a text is a header of readings whose sign may be reversed.
 
     An example is ``Shortening [um]``. The result is False for a header that begins with a minus
@@ -351,7 +355,7 @@ def _is_turned_header(source: str | CitedLine, text: str) -> bool:
     return not isinstance(source, CitedLine) and is_turned and not is_understood
 
 
-def _turns_sign(text: str) -> bool:
+def _says_sign_is_reversed(text: str) -> bool:
     """Return whether a text says that the sign of readings is reversed: ``Readings inverted``.
 
     Such a text is not about angles or loads, and contains no number other than −1.
@@ -362,7 +366,7 @@ def _turns_sign(text: str) -> bool:
     return _SUBJECT.search(text) is not None and _TURNED.search(text) is not None
 
 
-def _words_in(text: str) -> list[str]:
+def _kinds_of_sign_words(text: str) -> list[str]:
     """Return the kinds of the words for signs and bar lengths in a text, in the order of the text.
 
     The kinds are positive, negative, shorter and longer. The list is empty unless the text has a
@@ -394,7 +398,7 @@ def _has_sign_and_length(words: list[str]) -> bool:
     return has_sign and has_length
 
 
-def _sign_of(words: list[str]) -> int | None:
+def _sign_from_kinds(words: list[str]) -> int | None:
     """Return the sign of readings that the words of a text mean; None if they are ambiguous.
 
     ``words`` lists the kind of each word: positive, negative, shorter or longer. The first and the

@@ -80,7 +80,7 @@ def select_sheets(
     optional = {*matched}  # files in which a missing table causes no error
     if not layout.sheets:
         optional |= _workbooks_of_several_sheets(sheets)
-    optional |= _companions(sheets, layout, optional)
+    optional |= _files_of_text_only(sheets, layout, optional)
     selection.left_out += _lists_of_tests(sheets, optional)
     lists = {sheet.place for sheet in selection.left_out}
     for sheet in [sheet for sheet in sheets if sheet.place not in lists]:
@@ -157,7 +157,9 @@ def _lists_of_tests(sheets: Sequence[Sheet], optional: Collection[Path]) -> list
     return lists
 
 
-def _companions(sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]) -> set[Path]:
+def _files_of_text_only(
+    sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]
+) -> set[Path]:
     """Return the files that hold only text, if other files hold tables of readings.
 
     ``optional`` are the files in which a missing table causes no error.

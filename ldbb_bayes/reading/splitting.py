@@ -900,7 +900,7 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     # In the cells of ``columns``, units after numbers are already removed. The name of a test, such
     # as 100 N, needs its unit.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
-    if "" in labels and _are_written_once(labels):
+    if "" in labels and _names_tests_once(labels):
         header = columns.heading.headers[columns.heading.roles["test"]][:LONGEST_NAME]
         reason = "each name stands once, above empty cells"
         value = f"column {header!r}, filled downwards"
@@ -915,7 +915,7 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     return labels
 
 
-def _are_written_once(labels: Sequence[str]) -> bool:
+def _names_tests_once(labels: Sequence[str]) -> bool:
     """Return whether a column names each test only once, in the first row of the test.
 
     All other cells must be empty, as they are if the cells of a test were merged. There must be

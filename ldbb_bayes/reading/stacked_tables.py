@@ -28,7 +28,7 @@ from ldbb_bayes.reading.timestamps import stamps_in, without_stamps
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
 from ldbb_bayes.reading.words import comparable
 
-__all__ = ["first_header", "lines_that_hold", "named_sheets", "split_tables"]
+__all__ = ["first_header", "lines_that_still_apply", "named_sheets", "split_tables"]
 
 # Regular expression for a cell that is empty or holds only the number of a printed page, such as
 # "Page 2 of 3".
@@ -80,7 +80,7 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
         if not begins_anew:
             lines = _without_titles(sheet, lines, lines_above_first)
         if lines or begins_anew:
-            lines_of_first = lines_that_hold(sheet, lines_above_first, lines)
+            lines_of_first = lines_that_still_apply(sheet, lines_above_first, lines)
             tables.append([*lines_of_first, *lines, sheet.rows[next_header]])
             lines_above_table = lines_between
         first_row = next_header + 1
@@ -255,7 +255,7 @@ def _without_numbers(text: str) -> str:
     return " ".join(word for word in words if not _CONTINUED.fullmatch(word))
 
 
-def lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:
+def lines_that_still_apply(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:
     """Return the lines above the first table that also apply to a further table.
 
     ``first`` are all lines above the first table, and ``lines`` are the lines above the further

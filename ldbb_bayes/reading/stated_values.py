@@ -17,7 +17,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
 from ldbb_bayes.reading.column_units import unit_size
-from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_part
+from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_name_tests
 from ldbb_bayes.reading.loads_in_lines import LoadInLine, load_of_lines, loads_in_lines
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
@@ -303,7 +303,7 @@ def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
     header = recording.heading.headers[recording.heading.roles[LOAD_ROLES[key]]]
     is_one_direction = len(recording.direction_words) < 2
     may_name_tests = "test" not in recording.layout.columns and is_one_direction
-    if may_name_tests and header in columns_that_part(recording):
+    if may_name_tests and header in columns_that_name_tests(recording):
         option = option_for(key)
         return (
             f"If each value is a test, give --test-column '{header}'; if not, give the nominal"
@@ -335,7 +335,7 @@ def _advice_on_directions(recording: Recording) -> str:
     if "test" not in recording.layout.columns:
         column = recording.heading.roles["direction"]
         words = cells_of(recording, column)
-        parting = columns_that_part(recording, [direction_named(word) for word in words])
+        parting = columns_that_name_tests(recording, [direction_named(word) for word in words])
         if parting:
             return f"Say which column names the test of each row: --test-column '{parting[0]}'."
     return _advice(recording, _WRITE_DIRECTIONS)

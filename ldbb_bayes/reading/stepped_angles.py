@@ -83,11 +83,11 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
         If the start is not stated, if readings are missing between others, or if the end does not
         agree with the number of readings.
     """
-    start = _stated(recording, _START)
-    end = _stated(recording, _END)
-    step = _stated(recording, _STEP, is_of_angle=start is not None or end is not None)
+    start = _stated_angle(recording, _START)
+    end = _stated_angle(recording, _END)
+    step = _stated_angle(recording, _STEP, is_of_angle=start is not None or end is not None)
     n_readings = len(recording.lines)
-    if _agrees(recording, start, end, step):
+    if _column_may_hold_angles(recording, start, end, step):
         return None
     if step is None or step.value_deg == 0.0:
         _check_no_end(recording, start, end)
@@ -109,7 +109,7 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
             )
     elif (end.value_deg - start.value_deg) * step_deg < 0.0:
         step_deg = -step_deg
-    _check_number(recording, start, end, step_deg)
+    _check_readings_are_complete(recording, start, end, step_deg)
     value = f"from {start.value_deg:g}° in steps of {step_deg:g}°"
     reason = f"line {start.line}, line {step.line}"
     used = [angle for angle in (start, step, end) if angle is not None]
@@ -168,7 +168,7 @@ def _start_before(end: _StatedAngle | None, step: _StatedAngle, n_readings: int)
     return min(starts, key=abs)
 
 
-def _agrees(
+def _column_may_hold_angles(
     recording: Recording,
     start: _StatedAngle | None,
     end: _StatedAngle | None,
@@ -189,7 +189,7 @@ def _agrees(
     return end is None or end.value_deg - numbers[-1] in (0.0, 1.0)
 
 
-def _stated(
+def _stated_angle(
     recording: Recording, pattern: re.Pattern[str], is_of_angle: bool = False
 ) -> _StatedAngle | None:
     """Return the first angle that a line above the table states in words that match a pattern.
@@ -213,7 +213,7 @@ def _stated(
     return None
 
 
-def _check_number(
+def _check_readings_are_complete(
     recording: Recording, start: _StatedAngle, end: _StatedAngle | None, step_deg: float
 ) -> None:
     """Raise an `InputError` if the readings do not fit start, step and end of the angles.

@@ -110,10 +110,10 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
     for match in _STAMP.finditer(text[:LONGEST_TEXT]):
         words_before = text[end : match.start()]
         end = match.end()
-        rank_of_words = _rank_of(words_before)
+        rank_of_words = _rank_from_words(words_before)
         if rank_of_words is None:
             continue
-        if rank is None and rank_of_words == Rank.ALONE and not _is_whole(match):
+        if rank is None and rank_of_words == Rank.ALONE and not _has_date_and_time(match):
             continue
         if _is_duration(words_before, match):
             continue
@@ -128,7 +128,7 @@ def without_stamps(text: str) -> str:
     return _STAMP.sub(" ", text)
 
 
-def _rank_of(words: str) -> Rank | None:
+def _rank_from_words(words: str) -> Rank | None:
     """Return how reliable a timestamp is as the time of a test, judged by the words before it.
 
     ``words`` is the text before the timestamp. It begins at the previous timestamp in the line, or
@@ -146,9 +146,9 @@ def _rank_of(words: str) -> Rank | None:
     return Rank.ALONE
 
 
-def _is_whole(match: re.Match[str]) -> bool:
+def _has_date_and_time(match: re.Match[str]) -> bool:
     """Return whether a matched timestamp states both a date and a time of day."""
-    return all(_parts_of(match).get(part) for part in ("date", "hours"))
+    return all(_parts_of_stamp(match).get(part) for part in ("date", "hours"))
 
 
 def _is_duration(words: str, match: re.Match[str]) -> bool:
@@ -157,13 +157,13 @@ def _is_duration(words: str, match: re.Match[str]) -> bool:
     A timestamp may be a duration if it has no date and its hour is zero, unless the ``words``
     before it are about a start or a clock.
     """
-    parts = _parts_of(match)
+    parts = _parts_of_stamp(match)
     if "date" in parts or int(parts["hours"]) > 0:
         return False
     return not (_WORDS["start"].search(words) or _WORDS["clock"].search(words))
 
 
-def _parts_of(match: re.Match[str]) -> dict[str, str]:
+def _parts_of_stamp(match: re.Match[str]) -> dict[str, str]:
     """Return a dict with the parts of a matched timestamp, such as date and hours.
 
     The keys are the names of the parts. Parts that the timestamp does not state are left out.
@@ -181,7 +181,7 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
     ``match`` is a match of the regular expression for timestamps, and ``rank`` is the kind of place
     that states the timestamp.
     """
-    parts = _parts_of(match)
+    parts = _parts_of_stamp(match)
     day_first = None
     month_first = None
     if "date" in parts:
@@ -315,7 +315,7 @@ def epoch_stamp(header: str, text: str) -> Timestamp | None:
     if the text is not such a number, or if the header does not say that the column holds the time
     of a test.
     """
-    if _rank_of(header) not in (Rank.START, Rank.TEST):
+    if _rank_from_words(header) not in (Rank.START, Rank.TEST):
         return None
     if not re.fullmatch(r"\d{9,13}(?:\.\d+)?", text):
         return None

@@ -338,12 +338,12 @@ def _deviations(recording: Recording, raw: Array) -> Array:
     )
     assumed = recording.assumed_units.get("reading", _MICROMETRES)
     reading = raw * unit_size(recording, "reading", assumed.unit, assumed.reason)
-    if _zero_of(recording, reading) == "distance":
+    if _kind_of_readings(recording, reading) == "distance":
         reading = reading - 1e3 * recording.radius_mm
     return sign_of_readings(recording) * reading
 
 
-def _zero_of(recording: Recording, reading_um: Array) -> str:
+def _kind_of_readings(recording: Recording, reading_um: Array) -> str:
     """Return the kind of a test's readings: "deviation" or "distance".
 
     Readings are either deviations from the nominal radius, or distances between the balls. If the

@@ -186,11 +186,12 @@ def directions_stated(
     for _, content in lines:
         text = content[:LONGEST_TEXT]
         for statement in statements_of_line(text, _is_about_angles_and_travel):
-            directions = directions | (_stated_in(statement) or _stated_in_segments(statement))
+            stated = _directions_in_statement(statement) or _directions_in_segments(statement)
+            directions = directions | stated
     return directions
 
 
-def _stated_in_segments(text: str) -> set[str]:
+def _directions_in_segments(text: str) -> set[str]:
     """Return the directions of travel that a statement names: CW, CCW or both.
 
     The statement is searched segment by segment. For example, the second segment of ``Force 238 N;
@@ -199,12 +200,12 @@ def _stated_in_segments(text: str) -> set[str]:
     """
     directions: set[str] = set()
     if not _is_about_angles(text):
-        for segment in _segments(text):
-            directions |= _stated_in(segment)
+        for segment in _segments_with_labels(text):
+            directions |= _directions_in_statement(segment)
     return directions
 
 
-def _segments(text: str) -> list[str]:
+def _segments_with_labels(text: str) -> list[str]:
     """Return the segments of a line. A direction alone, such as CW, is joined to its label.
 
     In ``Spindle;CW``, the direction belongs to the spindle. In ``Force 238 N;CW``, the words in
@@ -213,14 +214,14 @@ def _segments(text: str) -> list[str]:
     segments: list[str] = []
     for segment in segments_of_line(text):
         is_alone = is_direction(segment.strip(" .;,|\t"))
-        if is_alone and segments and not _is_complete(segments[-1]):
+        if is_alone and segments and not _is_whole_statement(segments[-1]):
             segments[-1] += f";{segment}"
         else:
             segments.append(segment)
     return segments
 
 
-def _is_complete(text: str) -> bool:
+def _is_whole_statement(text: str) -> bool:
     """Return whether a text in front of a direction, such as CW, is a statement of its own.
 
     A statement of its own contains a number or a plane, but no word for angles or for anything else
@@ -232,7 +233,7 @@ def _is_complete(text: str) -> bool:
     return has_value and not is_about_others
 
 
-def _answered_in(text: str) -> set[str]:
+def _directions_answered_yes(text: str) -> set[str]:
     """Return the directions that a text answers with yes: CW for ``CW: yes, CCW: no``."""
     senses: set[str] = set()
     if _is_about_angles(text) or _OTHER_DIRECTION.search(text):
@@ -249,9 +250,9 @@ def _answered_in(text: str) -> set[str]:
     return senses
 
 
-def _stated_in(text: str) -> set[str]:
+def _directions_in_statement(text: str) -> set[str]:
     """Return the directions of travel, CW and CCW, that one statement of a line names."""
-    answered = _answered_in(text)
+    answered = _directions_answered_yes(text)
     if answered:
         return answered
     match = NAMES_DIRECTION.search(text)
@@ -346,13 +347,13 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
         if directions_stated([(line, text)]):
             continue
         for statement in statements_of_line(text, _is_about_angles_and_travel):
-            unread = _unread_in(statement)
+            unread = _part_not_understood(statement)
             if unread:
                 return UnreadDirection(line, unread.strip()[:_LENGTH_SHOWN])
     return None
 
 
-def _unread_in(text: str) -> str:
+def _part_not_understood(text: str) -> str:
     """Return the part of a text that may state a direction of travel, but is not understood.
 
     If the text also names another direction, such as that of a load, its first segment that may
@@ -363,7 +364,7 @@ def _unread_in(text: str) -> str:
         return ""
     if _OTHER_DIRECTION.search(text) is None:
         return text if _may_state_direction(text) else ""
-    for segment in _segments(text):
+    for segment in _segments_with_labels(text):
         if _may_state_direction(segment):
             return segment
     return ""

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ldbb_bayes.reading.column_roles import has_role, unit_of
-from ldbb_bayes.reading.unit_lines import COUNT, UNIT_COLUMN, has_factor, partner_of_units
+from ldbb_bayes.reading.unit_lines import (
+    COUNT,
+    UNIT_COLUMN,
+    is_unit_with_unread_factor,
+    partner_of_units,
+)
 from ldbb_bayes.reading.words import ROLES, comparable, scaled_unit
 
 __all__ = ["unit_columns"]
@@ -68,14 +73,14 @@ def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, 
         partner = partner_of_units(header)
         if not partner or column in numeric:
             continue
-        of_name = [number for number in numeric if _name_of(headers[number]) == partner]
+        of_name = [number for number in numeric if _comparable_name(headers[number]) == partner]
         of_role = [number for number in numeric if _have_common_role(headers[number], partner)]
         for number in of_name or of_role:
             pairs.setdefault(number, column)
     return pairs
 
 
-def _name_of(header: str) -> str:
+def _comparable_name(header: str) -> str:
     """Return the name that a header states, without its unit, in a form for comparison."""
     return comparable(unit_of(header).name)
 
@@ -85,7 +90,7 @@ def _have_common_role(header: str, partner: str) -> bool:
 
     The first name is taken from ``header``; ``partner`` is the other name.
     """
-    name = _name_of(header)
+    name = _comparable_name(header)
     return any(has_role(name, role) and has_role(partner, role) for role in ROLES)
 
 
@@ -104,7 +109,7 @@ def _is_plain_unit(text: str, is_nameless: bool) -> bool:
     front, as in x 10 µm, and a unit with a factor of at most 10, as in 10 nm. A text with a larger
     number, such as 100 mm, is a length and not a unit.
     """
-    if is_nameless and (COUNT.fullmatch(text) or has_factor(text)):
+    if is_nameless and (COUNT.fullmatch(text) or is_unit_with_unread_factor(text)):
         return True
     factor, _, name = scaled_unit(text).rpartition(" ")
     if name not in _PLAIN_UNITS:

@@ -158,10 +158,10 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
     neither is, if a line mentions a scale or another unit, or if the readings may be distances
     between the balls. If all readings are zero, no unit is assumed.
     """
-    size = _size_of(recordings, campaign)
+    size = _size_of_readings(recordings, campaign)
     if size.largest == 0.0:
         return
-    fitting = [unit for unit in _USUAL_UNITS if _fits(size, UNITS["reading"][unit])]
+    fitting = [unit for unit in _USUAL_UNITS if _fits_unit(size, UNITS["reading"][unit])]
     for line, text in recordings[0].heading.lines_above:
         if mentions_scale(text):
             raise OpenQuestionError(
@@ -195,7 +195,7 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
         recording.assumed_units["reading"] = AssumedUnit(fitting[0], reason)
 
 
-def _lines_of(recording: Recording) -> Lines:
+def _lines_about_test(recording: Recording) -> Lines:
     """Return the lines above the table of a test, and the lines of other sheets about all tests."""
     return [*recording.lines_of_all_tests, *recording.heading.lines_above]
 
@@ -216,7 +216,7 @@ def _check_factors(recording: Recording) -> None:
     is_unit_plain = re.search(r"\d", unit) is None
     if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
-    for line, content in _lines_of(recording):
+    for line, content in _lines_about_test(recording):
         text = content.strip()[:_TEXT_SHOWN]
         if multiplies_readings(content) and not doubles_readings(content):
             raise _unread_factor(recording, f"{text!r} in line {line}")
@@ -259,7 +259,7 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
     """
     note: str | CitedLine = ""
     mentions: list[tuple[str | CitedLine, str]] = []
-    for line, text in _lines_of(recording):
+    for line, text in _lines_about_test(recording):
         if not statements_in([(line, text)]):
             mentions.append((cited_line(line), text))
     mentions += [("its name", name) for name in recording.names_of_files()]
@@ -307,7 +307,7 @@ def _um_per_N(size: _ReadingSize, unit: str) -> float:
     return size.largest * UNITS["reading"][unit] / heaviest
 
 
-def _size_of(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _ReadingSize:
+def _size_of_readings(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _ReadingSize:
     """Return how large the readings of all tests are, and how much they change with the force."""
     law = campaign.get("force_law") or ForceLaw()
     forces = []
@@ -327,7 +327,7 @@ def _size_of(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _R
     return _ReadingSize(largest, change, (forces[lightest], forces[heaviest]))
 
 
-def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
+def _fits_unit(size: _ReadingSize, um_per_unit: float) -> bool:
     """Return whether the readings can be in a unit of ``um_per_unit`` micrometres.
 
     ``size`` states how large the readings are in their unknown unit.

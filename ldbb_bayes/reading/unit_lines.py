@@ -26,8 +26,8 @@ __all__ = [
     "COUNT",
     "UNIT_COLUMN",
     "UNIT_KEYS",
-    "has_factor",
     "header_has_factor",
+    "is_unit_with_unread_factor",
     "mentions_scale",
     "multiplies_readings",
     "partner_of_units",
@@ -314,7 +314,7 @@ def _unit_alone(text: str) -> str:
     not read, as in ``x 10 um``, and a unit that is not a unit of length, such as V, are returned as
     written. The result is empty for any other line.
     """
-    if has_factor(text):
+    if is_unit_with_unread_factor(text):
         return text.strip()
     match = _UNIT_ALONE.fullmatch(text)
     if match is None or comparable(text) in _ALSO_WORDS or _SIGN_IN.fullmatch(text):
@@ -440,7 +440,7 @@ def partner_of_units(header: str) -> str:
     return ""
 
 
-def has_factor(text: str) -> bool:
+def is_unit_with_unread_factor(text: str) -> bool:
     """Return whether a text is a unit with a factor in a form that this package cannot read.
 
     An example is ``x 10 µm``.

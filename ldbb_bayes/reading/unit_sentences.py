@@ -156,7 +156,7 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
     unit_of_remark = scaled_unit(remark)
     is_share = _SHARE_OR_COUNT.search(phrase) is not None
     if _is_of_role(unit_of_remark, role) and (unit or is_share):
-        return _agreed(unit, unit_of_remark, role)
+        return _unit_with_remark(unit, unit_of_remark, role)
     if _is_of_role(unit, role):
         return unit
     if is_share or (role == "reading" and _NO_LENGTH.fullmatch(phrase)):
@@ -164,7 +164,7 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
     return ""
 
 
-def _agreed(unit: str, unit_of_remark: str, role: str) -> str:
+def _unit_with_remark(unit: str, unit_of_remark: str, role: str) -> str:
     """Return the unit of readings or angles from a text such as ``mm (0.001 mm)``.
 
     ``unit`` is the unit before the brackets, and ``unit_of_remark`` the unit in brackets. If both

@@ -74,7 +74,7 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
     unused = []
     for k, part in enumerate(parts):
         others = " - ".join(parts[:k] + parts[k + 1 :])
-        is_needed = _facts(segment) != _facts(others) or is_about_sign(part)
+        is_needed = _stated_facts(segment) != _stated_facts(others) or is_about_sign(part)
         if len(parts) > 1 and _may_matter(part) and not (is_needed or part.strip() in quoted):
             unused.append(part.strip())
     return unused
@@ -103,14 +103,14 @@ def _is_used(segments: list[str], k: int, text: str) -> bool:
     segment = segments[k]
     if leaves_difference_unread(segment):
         return False
-    if _facts(segment) or is_about_sign(segment) or stamps_in(segment):
+    if _stated_facts(segment) or is_about_sign(segment) or stamps_in(segment):
         return True
     if _continues_statement(segment, text):
         return True
     for first in (k - 1, k):
         pair = segments[max(first, 0) : first + 2]
-        facts_of_pair = _facts(";".join(pair))
-        if len(pair) > 1 and facts_of_pair - _facts(pair[0]) - _facts(pair[1]):
+        facts_of_pair = _stated_facts(";".join(pair))
+        if len(pair) > 1 and facts_of_pair - _stated_facts(pair[0]) - _stated_facts(pair[1]):
             return True
     return False
 
@@ -131,7 +131,7 @@ def _continues_statement(segment: str, text: str) -> bool:
     return False
 
 
-def _facts(text: str) -> set[str]:
+def _stated_facts(text: str) -> set[str]:
     """Return what a text states: names of fields, and CW or CCW for a direction of travel.
 
     The result also contains "angle" if the text states the axis at which angles begin, or their
