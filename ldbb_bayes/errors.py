@@ -133,7 +133,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:
-    """Raise an `InputError` for the first unknown name.
+    """Raise an `InputError` for the first of several names that is not a known name.
 
     Parameters
     ----------

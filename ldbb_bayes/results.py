@@ -66,22 +66,22 @@ _MOST_ENTRIES = 12
 
 
 def _null_unless_finite(value: float) -> float | None:
-    """Return a number for JSON; None for NaN and infinite numbers."""
+    """Return a result's number as JSON can store it: None for NaN and infinite numbers."""
     return float(value) if np.isfinite(value) else None
 
 
 def _infinite_if_null(value: float | None) -> float:
-    """Return a number that was read from JSON; null (None) becomes infinity."""
+    """Return a result's number that was read from JSON; null (None) becomes infinity."""
     return np.inf if value is None else value
 
 
 def _nan_if_null(value: float | None) -> float:
-    """Return a number that was read from JSON; null (None) becomes NaN."""
+    """Return a result's number that was read from JSON; null (None) becomes NaN."""
     return np.nan if value is None else value
 
 
 def _to_list(array: Array) -> Any:
-    """Return the elements of an array as nested lists, for JSON."""
+    """Return the elements of a result's array as nested lists, for JSON."""
     return array.tolist()
 
 

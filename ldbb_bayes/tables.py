@@ -27,22 +27,22 @@ __all__ = [
     "wrapped",
 ]
 
-# Largest number of rows that are displayed. Of a longer table, only the first and the last rows are
-# displayed.
+# Largest number of rows of a data frame that are displayed. Of a longer one, only the first and the
+# last rows are displayed.
 _MOST_ROWS = 60
 # Smallest line width for which tables and texts are laid out [characters]. This width is also used
 # if there is no terminal.
 _NARROWEST = 80
 # Largest line width for which tables and texts are laid out [characters].
 _WIDEST = 100
-# Number of lines that is assumed for a terminal of unknown size.
+# Number of lines that a terminal of unknown size is assumed to have.
 _TERMINAL_LINES = 24
 # Largest number of lines of a table that ``print`` shows with all columns. From a longer table,
 # ``print`` leaves out the columns that do not fit side by side.
 _SCREEN_LINES = 45
-# Smallest widths of the headings of columns [characters]. Headings are broken into lines, but are
-# not made narrower than the first of these widths. As long as the table is too wide, the next width
-# is tried.
+# Smallest widths of the column headings of a displayed table [characters]. Headings are broken into
+# lines, but are not made narrower than the first of these widths. As long as the table is too wide,
+# the next width is tried.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2

@@ -202,7 +202,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
         math.isfinite(float(match[1])),
         f"{subject} must be a finite number, got {text!r}. Correct it.",
     )
-    # Round to fifteen digits, so that 60 nm/N is 6e-5 mm/N and not 6.000000000000001e-05.
+    # The converted number is rounded to fifteen digits, so that 60 nm/N is 6e-5 mm/N and not
+    # 6.000000000000001e-05.
     return float(f"{float(match[1]) * (written.factor / wanted.factor):.15g}")
 
 

@@ -273,7 +273,8 @@ class Campaign(CampaignFields):
             "plane": self.plane,
             "setup": 1,
         }
-        # If the campaign's centre has only the coordinates X and Y, Z is taken as zero.
+        # If the centre of the circle that the campaign states has only the coordinates X and Y, Z
+        # is taken as zero.
         completed |= dict(zip(CENTRE, (*self.centre_mm, 0.0)[:3], strict=True))
         for name in completed:
             stated = getattr(test, name)
@@ -466,10 +467,10 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 
 
 def _free_name(stem: str, names: set[str]) -> str:
-    """Return a name that is not in ``names``.
+    """Return a name for a test that is not in ``names``, the names of other tests.
 
-    The name is ``stem`` itself if it is not in use. Otherwise it is the first of stem_2, stem_3, …
-    that is not in use.
+    The name is ``stem`` itself if no other test has this name. Otherwise it is the first of stem_2,
+    stem_3, … that no other test has.
     """
     name = stem
     number = 1

@@ -117,7 +117,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     table: dict[str, Any] = {"file": None if is_planned else f"{test.name}.csv"}
     for key in ("force_N", "pressure_bar", "direction"):
         table[key] = getattr(test, key)
-    table["name"] = test.name or None  # Foreseen tests have no name.
+    table["name"] = test.name or None  # foreseen tests, which may be run later, have no name
     for key in PER_TEST:
         value = getattr(test, key)
         if value != usual.get(key, 0.0):

@@ -268,10 +268,10 @@ class CalibrationCertificate(Shown):
         return stated | {"certificate": self._certificate_name(*sources)}
 
     def _force_scale(self) -> CertifiedQuantity | None:
-        """Return the certified gain of a force device [N/bar], or the largest certified force [N].
+        """Return the certified gain of a force device, that is, its force per pressure [N/bar].
 
-        The force is returned only if no gain is stated. If neither a gain nor a force is stated,
-        return None.
+        If the certificate states no gain, return the largest certified force [N]. If it states
+        neither a gain nor a force, return None.
         """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:

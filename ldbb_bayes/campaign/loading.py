@@ -32,8 +32,11 @@ class ForceLaw(Shown):
     2.0
     """
 
-    slope_N_per_bar: Positive = 126.04  #: increase of the bar's force per unit of pressure [N/bar]
-    offset_N: Number = -14.2  #: force of the bar at zero pressure [N]
+    #: slope of the force law: increase of the bar's force per unit of the regulator's pressure
+    #: [N/bar]
+    slope_N_per_bar: Positive = 126.04
+    #: offset of the force law: force of the bar at zero pressure of the regulator [N]
+    offset_N: Number = -14.2
 
     def force_N(self, pressure_bar: float) -> float:
         """Return the force of the bar [N] at a given pressure of the regulator [bar]."""

@@ -55,7 +55,8 @@ _SMALLEST_SPAN_RESOLUTIONS = 3.0
 # If the peak-to-peak value of a test's readings is larger than this number [µm], the unit of the
 # readings is probably wrong.
 _LARGEST_SPAN_UM = 1000.0
-# Numbers of readings for which the preview fits a Fourier series to the readings of a test.
+# Range of the number of readings of a test for which the preview fits a Fourier series to the
+# readings.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
 # A reading is a spike if its deviation from the Fourier series fitted to its test exceeds this
 # multiple of the standard deviation of the readings about the series.
@@ -138,7 +139,7 @@ class _Remarks:
     """Remarks on what looks odd in a campaign, collected while the campaign is examined."""
 
     def __init__(self) -> None:
-        """Start without remarks."""
+        """Start the examination of a campaign without any remarks."""
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
@@ -168,7 +169,7 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    #: arc of the circle that the angles of the test cover [deg]; see `CircularTest.arc_deg`
+    #: arc of the circle that the angles at which the test's readings were taken cover [deg]
     arc_deg: float
     #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
@@ -454,7 +455,7 @@ def _noise_and_spikes(
         remarks.add(RemarkKind.OPEN, is_open, start_end_um=jump)
 
     def size_of_spike(position: int) -> float:
-        """Return the distance [µm] of reading number ``position`` from the fitted curve."""
+        """Return the distance [µm] of the reading at index ``position`` from the fitted curve."""
         return abs(float(deviation[position]))
 
     spikes = ranked(np.flatnonzero(~regular).tolist(), size_of_spike)

@@ -19,11 +19,14 @@ class TimeSource(StrEnum):
     The drift of the bar's length and of the circle's centre is computed from these times.
     """
 
-    TIMES = "times"  #: the user has given a start time (``time_s``) for every test
-    LISTED = "listed order"  #: the order in which the tests are listed, one test every six minutes
-    #: the times are unknown, because the tests were run in random order
+    #: The times of the tests are the start times ``time_s`` that the user has given for all tests.
+    TIMES = "times"
+    #: The times of the tests follow from the order in which they are listed, one every six minutes.
+    LISTED = "listed order"
+    #: The times of the tests are unknown, because the tests were run in random order.
     RANDOM = "random order"
-    #: no times are needed, because the user has declared that nothing drifted between tests
+    #: The times of the tests are not needed, because the user has declared that nothing drifted
+    #: between tests.
     NO_DRIFT = "no drift"
 
 

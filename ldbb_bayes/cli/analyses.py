@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 __all__ = ["compare", "design", "identify", "validate"]
 
-# Columns, in addition to the parameter's name, of the file parameters.csv that the command identify
-# writes.
+# Columns, in addition to the parameter's name, of the file parameters.csv that the command
+# ``identify`` writes.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
-# Names of the figures that the command compare writes.
+# Names of the figures that the command ``compare`` of ``ldbb-bayes`` writes.
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
 
 
@@ -326,7 +326,7 @@ def _check_workflow(
     settings: dict[str, Any],
     pool: dict[str, Any],
 ) -> None:
-    """Run the checks of a Bayesian workflow and write what they find.
+    """Run all checks of a Bayesian workflow on a campaign with readings, and write the results.
 
     ``settings`` are the options of the command ``validate``. Exit with code 1 if a check fails.
     """

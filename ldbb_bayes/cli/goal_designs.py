@@ -1,4 +1,4 @@
-"""Search for the cheapest campaign that reaches goals, with its files and its order of circles.
+"""Search for the cheapest campaign that reaches goals for uncertainties; files of the campaign.
 
 The command ``design`` with ``--goal`` and the page in the browser share these functions.
 """

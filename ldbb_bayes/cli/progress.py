@@ -55,7 +55,7 @@ def _progress_bar(
         task = bar.add_task("starting", total=1.0)
 
         def update(*arguments: Any, **keywords: Any) -> None:
-            """Show the progress bar with a new share and text; ``state_of`` gets the arguments."""
+            """Show the progress bar with the share and the text that ``state_of`` now returns."""
             state = state_of(*arguments, **keywords)
             bar.update(task, completed=state.share, description=state.text)
 

@@ -42,14 +42,15 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     _require_elsewhere(target)
     folder = target
     if target.is_symlink():
-        # If the target is a link, the temporary folder must be beside the folder to which the link
-        # points.
+        # The temporary folder is made beside the folder that it replaces. If the target is a link,
+        # this is the folder to which the link points.
         folder = target.resolve()
     with refuse_unwritable(target):
         is_file = False
         names: list[str] | None = None
         try:
-            # Read the folder only once, because another run of the program may replace it.
+            # The names in an existing target folder are read only once, because another run of the
+            # program may replace the folder meanwhile.
             names = os.listdir(target)
         except FileNotFoundError:
             pass

@@ -53,7 +53,7 @@ _WORKER_ENVIRONMENT: dict[str, Any] = {
     "DASK_LOGGING__DISTRIBUTED": "critical",
     **ONE_THREAD,
 }
-# Configuration of Dask for a cluster on this computer.
+# Configuration of the library Dask for a cluster of worker processes on this computer.
 _DASK_OPTIONS: dict[str, Any] = {
     # Dask must not repeat a job whose worker process was killed. The function `done` of this
     # package repeats the job after all other jobs.
@@ -65,15 +65,16 @@ _DASK_OPTIONS: dict[str, Any] = {
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
 }
-# Arguments with which a Dask cluster on this computer is started.
+# Arguments with which a cluster of the library Dask is started on this computer.
 _CLUSTER_OPTIONS: dict[str, Any] = {
     "threads_per_worker": 1,
     "processes": True,
     "memory_limit": 0,
     "silence_logs": logging.CRITICAL,
     "dashboard_address": None,
-    # Port 0 means any free port. Without this setting the scheduler would ask for port 8787, even
-    # though it has no dashboard, and warn if another cluster uses the port.
+    # Port of Dask's scheduler for its dashboard; 0 means any free port. Without this setting the
+    # scheduler would ask for port 8787, even though it has no dashboard, and warn if another
+    # cluster uses the port.
     "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
 }
 
@@ -109,7 +110,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     """
     refuse_to_nest()
     try:
-        import dask  # imported here, because Dask need not be installed
+        import dask  # imported here, because the library Dask need not be installed
         import distributed
     except ImportError as error:
         raise InputError(
@@ -186,7 +187,8 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     before the cluster is closed. If a worker died, closing may take long; this function waits for
     ten seconds at most.
     """
-    from distributed import LocalCluster  # imported here, because Dask need not be installed
+    # imported here, because the library Dask need not be installed
+    from distributed import LocalCluster
 
     try:
         cluster = LocalCluster(n_workers=workers or usable_cores(), **_CLUSTER_OPTIONS)

@@ -118,7 +118,7 @@ def done(
                 yield attempt.index, Lost()
             else:
                 retries.append(_Attempt(attempt.index, attempt.job, is_last=True))
-            # The result must not stay in memory while this process waits for the next job.
+            # The result of a job must not stay in memory while this process waits for the next job.
             del future
     except BrokenExecutor as error:
         raise InputError(
