@@ -106,7 +106,8 @@ def advice_on_tests(recordings: Sequence[Recording], n_stated: int) -> str:
 def cells_of(recording: Recording, column: int) -> list[str]:
     """Return the cells of a column in the rows of a test; ``column`` is the index of the column."""
     lines = set(recording.lines)
-    return [row.cells[column] for row in recording.sheet.rows if row.line in lines]
+    rows = recording.sheet.rows[recording.heading.first_row :]
+    return [row.cells[column] for row in rows if row.line in lines]
 
 
 def _stand_in_blocks(words: Sequence[str]) -> bool:

@@ -6,12 +6,10 @@ Error messages about files without a table of readings name these formats.
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import LONGEST_TEXT
 
 __all__ = ["format_of"]
 
@@ -26,11 +24,6 @@ _SUFFIXES_OF_YAML = (".yml", ".yaml")
 _NAMED_LIST = re.compile(
     rf"(?P<name>[^\W\d][\w. -]*?)\s*[=:]\s*[\[({{]?(?:\s*{NUMBER_IN_TEXT}[,;\s]){{9}}.*"
 )
-# Regular expression for a name with a number, as in "theta=360.00deg".
-_NAMED_NUMBER = re.compile(rf"[^\W\d][\w.]*\s*[=:]\s*(?={NUMBER_IN_TEXT})")
-# If fewer lines than this number consist of names with numbers, they are not taken for the readings
-# of a circle.
-_FEWEST_LINES = 9
 
 
 def format_of(sheet: Sheet) -> str:
@@ -50,7 +43,7 @@ def format_of(sheet: Sheet) -> str:
     lists = [match["name"] for match in map(_NAMED_LIST.fullmatch, texts) if match]
     if len(lists) >= 2:
         return f"lists of numbers in lines: {lists[0]!r} and {lists[1]!r}"
-    return _names_beside_numbers(sheet, texts)
+    return ""
 
 
 def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:
@@ -63,24 +56,3 @@ def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:
     if not is_named_yaml and texts[0] != "---":
         return False
     return all(_YAML_LINE.fullmatch(text) for text in texts)
-
-
-def _names_beside_numbers(sheet: Sheet, texts: Sequence[str]) -> str:
-    """Describe, for an error message, a file in which each number has a name beside it.
-
-    Many lines must have the same names; otherwise the result is empty. ``texts`` are the lines of
-    the sheet.
-    """
-    names_of_lines = [_names_in(text) for text in texts]
-    n_lines = Counter(names_of_lines)
-    for row, names in zip(sheet.rows, names_of_lines, strict=True):
-        if len(names) >= 2 and n_lines[names] >= _FEWEST_LINES:
-            listed = " and ".join(repr(name) for name in names[:2])
-            return f"a name beside each number: {listed} in line {row.line}"
-    return ""
-
-
-def _names_in(text: str) -> tuple[str, ...]:
-    """Return the names beside numbers in a line: theta and r for ``theta=0.00deg r=1.2um``."""
-    names = _NAMED_NUMBER.finditer(text[:LONGEST_TEXT])
-    return tuple(match[0].rstrip(" =:") for match in names)

@@ -25,6 +25,7 @@ from ldbb_bayes.reading.json_tables import is_json, sheets_of_json
 from ldbb_bayes.reading.labview import is_labview, rows_of_labview
 from ldbb_bayes.reading.loads_between import with_loads_between
 from ldbb_bayes.reading.matlab_display import displays_of_matlab, is_matlab_display
+from ldbb_bayes.reading.named_numbers import rows_of_named_numbers
 from ldbb_bayes.reading.octave import is_octave, sheets_of_octave
 from ldbb_bayes.reading.page_marks import without_page_marks
 from ldbb_bayes.reading.sheet import Sheet
@@ -86,7 +87,7 @@ def read_sheets(
     if is_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES:
         tables = []
         for sheet in read_workbook(path, raw, sheets):
-            tables += _tables_below_each_other(sheet)
+            tables += _tables_below_each_other(_with_plain_cells(sheet))
         return tables
     if sheets:
         raise InputError(
@@ -108,6 +109,10 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
     ``separator`` is the character between the cells, and ``encoding`` is the encoding of the file.
     """
     n_removed = 0
+    named_numbers = rows_of_named_numbers(text)
+    if named_numbers.rows:
+        sheet = Sheet(path, "", named_numbers.rows, encoding, ",", cell_units=named_numbers.units)
+        return _tables_below_each_other(sheet)
     if is_labview(text):
         separator = "\t" if "\t" in text else ","
         rows = rows_of_labview(rows_of_text(path, text, separator))
@@ -121,13 +126,12 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
         lines = text.split("\n")
         rows = with_aligned_units(with_aligned_headers(rows, lines), lines)
     sheet = Sheet(path, "", rows, encoding, separator, n_headers=n_removed)
-    return _tables_below_each_other(sheet)
+    return _tables_below_each_other(_with_plain_cells(sheet))
 
 
 def _tables_below_each_other(sheet: Sheet) -> list[Sheet]:
     """Return the tables that stand below each other in a sheet, each as a separate sheet."""
-    plain = with_index_names(_with_plain_cells(sheet))
-    return split_tables(with_loads_between(plain))
+    return split_tables(with_loads_between(with_index_names(sheet)))
 
 
 def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:

@@ -25,6 +25,7 @@ def printout_cases() -> dict[str, FieldCase]:
         **stored_number_cases(),
         **page_cases(),
         **half_cases(),
+        **named_number_cases(),
     }
 
 
@@ -292,6 +293,29 @@ def half_cases() -> dict[str, FieldCase]:
         told="are one test",
     )
     return {"half_tables": case}
+
+
+def named_number_cases() -> dict[str, FieldCase]:
+    """Return logs with a name beside each number."""
+    forms = (
+        ("ang={a:g} dev={r} F={F:g}", ""),
+        ("12:00:00 INFO acq: theta={a:g}deg dev={r}um", "12:00:00 INFO acq: start"),
+        ("angle: {a:g}; reading: {r} um; force: {F:g} N; dir=CW", "plane=XY radius=150 mm"),
+        ("  - {{angle: {a:g}, reading: {r}}}", "readings:"),
+    )
+    cases = {}
+    for number, (line, above) in enumerate(forms):
+        files = {}
+        for circle in field.TRUTH:
+            lines = [above]
+            for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
+                lines.append(line.format(a=angle, r=f"{reading:.3f}", F=circle.force_N))
+            files[f"{circle.force_N:g}N.log"] = "\n".join([*lines, ""]).encode()
+        shown = line.format(a=5.0, r="-1.234", F=100.0)
+        cases[f"named_numbers_{number}"] = FieldCase(
+            "names beside numbers", f"lines such as {shown}", files
+        )
+    return cases
 
 
 def dotted_cases() -> dict[str, FieldCase]:

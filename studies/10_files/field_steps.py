@@ -173,14 +173,8 @@ def format_cases() -> dict[str, FieldCase]:
     """Return formats that hold no table; the refusal says what the file is."""
     mended = field.texts("Angle [deg],Reading [um]")
     forms = {
-        "yaml": (".yaml", "  - {{angle: {a:g}, reading: {r}}}", "readings:", "got YAML"),
+        "yaml": (".yaml", "  - [{a:g}, {r}]", "readings:", "got YAML"),
         "xml": (".xml", '<p angle="{a:g}" reading="{r}"/>', "<test>", "got XML"),
-        "names": (
-            ".log",
-            "12:00:00 INFO acq: theta={a:g}deg dev={r}um",
-            "12:00:00 INFO acq: start",
-            "got a name beside each number: 'theta' and 'dev' in line 2",
-        ),
     }
     cases = {}
     for name, (suffix, line, above, refusal) in forms.items():

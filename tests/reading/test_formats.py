@@ -43,13 +43,6 @@ def test_lists_in_lines_are_named(tmp_path: Path) -> None:
     assert said in refusal(tmp_path, "run.toml", lines)
 
 
-@pytest.mark.parametrize("form", ["angle={} reading={}", "12:00 angle: {} deg, reading: {} um"])
-def test_a_name_beside_each_number_is_named(form: str, tmp_path: Path) -> None:
-    lines = ["Force = 36 N", *[form.format(a, r) for a, r in NUMBERS]]
-    said = "got a name beside each number: 'angle' and 'reading' in line 2."
-    assert said in refusal(tmp_path, "run.log", lines)
-
-
 def test_tests_named_t1_are_rows_and_no_header(tmp_path: Path) -> None:
     lines = ["test,force_N,angle_deg,reading_um", *[f"T1,36,{a},{r}" for a, r in NUMBERS]]
     path = tmp_path / "run.csv"

@@ -1,0 +1,87 @@
+"""Lines with a name beside each number, such as ``ang=12.5 dev=3.1 F=238``, as rows of a table."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from typing import NamedTuple
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.cell_units import UnitsOfCells
+from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
+
+__all__ = ["rows_of_named_numbers"]
+
+# Regular expression for a name and its number, with the unit of the number if it has one. The word
+# behind a number is no unit if it is the next name. A time such as 12:00:05 counts as a number, and
+# so does a word directly behind the sign =, as in dir=CW.
+_PAIR = re.compile(
+    r"(?<![\w.])(?P<name>[^\W\d][\w.]*(?:\s?[\[(][^\])=:]*[\])])?)\s*[=:]\s*"
+    r"(?P<value>[+\-−]?(?:\d+:\d\d(?::\d\d)?(?:[.,]\d+)?|\d+(?:[.,]\d+)?(?:[eE][+\-]?\d+)?)"
+    r"|(?<==)[^\W\d][\w\-]*)(?![\d:/])(?:\s?(?P<unit>°|[^\W\d_]+)(?![\w.\[\]()]*\s*[=:]))?"
+)
+# If fewer lines than this number have the same names, they are not taken for the readings of a
+# circle.
+_FEWEST_LINES = 9
+# Name of the column of texts that stand beside the names and numbers.
+_COLUMN_OF_TEXTS = "text"
+
+
+class _NamedNumbers(NamedTuple):
+    """Names and numbers of a line, and the other words of the line."""
+
+    names: tuple[str, ...]
+    numbers: list[str]
+    units: list[str]  # unit of each number; empty if it has none
+    words: str
+
+
+def rows_of_named_numbers(text: str) -> UnitsOfCells:
+    """Return the rows of a text in which many lines have the same names beside their numbers.
+
+    The names become the header, in a row above the first of these lines. Other words in these
+    lines, such as the stamp of a log, become a column of texts. Each other line is a row of one
+    cell. The units of the numbers are returned apart. There are no rows for any other text.
+    """
+    lines = text.split("\n")
+    parts = [_named_numbers(line) for line in lines]
+    n_lines = Counter(part.names for part in parts if len(part.names) >= 2)
+    names, n_alike = max(n_lines.items(), key=lambda item: item[1], default=((), 0))
+    if n_alike < _FEWEST_LINES:
+        return UnitsOfCells([], {})
+    has_words = any(part.words for part in parts if part.names == names)
+    rows: list[Row] = []
+    units: dict[tuple[int, int], str] = {}
+    has_header = False
+    for line, (content, part) in enumerate(zip(lines, parts, strict=True), start=1):
+        if not content.strip():
+            continue
+        if part.names != names:
+            rows.append(Row(line, [content.strip()]))
+            continue
+        if not has_header:
+            rows.append(Row(line, [*names, _COLUMN_OF_TEXTS] if has_words else [*names]))
+            has_header = True
+        rows.append(Row(line, [*part.numbers, part.words] if has_words else part.numbers))
+        for column, unit in enumerate(part.units):
+            if unit:
+                units[line, column] = unit
+    return UnitsOfCells(rows, units)
+
+
+def _named_numbers(line: str) -> _NamedNumbers:
+    """Return the names and numbers in a line, and the other words of the line."""
+    line = line[:LONGEST_TEXT]
+    names = []
+    numbers = []
+    units = []
+    words = line
+    for match in _PAIR.finditer(line):
+        unit = unit_named(match["unit"] or "")
+        names.append(match["name"])
+        numbers.append(match["value"])
+        units.append(unit)
+        end = match.end() if unit else match.end("value")
+        words = words.replace(line[match.start() : end], " ", 1)
+    other_words = " ".join(words.split()).strip(" ;,|{}()-")
+    return _NamedNumbers(tuple(names), numbers, units, other_words)
