@@ -21,9 +21,11 @@ __all__ = ["with_aligned_units"]
 
 # Largest number of rows above the numbers among which the header and the row of units are.
 _HEADER_ROWS = 4
-# Number of rows of numbers from which the places of the columns are determined.
+# Number of rows of numbers from which the places of the columns in the lines of a text file are
+# determined.
 _SAMPLE_ROWS = 9
-# Regular expressions for the names of a header: names without blanks, and names with single blanks.
+# Regular expressions for the names of columns in a header line that has no separators but blanks.
+# The first expression is for names without blanks, the second for names with single blanks.
 _NAMES = (re.compile(r"\S+"), re.compile(r"\S+(?: \S+)*"))
 
 

@@ -362,7 +362,7 @@ def states_angles(text: str) -> bool:
 
 
 def _states_where_angles_begin(text: str) -> bool:
-    """Return whether a statement says that angles run clockwise or do not begin at +X."""
+    """Return whether a statement in a file says that angles run clockwise or do not begin at +X."""
     if not _SUBJECT.search(text) or _OTHER_SUBJECT.search(text):
         return False
     is_turned = _ANGLE.search(text) is not None and "CW" in senses_in(text)

@@ -41,9 +41,9 @@ class Assumption:
     #: are several; empty if the assumption concerns all files
     place: str
     what: str  #: subject of the assumption, such as "separator"
-    value: str  #: value that was assumed
-    because: str  #: reason why this value was assumed
-    option: str  #: command-line option that changes the value
+    value: str  #: value that was assumed, as text
+    because: str  #: reason why the value was assumed, such as "line 3 says 'R = 100 mm'"
+    option: str  #: command-line option that changes the assumed value
 
 
 class _Entry(NamedTuple):

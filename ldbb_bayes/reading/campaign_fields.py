@@ -65,8 +65,10 @@ class _StatedValue(NamedTuple):
     """Value of a field, and the place in a file that states it."""
 
     value: Any
-    source: str | CitedLine  # line or name that states the value, such as "line 3"
-    place: str  # source as error messages name it; for a line, with the file, as in "line 3 of …"
+    source: str | CitedLine  # line or name that states the value of the field, such as "line 3"
+    # place that states the value of the field, as error messages name it; for a line, the place
+    # includes the file, as in "line 3 of …"
+    place: str
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:

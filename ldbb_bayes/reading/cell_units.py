@@ -33,7 +33,8 @@ class UnitsOfCells(NamedTuple):
     """Rows of a sheet after the units were removed from the cells, and the removed units."""
 
     rows: list[Row]
-    #: units that were removed; each key holds the line number and the column index of a cell
+    #: units that were removed from the cells of a table because they stood after a number; each key
+    #: holds the line number and the column index of a cell
     units: Mapping[tuple[int, int], str]
 
 

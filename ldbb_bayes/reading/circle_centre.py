@@ -49,9 +49,9 @@ class _Centre(NamedTuple):
 
     line: int | str  # line number, or a text such as "3 of notes.txt" for a line of another sheet
     text: str  # the words of the line that state the centre
-    #: stated machine coordinates [mm]; the keys are names of fields, such as ``centre_x_mm``; empty
-    #: if the line states the centre in other coordinates, in another unit, or without the letters
-    #: of the axes
+    #: machine coordinates [mm] that a line states for the centre of the circle; the keys are names
+    #: of fields, such as ``centre_x_mm``; empty if the line states the centre in other coordinates,
+    #: in another unit, or without the letters of the axes
     coordinates: Mapping[str, float]
 
 

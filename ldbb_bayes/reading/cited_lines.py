@@ -11,8 +11,11 @@ class CitedLine(NamedTuple):
     """Reason for an assumption; the reason cites a line, as in "line 3 says 'R = 100 mm'"."""
 
     reason: str  #: reason for an assumption in words, such as "line 3"
-    line: int | str  #: line number, or a text such as "3 of notes.txt" for a line of another sheet
-    #: words of the cited line that the reason quotes; empty if the reason only states its number
+    #: number of the line that is the reason for an assumption; for a line of another sheet, a text
+    #: such as "3 of notes.txt"
+    line: int | str
+    #: words that the reason for an assumption quotes from the line; empty if the reason only states
+    #: the number of the line
     quoted: str = ""
 
     def __str__(self) -> str:

@@ -97,7 +97,7 @@ _FOREIGN_UNITS = {
     )
     for role in ("force", "pressure", "reading", "angle")
 }
-# Words that begin like a word for time, but mean something else.
+# Words in headers that begin like a word for time, but mean something else.
 _NO_TIMES = WORDS["columns"]["no_time"].split()
 # Regular expression for the header of a column of temperatures.
 _TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
@@ -107,7 +107,8 @@ _FACTOR_AND_UNIT = re.compile(r"(?<![^\W_])0[.,]\d+(?P<unit>[^\W\d_]+)$")
 _OTHER_ANGLE = re.compile(rf"(?<![^\W_])(?:{WORDS['columns']['other_angle']})(?![^\W_])", re.I)
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
-# Entries of ``words.toml`` with words for the radius or the diameter of a circle.
+# Entries with words for the radius or the diameter of a circle. They come from the file
+# ``words.toml``, which lists the words that this package recognises.
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
@@ -504,10 +505,10 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Make the list ``roles.readings`` and the roles of the columns agree with each other.
+    """Make the list of the columns of readings and the roles of the columns agree.
 
-    A column in this list of columns of readings loses any other role, such as angle. If the list is
-    empty, the column that has the role of reading is added.
+    The list is ``roles.readings``. A column in this list loses any other role, such as angle. If
+    the list is empty, the column that has the role of reading is added to it.
     """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:

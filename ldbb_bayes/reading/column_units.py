@@ -44,8 +44,10 @@ _UNIT_SHOWN = 40
 class _UnitEvidence(NamedTuple):
     """Units of a column, as one place in the file states them, such as a line or the cells."""
 
-    units: Sequence[str]  # unit of each row, or one unit for all rows; unknown units as written
-    source: str | CitedLine  # where the unit is stated, for messages, such as "line 3"
+    # unit of the column's number in each row, or one unit for all rows; a unit that this package
+    # does not know is stored as the file writes it
+    units: Sequence[str]
+    source: str | CitedLine  # place that states the unit, for messages, such as "line 3"
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:

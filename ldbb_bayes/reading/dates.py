@@ -34,10 +34,10 @@ def iso_date(text: str) -> str:
     day = first
     month = second
     year = third
-    if first.isalpha():  # the text is a date such as March 4, 2026
+    if first.isalpha():  # the month stands first, as in March 4, 2026
         day = second
         month = first
-    elif len(first) == 4:  # the text is a date such as 2026-03-04
+    elif len(first) == 4:  # the year stands first, as in 2026-03-04
         year = first
         day = third
     if month.isalpha():

@@ -22,9 +22,9 @@ __all__ = ["EntryTable", "sheets_of_entries", "statement_of"]
 class EntryTable:
     """Table of a file, with the statements that apply to it."""
 
-    name: str  #: name of the table in the file; empty if nothing names it
+    name: str  #: name of the table in the file; empty if nothing names the table
     statements: list[str]  #: statements that apply to the table, such as ``radius: 150 mm``
-    header: list[str]  #: names of the columns; empty if nothing names them
+    header: list[str]  #: names of the table's columns; empty if nothing names them
     rows: list[list[str]]
 
 

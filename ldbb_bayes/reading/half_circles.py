@@ -32,7 +32,8 @@ class MeasuredArc:
     """Arc of a circular test, from one file: the whole circle or half of it."""
 
     recording: Recording
-    #: stated fields of the circular test, such as the force; the keys are the names of the fields
+    #: values that are stated for the circular test, such as its force; the keys are the names of
+    #: the fields of a test, such as force_N
     fields: dict[str, Any]
     angle_deg: Array  #: angles of the n readings [deg], shape (n,)
     reading_um: Array  #: the n readings [µm], shape (n,)

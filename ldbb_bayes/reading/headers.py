@@ -52,20 +52,22 @@ class Heading:
     """Header and columns of the table in one sheet."""
 
     line: int  #: line number of the header in the file; 0 if the table has no header
-    first_row: int  #: index of the first row of numbers among the sheet's rows
-    headers: list[str]  #: header of each column, as the file writes it
+    first_row: int  #: index, among the sheet's rows, of the first row of numbers of the table
+    headers: list[str]  #: header of each column of the table, as the file writes it
     units: list[str]  #: unit that the header of each column states; empty if it states none
     roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
     lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
     #: indices (from 0) of the columns of readings; each column holds the readings of one test
     readings: list[int]
-    #: units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
+    #: units with a factor, such as 0.1 um, in the row of units below the header of a table; the
+    #: keys are the column indices
     scaled_units: Mapping[int, str] = field(default_factory=dict)
     unit_line: int = 0  #: line number of the row of units below the header; 0 if there is none
-    #: indices (from 0) of the columns with a unit in the row of units
+    #: indices (from 0) of the columns with a unit in the row of units below the header of a table
     columns_with_unit_below: frozenset[int] = frozenset()
     label: str = ""  #: name of the test, if the sheet has one column of readings for each test
-    #: indices (from 0) of the columns that hold the unit of each row
+    #: indices (from 0) of the columns whose cells are units, such as a column "unit" beside the
+    #: column of readings
     unit_columns: frozenset[int] = frozenset()
 
     def column_title(self, role: str, column: int) -> str:
@@ -287,8 +289,8 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
         if column < len(units_below) and units_below[column]:
             below = units_below[column]
             if unit and _is_scaled(below):
-                # Two units in one text are no known unit; later code raises an error if the column
-                # is used.
+                # The header and the row of units state a unit each. Both are stored in one text,
+                # which is no known unit; later code raises an error if the column is used.
                 unit = f"{unit} and {below}"
             else:
                 unit = unit_of(f"{header} [{below}]").unit

@@ -247,11 +247,11 @@ def _unit_beside(value: Mapping[str, Any]) -> str:
 
 
 def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -> list[str]:
-    """Return properties of columns, other than their units, as lines of text.
+    """Return the properties of columns in a JSON file, other than units, as lines of text.
 
-    A property is stored in the same dict as the list of numbers of its column. ``content`` is the
-    dict that holds the columns, and the keys of ``columns`` are the keys of the columns in this
-    dict.
+    An example is ``radius: 150 mm``. The file stores a column as a dict with a list of numbers and
+    the properties of the column. ``content`` is the dict that holds all columns, and the keys of
+    ``columns`` are the keys of the columns in it.
     """
     statements = []
     for key in columns:

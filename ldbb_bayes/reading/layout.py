@@ -124,7 +124,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
     #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
-    decimal: Literal[".", ","] | None = None  #: decimal mark: point or comma
+    decimal: Literal[".", ","] | None = None  #: decimal mark of numbers in files: point or comma
     #: line number of the header in the file; 0 for a table without a header (its columns are then
     #: stated by their numbers from 1)
     header_line: int | None = Field(default=None, ge=0)
@@ -147,9 +147,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     time_unit: str | None = None  #: unit of the times in the files, such as s or ms
     force_unit: str | None = None  #: unit of the forces in the files, such as N or kN
     pressure_unit: str | None = None  #: unit of the pressures in the files, such as bar
-    #: whether readings are deviations from the nominal radius, or distances between the two balls
+    #: what readings are: deviations from the nominal radius, or distances between the two balls
     zero: Literal["deviation", "distance"] | None = None
-    #: whether readings measure the radius or the diameter; readings of the diameter are halved
+    #: whether readings measure the radius or the diameter of the circle; readings of the diameter
+    #: are halved
     measured: Literal["radius", "diameter"] | None = None
     #: sign of readings: −1 if a longer bar gives a smaller reading, else 1; None to take the sign
     #: from the words in the file
@@ -183,10 +184,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
     @classmethod
     def _check_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
-        """Return the package's name for a stated unit: ``um`` for ``µm``.
+        """Return the name that this package uses for a stated unit: ``um`` for ``µm``.
 
-        The name of the field begins with a role, such as reading. Raise a ValueError for a unit
-        that is unknown for this role.
+        The name of the layout's field, such as ``reading_unit``, begins with the role of a column,
+        such as reading. Raise a ValueError if the unit is unknown for this role.
         """
         if value is None:
             return None

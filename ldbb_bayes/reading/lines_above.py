@@ -56,15 +56,16 @@ Lines = Sequence[tuple[int | str, str]]
 class LineStatement:
     """Value that a line above a table states for a field of a test or campaign."""
 
-    #: stated value, in the unit with which the name of the field ends, such as mm for
-    #: ``radius_mm``; NaN for a number that can be read in two ways, such as 1,000
+    #: value that the line states for a field of a test or campaign, in the unit with which the name
+    #: of the field ends, such as mm for ``radius_mm``; NaN for a number that can be read in two
+    #: ways, such as 1,000
     value: Any
-    unit: str  #: unit of the value as the line writes it; empty if the line states none
-    #: number of the line in the file; if the line is in another sheet than the test, a text with
-    #: the number of the line and the name of the sheet
+    unit: str  #: unit of the stated value as the line writes it; empty if the line states none
+    #: number, in its file, of the line that states a value for a test; if the line is in another
+    #: sheet than the test, a text with the number of the line and the name of the sheet
     line: int | str
-    #: reason why the number is NaN; empty if the reason is only that a comma or point in the number
-    #: may separate thousands
+    #: reason why the stated value is NaN; empty if the reason is only that a comma or point in the
+    #: number may separate thousands
     doubt: str = ""
 
 
@@ -74,7 +75,8 @@ class _Quantity(NamedTuple):
     field: str  #: field of a test or campaign in which the value is stored, such as radius_mm
     words: str  #: regular expression for the words that name the quantity
     usual_unit: str  #: unit that is assumed if a line states none; empty if the line must state one
-    #: permitted units, each with its size in the unit of the field (mm for radius_mm)
+    #: permitted units of the quantity, each with its size in the unit in which the value is stored:
+    #: a radius may be stated in mm, with the size 1, or in cm, with the size 10
     units: Mapping[str, float]
     is_of_bar: bool  #: whether the quantity is the length of a bar, which may have an extension
 
@@ -354,7 +356,8 @@ def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
     """
     following: str = match["following"]
     if match["cell"] and _unit_among(following, quantity.units) is None:
-        following = ""  # the next cell of the line does not hold a unit of this quantity
+        # the cell after the number does not hold a unit of the quantity
+        following = ""
     return match["inside"] or match["brackets"] or match["cell_before"] or following
 
 
@@ -380,9 +383,9 @@ def _length_with_extension(
 ) -> LineStatement | None:
     """Return the length of a bar plus the length of its extension [mm].
 
-    The result is NaN if the lines name an extension, but do not show whether the stated length
-    includes this extension. Return None if the quantity is not the radius, or if the bar has no
-    extension.
+    The length is stated in a line above a table. The result is NaN if the lines name an extension,
+    but do not show whether the stated length includes this extension. Return None if the line
+    states another quantity than the radius, or if the bar has no extension.
 
     Parameters
     ----------

@@ -18,9 +18,11 @@ __all__ = ["with_loads_between"]
 
 # Smallest number of successive rows of numbers that are taken to be a table.
 _FEWEST_ROWS = 9
-# Regular expression for words for a load step, which must not be mistaken for another quantity.
+# Regular expression for the words "step" and "load step". A line such as "Load step 2" must not be
+# mistaken for a line about another quantity than the load.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
-# Text that states a load and is added to a line of a file. The keys are the two kinds of load.
+# Text with which a load is written into the lines above a table, such as "Force: 100 N". The keys
+# are the two kinds of load.
 _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value:.10g} bar"}
 
 

@@ -30,11 +30,12 @@ _WORD = re.compile(r"[^\W\d_]+")
 class LoadInLine(NamedTuple):
     """Load in a line such as ``238 N``, which has no word for force or pressure."""
 
-    key: str  #: kind of load: force_N or pressure_bar
-    value: float  #: load in N or bar, as ``key`` states; NaN if it is uncertain
+    key: str  #: kind of load that a line states: force_N or pressure_bar
+    value: float  #: load in N for a force or bar for a pressure; NaN if the load is uncertain
     line: int | str  #: number of the line that states the load
     text: str  #: text of the line that states the load
-    #: whether the load stands alone, or beside texts that are understood; see `_is_clear`
+    #: whether the load is all that its line states, or the line's other texts are understood; see
+    #: `_is_clear`
     is_clear: bool
 
 

@@ -23,12 +23,13 @@ _FIRST_STAMP_S = 946_684_800.0
 _LAST_STAMP_S = 4_102_444_800.0
 # Units in which programs count the time since 1970.
 _STAMP_UNITS = ("s", "ms", "us", "ns")
-# A step from one time to the next is a gap if it is longer than this multiple of the median step.
+# In a log over time, the step from one time to the next is called a gap if it is longer than this
+# multiple of the median step.
 _LARGEST_GAP_STEPS = 5.0
 # Times are evenly spaced if no step differs from the median step by more than this fraction of
 # the median step.
 _EVEN_SHARE = 0.5
-# Largest number of steps back in time that a note lists.
+# Largest number of rows with an earlier time than the row before that a note on the clock lists.
 _ROWS_SHOWN = 5
 
 

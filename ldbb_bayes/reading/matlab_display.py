@@ -56,12 +56,13 @@ class _ShownMatrix:
 class _Display:
     """A matrix as MATLAB displays it: numbers, header, and the lines above."""
 
-    # lines above the header; each is a row of one cell
+    # lines above the matrix and its header; each line is stored as a row of one cell
     lines: list[Row] = field(default_factory=list)
     header: list[Row] = field(default_factory=list)  # row with the names of all columns
     # rows of numbers, already multiplied by ``factor``
     numbers: list[Row] = field(default_factory=list)
-    # common factor of the numbers, such as 1.0e+03, as MATLAB writes it; empty if there is none
+    # factor, such as 1.0e+03, that MATLAB writes above a matrix and by which all numbers of the
+    # matrix are to be multiplied; empty if there is none
     factor: str = ""
     # number of the line with the common factor of the numbers; 0 if there is none
     factor_line: int = 0
@@ -166,7 +167,10 @@ def _store_numbers(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> N
 
 
 def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
-    """Raise an `InputError` if lines without a table below hold a common factor of numbers."""
+    """Raise an `InputError` if lines without a table below state a factor, such as 1.0e+03.
+
+    MATLAB writes such a factor above a matrix whose numbers are to be multiplied by it.
+    """
     for row in lines:
         if _FACTOR.fullmatch(row.cells[0]):
             raise InputError(
@@ -177,12 +181,13 @@ def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
 
 
 def _display_of_matrix(sheet: Sheet, shown: _ShownMatrix) -> _Display:
-    """Return a displayed matrix with its header, its lines and its multiplied numbers.
+    """Return a matrix that MATLAB displays: its header, the lines above it, and its numbers.
 
-    ``shown`` are the numbers and all lines above them; some of these lines state the common factor
-    of the numbers or the names of the columns. A factor is not used if a command or the name of
-    another variable stands between the factor and the numbers. Raise an `InputError` if the matrix
-    is shown in several parts, each with some of its columns.
+    The numbers are multiplied by the factor, such as 1.0e+03, that MATLAB writes above the matrix.
+    A factor is not used if a command or the name of another variable stands between the factor and
+    the numbers. ``shown`` are the numbers and all lines above them; some of these lines state the
+    factor or the names of the columns. Raise an `InputError` if the matrix is shown in several
+    parts, each with some of its columns.
     """
     display = _Display()
     for row in shown.above:

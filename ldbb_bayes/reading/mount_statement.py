@@ -30,8 +30,8 @@ _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
 # a way that this package does not understand. A statement with such a word and a word for the mount
 # is reported as an error.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
-# Regular expressions for words for a deflection, and for words which say that something is in the
-# readings.
+# Regular expressions for words for a deflection of the ball's mount, and for words, such as "not"
+# or "in the readings", which say that the readings still contain this deflection.
 _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 # Regular expression for words, such as "raw", which say that readings are uncorrected.

@@ -70,8 +70,8 @@ _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|G1[789](?!\d))(?![a-zA-Z])
 class NamedLoad(NamedTuple):
     """Load (force or pressure) that the name of a file, sheet, column or test states."""
 
-    key: str  #: kind of load: force_N or pressure_bar
-    value: float  #: value of the load, in N or bar as ``key`` states
+    key: str  #: kind of load that a name states: force_N or pressure_bar
+    value: float  #: value of the load that a name states, in N for a force or bar for a pressure
     name: str  #: name of the file, sheet, column or test that states the load
 
 

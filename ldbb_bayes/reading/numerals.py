@@ -290,7 +290,8 @@ class _ClockTime(NamedTuple):
 
     seconds: float  # seconds since midnight, or since the full hour if the cell states no hours
     has_hours: bool
-    day: int | None  # date as a number of days (see `date.toordinal`); None without a date
+    # date in the cell, as a number of days (see `date.toordinal`); None if the cell has no date
+    day: int | None
     zone_s: float | None  # local time minus UTC [s]; None without a time zone
 
 

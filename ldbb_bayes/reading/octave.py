@@ -18,7 +18,7 @@ from ldbb_bayes.reading.sheet import Sheet
 
 __all__ = ["is_octave", "sheets_of_octave"]
 
-# Regular expression for the two lines with which a variable begins.
+# Regular expression for the two lines with which a variable begins in a text file of Octave.
 _BEGINNING = re.compile(r"^[#%] name: .*\n[#%] type: ", re.MULTILINE)
 # Regular expression for a line with a property of a variable, such as "# rows: 72".
 _PROPERTY = re.compile(r"[#%] (?P<key>\w[\w ,]*?)(?:: (?P<value>.*))?\s*")

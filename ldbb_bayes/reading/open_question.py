@@ -23,7 +23,11 @@ class OpenQuestionError(InputError):
     """
 
     def __init__(self, message: str, field: str, answers: Sequence[str]) -> None:
-        """Store the error message, the field that the user must set, and its possible values."""
+        """Build the error.
+
+        ``message`` is its text, ``field`` the field of the layout that the user must set, and
+        ``answers`` are the possible values of this field.
+        """
         super().__init__(message)
         self.field = field
         self.answers = tuple(answers)

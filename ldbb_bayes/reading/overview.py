@@ -99,7 +99,8 @@ def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLine
     the possible spellings of the name of this test, without blanks.
     """
     header: list[str] = []
-    words: list[str] = []  # cells of the last row of words; it may be the header of a list of tests
+    # cells of the last row that names columns; this row may be the header of a list of tests
+    words: list[str] = []
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         place = f"{row.line} of {sheet.place}"
         cells = sheet.cells_as_written(row)

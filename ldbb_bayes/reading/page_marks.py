@@ -27,7 +27,8 @@ class TextOfPages(NamedTuple):
     """Text of several printed pages, without the headers of these pages."""
 
     text: str
-    n_removed: int  #: number of lines between the rows of numbers that were removed
+    #: number of lines, such as page numbers, that were removed from between the rows of numbers
+    n_removed: int
 
 
 def without_page_marks(text: str, separator: str) -> TextOfPages:

@@ -38,7 +38,8 @@ _POINT = re.compile(rf"(?<![A-Za-z])(?P<letter>[XYZ])\s?=?\s?(?P<number>{_NUMBER
 _STRAIGHT = re.compile(r"(?<![A-Za-z\d])G0?[01](?![\d.])|^\W*(?:\d+\s+)?L\s", re.IGNORECASE)
 # Regular expression for a block that sets the centre of an arc (CC) for a Heidenhain control.
 _POLE = re.compile(r"^\W*(?:\d+\s+)?CC\s")
-# Regular expressions for a feed F, and for the words G93 and G95, after which F is not a speed.
+# Regular expressions for the word F of G-code, which states the feed, and for the words G93 and
+# G95, after which F is not a speed.
 _FEED = re.compile(r"(?<![A-Za-z])F\s?=?\s?(?P<number>\d+\.?\d*)", re.IGNORECASE)
 _FEED_IS_NO_SPEED = re.compile(r"(?<![A-Za-z\d])G9[35](?![\d.])", re.IGNORECASE)
 # Regular expression for the radius of an arc in a block of an NC programme, such as R100 or CR=100.
@@ -48,7 +49,8 @@ _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNOR
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
 # Regular expression for the words G20 and G70, after which lengths are in inches.
 _INCHES = re.compile(r"(?<![A-Za-z\d])G(?:20|70)(?![\d.])", re.IGNORECASE)
-# Regular expression for the sense of an arc about the pole, for a Heidenhain control.
+# Regular expression for the words DR+ and DR- of a Heidenhain control, which state the sense of an
+# arc about its centre.
 _ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?(?P<sense>[+\-])(?!\d)")
 _MM_PER_INCH = 25.4
 # Directions of travel that the words G2, G3, DR- and DR+ select; the keys are the last characters
@@ -59,42 +61,47 @@ _SENSES = {"2": "CW", "3": "CCW", "-": "CW", "+": "CCW"}
 class ProgrammedFeed(NamedTuple):
     """Feed rate in a block of an NC programme."""
 
-    line: int | str  #: number of the line that states the feed rate
-    mm_per_min: float  #: feed rate [mm/min]
+    line: int | str  #: number of the line of the NC programme that states the feed rate
+    mm_per_min: float  #: feed rate of the machine along the path [mm/min]
 
 
 class ProgrammedArc(NamedTuple):
     """Arc that is programmed by a block of G-code, or by a block for a Heidenhain control."""
 
-    line: int | str  #: number of the line that programs the arc
-    text: str  #: text of the block (line) that programs the arc
+    line: int | str  #: number of the line of the NC programme that describes the arc
+    text: str  #: text of the block (line) of the NC programme that describes the arc
     direction: str  #: direction of travel: CW for G2 and DR-, CCW for G3 and DR+
     radius_mm: float | None  #: radius of the arc [mm]; None if the programme does not state it
     #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; it may be
     #: wrong if the arc is not a full circle; None if the blocks do not state the start
     start_mm: Mapping[str, float] | None
-    #: feed that applies to the arc; None if no block (line) of the programme states a feed
+    #: feed rate that applies to the arc; None if no block (line) of the NC programme states a feed
     feed: ProgrammedFeed | None
-    is_path: bool  #: whether the block describes an arc, and is not only the word G2 or G3
+    #: whether the block (line) of the NC programme describes an arc completely; false if it is only
+    #: the word G2 or G3
+    is_path: bool
 
 
 @dataclass
 class _Programme:
     """State of an NC programme after the blocks (lines) that have been read so far."""
 
-    #: one unit of length of the programme (millimetre or inch) [mm]
+    #: size of the unit of length in the NC programme [mm]: 1 for millimetres, 25.4 for inches
     unit_mm: float
-    #: whether centres are counted from the zero point of the programme, not from the arc's start
+    #: whether the coordinates of arc centres are counted from the zero point of the NC programme;
+    #: if not, they are counted from the start of the arc
     has_absolute_centres: bool
     #: whether the word F of the G-code states a feed rate, and not a feed per revolution or an
     #: inverse time
     has_feeds: bool
-    #: end of the last motion; the keys are axes; empty if it is not known
+    #: coordinates [mm] at which the last motion of the NC programme ends; the keys are axes; empty
+    #: if the end is not known
     position: dict[str, float] = field(default_factory=dict)
-    #: pole (centre of later arcs) for a Heidenhain control; the keys are axes; empty if it is not
-    #: known
+    #: coordinates [mm] of the pole (centre of later arcs) for a Heidenhain control; the keys are
+    #: axes; empty if the pole is not known
     pole: dict[str, float] = field(default_factory=dict)
-    feed: ProgrammedFeed | None = None  #: feed rate that applies to the block that is read next
+    #: feed rate that applies to the block (line) of the NC programme that is read next
+    feed: ProgrammedFeed | None = None
 
 
 def programs_arc(text: str) -> bool:

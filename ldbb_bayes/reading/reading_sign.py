@@ -45,7 +45,8 @@ _TURNED_HEADER = re.compile(_WORDS["header"])
 _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
 # Regular expression for a line that says what a sign of readings means.
 _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
-# Regular expression for the label "Sign" with a text after it, such as "Sign: as drawn".
+# Regular expression for the label "Sign" with a text after it, such as "Sign: as drawn", which may
+# state the sign of readings.
 _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
 # Regular expression for a mention of positive or negative readings, such as "positive values".
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)

@@ -57,15 +57,16 @@ def option_for(key: str) -> str:
 class RowUnits(NamedTuple):
     """Units of the numbers in a column, row by row, as one place in the file states them."""
 
-    units: Sequence[str]  #: unit in each row as written in the file; empty if a row has none
-    source: str  #: name of the source in messages, such as "a column of units"
+    #: unit of the column's number in each row, as the file writes it; empty if a row has no unit
+    units: Sequence[str]
+    source: str  #: what states the units, as messages name it, such as "a column of units"
 
 
 class AssumedUnit(NamedTuple):
     """Unit that is assumed for a column, because nothing states it."""
 
     unit: str
-    reason: str | CitedLine  #: reason why this unit is assumed
+    reason: str | CitedLine  #: reason why this unit is assumed for a column without a stated unit
 
 
 @dataclass
@@ -91,7 +92,7 @@ class Recording:
     direction_words: Mapping[str, int]
     #: values that lines above the table state; the keys are fields of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
-    layout: Layout  #: layout that the user states for all tables
+    layout: Layout  #: layout (roles and units of columns and so on) that the user states for tables
     stated: dict[str, Any]  #: fields that the entry [[test]] of the layout states for this test
     #: fields of the campaign that the user's options set; the keys are the names of the fields
     campaign: Mapping[str, Any]

@@ -42,8 +42,8 @@ def with_runs_in_header(sheet: Sheet) -> Sheet:
 def _names_with_runs(above: Row, header: Sequence[str]) -> list[str]:
     """Return the headers of all columns, with names of runs added to the headers of readings.
 
-    ``header`` are the cells of the header, and ``above`` is the row above it, which may name the
-    runs. The result is an empty list if ``above`` names no runs.
+    A run is one circular test. ``header`` are the cells of the header, and ``above`` is the row
+    above it, which may name the runs. The result is an empty list if ``above`` names no runs.
     """
     is_angle = has_role(unit_of(above.cells[0]).name, "angle")
     if is_angle and not header[0]:

@@ -19,7 +19,7 @@ class Sheet:
     #: name of the sheet; for a text file, this is empty or the name of one of several tables in the
     #: file
     name: str
-    rows: list[Row]  #: rows of cells with their line numbers; empty lines are left out
+    rows: list[Row]  #: rows of the sheet's cells with their line numbers; empty lines are left out
     encoding: str = ""  #: encoding of a text file; empty for a workbook
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
     #: whether this is the only table of readings in the file; tests are then named after the file
@@ -30,8 +30,8 @@ class Sheet:
     #: units that were removed from cells because they stood after a number; each key holds the line
     #: number and the column index of a cell
     cell_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
-    #: units in the number formats of cells; each key holds the line number and the column index of
-    #: a cell
+    #: units in the number formats of the sheet's cells, as in the format ``0.0 "µm"``; each key
+    #: holds the line number and the column index of a cell
     format_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
     #: line number and column index of each cell with a formula but no stored value
     formulas_without_value: Collection[tuple[int, int]] = ()
@@ -41,7 +41,7 @@ class Sheet:
     n_headers: int = 0  #: number of repeated headers inside the table, which are left out
     #: whether number formats and hidden rows of the workbook could be read
     is_examined: bool = False
-    hidden_rows: int = 0  #: number of hidden rows, which are left out
+    hidden_rows: int = 0  #: number of hidden rows of the sheet, which are left out
     #: factor by which all numbers of the table were multiplied, as written; empty if there is none
     factor: str = ""
     factor_line: int = 0  #: number of the line with the factor of all numbers; 0 if there is none

@@ -280,7 +280,7 @@ def _note_other_sheets(sheet: Sheet, log: AssumptionLog) -> None:
 
 
 def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
-    """Return the files of which several sheets are imported."""
+    """Return the paths of the workbooks from which more than one sheet is imported."""
     paths = set()
     for sheet, following in pairwise(sheets):
         if sheet.path == following.path:

@@ -38,7 +38,7 @@ __all__ = ["read_sheets"]
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
-# Separators that seldom occur inside a cell.
+# Separators of cells in a text file that seldom occur inside a cell.
 _SURE = (";", "\t", "|")
 # If a separator in ``_SURE`` has a score above this value, blanks are not tried as separators.
 # `_separator_score` computes the score.

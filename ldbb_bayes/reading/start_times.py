@@ -53,7 +53,8 @@ class _Start(NamedTuple):
     title: str  # name of the test that began at this time
     stamp: Timestamp
     source: str | CitedLine  # text for notes that says where the timestamp is, such as "line 3"
-    column: str = ""  # header of the column that states the timestamp; empty for another source
+    # header of the column that states when the test began; empty if a line or a name states it
+    column: str = ""
 
 
 class _Times(NamedTuple):
@@ -285,7 +286,10 @@ def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
 
 
 def _first_ambiguous_date(stamps: Sequence[Timestamp]) -> str:
-    """Return the text of the first timestamp whose date depends on the order of day and month."""
+    """Return the text of the first timestamp whose date depends on the order of day and month.
+
+    ``stamps`` are the timestamps of all tests. The result is empty if every date is certain.
+    """
     for stamp in stamps:
         if stamp.day_first != stamp.month_first:
             return stamp.text

@@ -59,10 +59,12 @@ class _Evidence(NamedTuple):
     """Value of a quantity of a test, with the line, name or column that states it."""
 
     value: float  # stated value; NaN if the number can be read in two ways
-    source: str | CitedLine  # name of the source in messages, such as "line 3"
-    tolerance: float  # largest relative difference from another value that rounding can explain
-    # reason why the value is NaN; empty if the reason is only that a comma or point in the number
-    # may separate thousands
+    source: str | CitedLine  # what states the value, as messages name it, such as "line 3"
+    # the value may be rounded: two stated values of the quantity are taken as equal if their
+    # relative difference is at most this number
+    tolerance: float
+    # reason why the stated value of the quantity is NaN; empty if the reason is only that a comma
+    # or point in the number may separate thousands
     doubt: str = ""
 
 
@@ -122,10 +124,10 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
 
 
 def _agrees(evidence: _Evidence, value: float) -> bool:
-    """Return whether the value that a source states agrees with ``value`` up to rounding.
+    """Return whether a value stated in a file agrees with ``value`` up to rounding.
 
     A number that can be read in two ways, such as 1,000, counts as agreeing. ``evidence`` is the
-    stated value, with its source and its tolerance.
+    stated value, with the place that states it and the tolerance for rounding.
     """
     if math.isnan(evidence.value):
         return True
@@ -150,9 +152,9 @@ def _certain_evidence(
 
 
 def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
-    """Return a list with one entry: a value and its source. It is empty if the value is None.
+    """Return a list with one entry, a stated value and its source; empty if the value is None.
 
-    ``source`` describes in words the source that states the value, such as "its column".
+    ``source`` describes in words what states the value of the quantity, such as "its column".
     """
     if value is None:
         return []

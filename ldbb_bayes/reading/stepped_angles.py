@@ -43,11 +43,11 @@ _EVEN_SHARE = 0.01
 
 
 class _StatedAngle(NamedTuple):
-    """Angle that a line states."""
+    """Angle that a line above a table states, such as the first angle of the readings."""
 
     value_deg: float
     line: int | str
-    quoted: str  # words of the line that state the angle
+    quoted: str  # words with which a line above the table states an angle, such as "Start: 0 deg"
 
 
 def may_be_stepped(recording: Recording) -> bool:
@@ -203,7 +203,9 @@ def _stated_angle(
         if match is None:
             continue
         if not (match["unit"] or is_of_angle or _NAMES_ANGLE.search(content)):
-            continue  # a line without the word angle may state the step of another quantity
+            # a line without the word angle and without a unit of angle may state the beginning,
+            # end or step of another quantity
+            continue
         value = number_in_text(match["number"])
         unit = unit_named(match["unit"] or "deg")
         if (match["unit"] or "").casefold() == "grad":  # in German, Grad means degree

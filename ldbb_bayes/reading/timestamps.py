@@ -61,11 +61,11 @@ _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 class Rank(IntEnum):
     """Places in a file that may state when a test was run, the most reliable first."""
 
-    COLUMN = 0  #: time in the first row of a column of times
-    START = 1  #: time in a line with a word such as "start"
-    TEST = 2  #: time in a line with a word such as "time" or "measured"
-    ALONE = 3  #: line that consists of a date and a time and nothing else
-    NAME = 4  #: time in the name of the test, or in the name of its file
+    COLUMN = 0  #: the start time of a test is in the first row of a column of times
+    START = 1  #: the start time of a test is in a line with a word such as "start"
+    TEST = 2  #: the start time of a test is in a line with a word such as "time" or "measured"
+    ALONE = 3  #: the start time of a test is in a line that holds only a date and a time
+    NAME = 4  #: the start time of a test is in the name of the test or of its file
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,15 @@ class Timestamp:
     """Date, time of day, or both, that a file states for a test."""
 
     rank: Rank
-    text: str  #: the timestamp as the file writes it
-    #: date that is meant if the day stands before the month; None if the text states no date, or a
-    #: date that does not exist
+    text: str  #: the timestamp (date, time of day, or both) as the file writes it
+    #: date that the timestamp means if the day stands before the month; None if the timestamp
+    #: states no date, or a date that does not exist
     day_first: date | None = None
-    #: date that is meant if the month stands before the day; equal to ``day_first`` if the date can
-    #: be read only in one way; None if the text states no date, or a date that does not exist
+    #: date that the timestamp means if the month stands before the day; equal to ``day_first`` if
+    #: the date can be read only in one way; None if the timestamp states no date, or a date that
+    #: does not exist
     month_first: date | None = None
-    seconds: float | None = None  #: seconds since midnight; None for a date alone
+    seconds: float | None = None  #: time of day as seconds since midnight; None for a date alone
     zone_s: float | None = None  #: local time minus UTC [s]; None if no time zone is stated
 
     @property

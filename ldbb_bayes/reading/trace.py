@@ -68,10 +68,10 @@ _LIST_SHOWN = 200
 class Trace(NamedTuple):
     """Angles, readings and direction of travel of one test."""
 
-    #: angles [deg], shape (n,), counted counter-clockwise from the plane's first axis; they
-    #: continue beyond 360°
+    #: angles of the n readings of a test [deg], shape (n,), counted counter-clockwise from the
+    #: plane's first axis; they continue beyond 360°
     angle_deg: Array
-    #: readings: actual distance between the balls minus radius [µm], shape (n,)
+    #: the n readings of a test: actual distance between the balls minus radius [µm], shape (n,)
     reading_um: Array
     direction: str | None  #: direction of travel, CW or CCW; None if unknown
 
@@ -429,8 +429,8 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     if n_laps >= _MORE_THAN_A_TURN and not is_sense_stated:
         rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
         other_sense = "CCW"
-        # Nothing states the sense of the angles. The direction ``run`` follows from the angles if
-        # they are counted counter-clockwise.
+        # Nothing states in which sense the angles are counted. ``run`` is the direction of travel
+        # that follows from the angles if they are counted counter-clockwise.
         if rises == (run == "CCW"):
             other_sense = "CW"
         raise InputError(

@@ -99,8 +99,10 @@ _LENGTH_SHOWN = 60
 class UnreadDirection(NamedTuple):
     """Line that may state a direction of travel, but is not understood."""
 
-    line: int | str  #: line number, or a text such as "3 of notes.txt" for a line of another sheet
-    text: str  #: beginning of the line that may state the direction
+    #: number of the line that may state the direction of travel; for a line of another sheet, a
+    #: text such as "3 of notes.txt"
+    line: int | str
+    text: str  #: first characters of the line that may state the direction of travel
 
 
 def _senses_by_word() -> dict[str, str]:

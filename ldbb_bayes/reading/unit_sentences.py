@@ -62,7 +62,7 @@ _SHARE_OR_COUNT = re.compile(rf"{SHARE.pattern}|(?<!\w)(?:{_WORDS['count']})(?!\
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words for quantities other than readings and angles, such as the radius.
 _OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
-# Longest text after "in" that can be a unit [characters].
+# Longest text that can be a unit after the word "in", as in "Readings in mm" [characters].
 _LONGEST_UNIT = 20
 
 

@@ -50,7 +50,9 @@ class _Text(NamedTuple):
 class _TextOutside(NamedTuple):
     """Line or cell outside a table."""
 
-    line: int | str  # line number, or a text such as "3 of notes.txt" for a line of another sheet
+    # number of the line that holds the text; for a line of another sheet, a text such as
+    # "3 of notes.txt"
+    line: int | str
     text: str
     is_used: bool  # whether a value, such as the radius, was taken from the text
 

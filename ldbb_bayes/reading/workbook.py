@@ -83,8 +83,8 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     except (python_calamine.CalamineError, OSError) as error:
         raise _unreadable(path, f"a damaged one ({error})") from None
     except BaseException as error:
-        # A bug in the library raises a PanicException. It is not derived from Exception and
-        # cannot be imported.
+        # The library that reads workbooks raises a PanicException where it has a bug. This class
+        # is not derived from Exception and cannot be imported.
         if type(error).__name__ != "PanicException":
             raise
         raise _unreadable(path, f"a damaged one ({error})") from None

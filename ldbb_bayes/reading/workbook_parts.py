@@ -34,11 +34,11 @@ _LARGEST_PART = 64 * 2**20
 class SheetParts:
     """Contents of one sheet of a workbook other than the values of cells."""
 
-    #: units in the number formats of cells; each key holds the line number and the column index of
-    #: a cell
+    #: units in the number formats of a sheet's cells, as in the format ``0.0 "µm"``; each key holds
+    #: the line number and the column index of a cell
     units: dict[tuple[int, int], str] = field(default_factory=dict)
-    hidden_lines: set[int] = field(default_factory=set)  #: line numbers of hidden rows
-    #: line number and column index of each cell with a formula but no stored value
+    hidden_lines: set[int] = field(default_factory=set)  #: line numbers of a sheet's hidden rows
+    #: line number and column index of each cell of a sheet with a formula but no stored value
     formulas_without_value: set[tuple[int, int]] = field(default_factory=set)
 
 
