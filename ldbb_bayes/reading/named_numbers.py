@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.text_table import Row
@@ -45,28 +46,41 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
     """
     lines = text.split("\n")
     parts = [_named_numbers(line) for line in lines]
-    n_lines = Counter(part.names for part in parts if len(part.names) >= 2)
-    names, n_alike = max(n_lines.items(), key=lambda item: item[1], default=((), 0))
-    if n_alike < _FEWEST_LINES:
+    names = _names_of_most_lines(parts)
+    if not names:
         return UnitsOfCells([], {})
-    has_words = any(part.words for part in parts if part.names == names)
+    readings = {line: part for line, part in enumerate(parts, start=1) if part.names == names}
+    has_words = any(part.words for part in readings.values())
+    first_line = min(readings)
     rows: list[Row] = []
     units: dict[tuple[int, int], str] = {}
-    has_header = False
-    for line, (content, part) in enumerate(zip(lines, parts, strict=True), start=1):
-        if not content.strip():
+    for line, content in enumerate(lines, start=1):
+        if line not in readings:
+            if content.strip():
+                rows.append(Row(line, [content.strip()]))
             continue
-        if part.names != names:
-            rows.append(Row(line, [content.strip()]))
-            continue
-        if not has_header:
-            rows.append(Row(line, [*names, _COLUMN_OF_TEXTS] if has_words else [*names]))
-            has_header = True
-        rows.append(Row(line, [*part.numbers, part.words] if has_words else part.numbers))
+        if line == first_line:
+            rows.append(Row(line, _with_last(names, _COLUMN_OF_TEXTS, has_words)))
+        part = readings[line]
+        rows.append(Row(line, _with_last(part.numbers, part.words, has_words)))
         for column, unit in enumerate(part.units):
             if unit:
                 units[line, column] = unit
     return UnitsOfCells(rows, units)
+
+
+def _names_of_most_lines(parts: Sequence[_NamedNumbers]) -> tuple[str, ...]:
+    """Return the names that most lines have; an empty tuple if too few lines have the same."""
+    n_lines = Counter(part.names for part in parts if len(part.names) >= 2)
+    if not n_lines:
+        return ()
+    ((names, n_alike),) = n_lines.most_common(1)
+    return names if n_alike >= _FEWEST_LINES else ()
+
+
+def _with_last(cells: Sequence[str], last: str, has_last: bool) -> list[str]:
+    """Return the cells of a row, with the cell ``last`` behind them if ``has_last`` is true."""
+    return [*cells, last] if has_last else [*cells]
 
 
 def _named_numbers(line: str) -> _NamedNumbers:

@@ -67,6 +67,12 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 # Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
 # are checked for this only if at least this many of their numbers have a comma or a point.
 _FEWEST_MARKED = 5
+# Regular expression for the beginning of a line with the number of a telephone or a company.
+_CONTACT = re.compile(
+    r"\W*(?:tel|phone|telephone|telefon|téléphone|mob|mobile|mobil|fax|gsm|handy|iban|kvk|btw|vat|ust)"
+    r"(?![^\W_])",
+    re.IGNORECASE,
+)
 # Smallest number of rows of a test whose name stands in its first row only.
 _FEWEST_ROWS = 9
 # Fields of a test that may also stand in a column of the table, with the same value in all rows of
@@ -704,14 +710,41 @@ def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> S
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
-    """Return the rows of a table up to the last row with numbers.
+    """Return the rows of a table up to the last row with numbers, without texts below the table.
 
-    A row of numbers with unknown units also counts as a row with numbers.
+    A row of numbers with unknown units also counts as a row with numbers. The texts below a table,
+    such as the end of a letter, begin with a row of words; they may hold numbers, such as that of a
+    telephone.
     """
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):
         rows.pop()
+    end = len(rows)
+    while end and not _fills_table(rows[end - 1], heading):
+        end -= 1
+    if 0 < end < len(rows) and _is_remark(rows[end]):
+        return rows[:end]
     return rows
+
+
+def _fills_table(row: Row, heading: Heading) -> bool:
+    """Return whether a row has a cell for each column, and a number in its column of angles.
+
+    In a table without a column of angles or times, the number may stand in any column.
+    """
+    if len(row.cells) < len(heading.headers):
+        return False
+    column = heading.roles.get("angle", heading.roles.get("time"))
+    cells = row.cells if column is None else [row.cells[column]]
+    return any(_BEGINS_WITH_NUMBER.match(cell) for cell in cells)
+
+
+def _is_remark(row: Row) -> bool:
+    """Return whether a row is a text: it has words and no number, or begins like a telephone."""
+    text = " ".join(row.cells)
+    if _CONTACT.match(text):
+        return True
+    return re.search(r"[^\W\d_]{2}", text) is not None and not _has_number(row)
 
 
 def _holds_quantities(row: Row, heading: Heading) -> bool:

@@ -26,6 +26,7 @@ def printout_cases() -> dict[str, FieldCase]:
         **page_cases(),
         **half_cases(),
         **named_number_cases(),
+        **letter_cases(),
     }
 
 
@@ -316,6 +317,33 @@ def named_number_cases() -> dict[str, FieldCase]:
             "names beside numbers", f"lines such as {shown}", files
         )
     return cases
+
+
+def letter_cases() -> dict[str, FieldCase]:
+    """Return letters with a table, and tables as psql prints them."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        return ["    ".join(str(cell) for cell in field.plain(circle, k))]
+
+    letter = field.texts(
+        "Angle [deg]   Deviation [um]",
+        row,
+        above="Dear Mr Smith,\nbelow are our readings.",
+        below="Best regards\nJan\nMeetkamer\nTel. +31 40 123 4567\nKvK 12345678",
+        suffix=".txt",
+    )
+    lines = []
+    for circle in field.TRUTH:
+        lines += [f"Force {circle.force_N:g} N", " angle_deg | reading_um ", "-----+-----"]
+        for k in range(len(circle.angle_deg)):
+            lines.append(" | ".join(str(cell) for cell in field.plain(circle, k)))
+        lines += ["(72 rows)", "", "Time: 1.234 ms", ""]
+    printed_tables = {"psql.txt": "\n".join(lines).encode()}
+    kind = "texts below tables"
+    return {
+        "letter": FieldCase(kind, "a letter with a telephone number below the table", letter),
+        "psql": FieldCase(kind, "tables as psql prints them", printed_tables),
+    }
 
 
 def dotted_cases() -> dict[str, FieldCase]:
