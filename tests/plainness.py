@@ -40,13 +40,15 @@ BRANCHES = (
     ast.comprehension,
     ast.match_case,
 )
-LAYOUT_TOKENS = (
-    tokenize.NL,
-    tokenize.NEWLINE,
-    tokenize.INDENT,
-    tokenize.DEDENT,
-    tokenize.ENDMARKER,
-    tokenize.COMMENT,
+LAYOUT_TOKENS = frozenset(
+    {
+        tokenize.NL,
+        tokenize.NEWLINE,
+        tokenize.INDENT,
+        tokenize.DEDENT,
+        tokenize.ENDMARKER,
+        tokenize.COMMENT,
+    }
 )
 
 
@@ -65,14 +67,13 @@ class SourceFile:
     def names_by_line(self) -> Counter[int]:
         """Names that are no keywords, by the number of their line; 0 for other lines of code."""
         names: Counter[int] = Counter()
-        for token in tokenize.generate_tokens(io.StringIO(self.text).readline):
-            if token.type in LAYOUT_TOKENS:
+        # Fields of half a million tokens by their names would take a second.
+        for kind, text, start, end, _ in tokenize.generate_tokens(io.StringIO(self.text).readline):
+            if kind in LAYOUT_TOKENS:
                 continue
-            first_line = token.start[0]
-            is_name = token.type == tokenize.NAME and not keyword.iskeyword(token.string)
-            names[first_line] += is_name
-            for line in range(first_line + 1, token.end[0] + 1):
-                names[line] += 0
+            names[start[0]] += kind == tokenize.NAME and not keyword.iskeyword(text)
+            if end[0] > start[0]:
+                names.update(dict.fromkeys(range(start[0], end[0] + 1), 0))
         for line in self._docstring_lines():
             names.pop(line, None)
         return names

@@ -65,13 +65,14 @@ def names() -> dict[Path, str]:
 def imported(tree: ast.AST) -> set[str]:
     """Modules, wherever the import stands: at the top, for type checkers, in a function."""
     modules: set[str] = set()
+    of_package = set(names().values())
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             assert node.level == 0, "relative import"
             whole = {f"{node.module}.{alias.name}" for alias in node.names}
-            modules |= (whole & set(names().values())) or {node.module}
+            modules |= (whole & of_package) or {node.module}
     return modules
 
 
