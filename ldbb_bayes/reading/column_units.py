@@ -37,6 +37,10 @@ _SENSITIVITY = re.compile(
     r"(?<![\d.,])1\s*(?P<volt>m?V)\s*(?:=|≙|:)\s*(?P<size>\d[\d.,]*\s*[^\W\d_]+)"
     r"|(?P<share>\d[\d.,]*\s*[^\W\d_]+)\s*/\s*(?P<per>m?V)(?![^\W_])"
 )
+# Units of angles that are gon in some languages and degrees in others.
+_GRADS = ("gr", "grad", "g")
+# Units of mass, which may stand for the weight of this mass.
+_KILOGRAMS = ("kg", "kgs", "kilogram", "kilograms", "kilogramm")
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
 
@@ -165,19 +169,33 @@ def _size_of_known_unit(
     if size is None:
         if role == "reading":
             _check_sensitivity(recording, unit)
-        cure = _option(role)
-        if role == "reading" and SHARE.search(unit):
-            cure += " ('0.1 mil' for tenths of a thou, which are 0.0001 inch; '0.01 mm' for"
-            cure += " hundredths of a millimetre)"
-        elif role == "angle" and names_sexagesimal(unit):
-            cure += " deg if they have decimals; or write them as in 12°30'15\""
-        elif role == "reading":
-            cure += " (--unit '0.1 um' for counts of 0.1 µm)"
+        cure = _option(role) + _hint_on_unit(role, unit)
         raise InputError(
             f"{recording.place}: the {role} must be in {', '.join(UNITS[role])}, got"
             f" {unit[:_UNIT_SHOWN]!r} in {source}. Correct the header, or give {cure}."
         )
     return size
+
+
+def _hint_on_unit(role: str, unit: str) -> str:
+    """Return the end of the advice for a unit that is unknown for the role of its column.
+
+    The advice begins with the option that states the unit, such as --angle-unit.
+    """
+    if role == "reading" and SHARE.search(unit):
+        return (
+            " ('0.1 mil' for tenths of a thou, which are 0.0001 inch; '0.01 mm' for hundredths of"
+            " a millimetre)"
+        )
+    if role == "reading":
+        return " (--unit '0.1 um' for counts of 0.1 µm)"
+    if role == "angle" and names_sexagesimal(unit):
+        return " deg if they have decimals; or write them as in 12°30'15\""
+    if role == "angle" and comparable(unit) in _GRADS:
+        return " gon (400 in a turn) or --angle-unit deg (360)"
+    if role == "force" and comparable(unit) in _KILOGRAMS:
+        return " kgf (the weight of a kilogram)"
+    return ""
 
 
 def _check_sensitivity(recording: Recording, unit: str) -> None:

@@ -69,7 +69,7 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 _FEWEST_MARKED = 5
 # Regular expression for the beginning of a line with the number of a telephone or a company.
 _CONTACT = re.compile(
-    r"\W*(?:tel|phone|telephone|telefon|téléphone|mob|mobile|mobil|fax|gsm|handy|iban|kvk|btw|vat|ust)"
+    r"\W*(?:tel|phone|telephone|telefon|téléphone|mob|mobile|mobil|fax|gsm|handy|iban|kvk|vat)"
     r"(?![^\W_])",
     re.IGNORECASE,
 )

@@ -380,6 +380,17 @@ def dotted_cases() -> dict[str, FieldCase]:
         refusal="got 'kg' in line 1. Correct the header, or give --force-unit",
         step=("--force-unit", "kgf"),
     )
+
+    def in_gon(circle: Circle, k: int) -> list[object]:
+        return [f"{circle.angle_deg[k] / 0.9:.6f}", f"{circle.reading_um[k]:.3f}"]
+
+    cases["unit_words_gr"] = FieldCase(
+        kind,
+        "angles in gr, which are gon here",
+        field.texts("Position (gr),Reading (um)", in_gon),
+        refusal="--angle-unit gon (400 in a turn) or --angle-unit deg (360)",
+        step=("--angle-unit", "gon"),
+    )
     cases["unit_words_lost_sign"] = FieldCase(
         kind,
         "R's dots in place of a space, a bracket and µ",

@@ -70,3 +70,20 @@ def test_a_prefix_apart_from_its_unit_is_read_in_a_line(tmp_path: Path) -> None:
     rows = [f"{5 * k},{k / 1000}" for k in range(72)]
     path.write_text("\n".join(["Unit: milli metres", "Angle [deg],Reading", *rows, ""]))
     assert lb.import_campaign(path).campaign.tests[0].reading_um[1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "step"),
+    [
+        ("Position (gr),dev.um,force.N", r"--angle-unit gon \(400 in a turn\) or --angle-unit deg"),
+        ("angle.deg,dev.um,load_kg", "--force-unit kgf"),
+    ],
+)
+def test_a_unit_that_may_be_two_is_refused_with_both(
+    header: str, step: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "t.csv"
+    rows = [f"{5 * k},{0.1 * k:.2f},100" for k in range(72)]
+    path.write_text("\n".join([header, *rows, ""]))
+    with pytest.raises(lb.InputError, match=step):
+        lb.import_campaign(path)
