@@ -33,8 +33,8 @@ class _Word(NamedTuple):
     """Text in a line, with the indices of the characters at which it begins and ends."""
 
     text: str
-    start: int  # index, in the line, of the first character of the text
-    end: int  # index, in the line, of the character after the text
+    start: int  # index, in a line of a file, of the first character of the text
+    end: int  # index, in a line of a file, of the character that follows the text
 
 
 def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:

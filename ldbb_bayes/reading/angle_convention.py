@@ -197,9 +197,9 @@ def _is_inseparable(text: str) -> bool:
 
 
 def _states_only_unit(line: int | str, text: str, fields: Collection[str]) -> bool:
-    """Return whether only the unit of angles was understood in a line that says more.
+    """Return whether a line says more than the unit of angles, but only this unit is understood.
 
-    ``fields`` are the fields of a test or campaign whose values were found in the line.
+    ``fields`` are the fields, such as ``angle_unit``, whose values were found in the line.
     """
     if set(fields) != {"angle_unit"}:
         return False

@@ -25,8 +25,11 @@ _FEWEST_ROWS = 3
 
 
 class _NumberAndUnit(NamedTuple):
+    """Number in a cell, as text, and the unit that stands after it."""
+
     number: str
-    unit: str  # this package's name for the unit; empty if the cell has no unit
+    # unit after the number in the cell, in the spelling of this package; empty without a unit
+    unit: str
 
 
 class UnitsOfCells(NamedTuple):

@@ -23,7 +23,7 @@ __all__ = ["take_centres", "without_centre"]
 _COORDINATE = rf"[XYZ]\s?[:=]?\s?{NUMBER_IN_TEXT}"
 # Regular expression for a unit after a coordinate, such as mm in "X 300 mm"; it may be missing.
 _UNIT = r"(?:\s?(?:(?:mm|cm|m|in|inch|inches|[uµμ]m)(?!\w)|[\"″]))?"
-# Regular expression for the characters that may separate two coordinates.
+# Regular expression for the characters that may separate two coordinates of the centre of a circle.
 _BETWEEN = rf"{_UNIT}[\s,;|/]*"
 # Regular expression for a word for the centre, followed by at least two of its coordinates. The
 # letters of the axes may be missing if the numbers follow a colon, as in "Centre: 300, -120".
@@ -45,10 +45,12 @@ _OPTION = "a [[test]] in --layout"
 
 
 class _Centre(NamedTuple):
-    """Centre that a line states."""
+    """Centre of the circle that a line of a file states."""
 
-    line: int | str  # line number, or a text such as "3 of notes.txt" for a line of another sheet
-    text: str  # the words of the line that state the centre
+    # number of the line that states the centre of the circle; for a line of another sheet, a text
+    # such as "3 of notes.txt"
+    line: int | str
+    text: str  # the words of the line that state the centre of the circle
     #: machine coordinates [mm] that a line states for the centre of the circle; the keys are names
     #: of fields, such as ``centre_x_mm``; empty if the line states the centre in other coordinates,
     #: in another unit, or without the letters of the axes

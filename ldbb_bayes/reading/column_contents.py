@@ -101,7 +101,11 @@ def _names_only(header: str, unit: str, role: str) -> bool:
 
 
 def _states_condition(role: str, cell: str) -> bool:
-    """Return whether a cell is a direction of travel, or a number for any other role."""
+    """Return whether a cell states the quantity of a column with this role.
+
+    For the role direction, the cell must name a direction of travel, such as CW. For any other
+    role, such as force, the cell must be a number.
+    """
     if role == "direction":
         return direction_named(cell) in ("CW", "CCW")
     return looks_like_number(cell)

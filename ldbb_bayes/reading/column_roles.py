@@ -185,7 +185,11 @@ def _with_multiplier(stated: Header) -> Header:
 
 
 def _is_between(words: Sequence[str], k: int) -> bool:
-    """Return whether the word with the index ``k`` may stand between a multiplier and a unit."""
+    """Return whether a word of a header, such as "of", may stand between a multiplier and a unit.
+
+    A multiplier is a word such as "half". ``words`` are the words of the header, and ``k`` is the
+    index of the word.
+    """
     return k > 1 and _BETWEEN.fullmatch(words[k]) is not None
 
 
@@ -794,7 +798,7 @@ def _column_index(place: str, role: str, reference: str | int, headers: Sequence
 
 
 def _numbers_of(columns: Sequence[int]) -> str:
-    """Return the numbers of columns, counted from 1 and separated by commas."""
+    """Return a text with the numbers of columns, counted from 1: ``2, 3`` for indices 1 and 2."""
     return ", ".join(str(column + 1) for column in columns)
 
 

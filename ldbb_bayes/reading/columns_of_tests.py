@@ -18,7 +18,7 @@ __all__ = ["advice_on_tests", "cells_of", "columns_of_further_readings", "column
 # Smallest number of rows of a test. If a column names tests, each name must be in at least this
 # number of rows.
 _FEWEST_ROWS = 9
-# Smallest share of numbers among the cells of a column of readings.
+# An unused column may hold readings only if at least this fraction of its cells are numbers.
 _SHARE_OF_NUMBERS = 0.8
 # Columns with these roles hold one number for each reading, and cannot hold the names of tests.
 _ROLES_OF_NUMBERS = ("angle", "reading", "time")

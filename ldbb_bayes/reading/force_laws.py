@@ -22,7 +22,8 @@ _FORCE_PER_PRESSURE = re.compile(
 )
 _NUMBER = r"\d+(?:[.,]\d+)?"
 _PRESSURE_WORD = r"(?:p|P|pressure|Pressure|druck|Druck|pression|pressione)(?![^\W_]|\s?[:=])"
-# Regular expression for a number times the pressure, after an equals sign.
+# Regular expression for a number times the pressure after an equals sign, as in
+# "F = 118.5 * p - 9".
 _TIMES_PRESSURE = re.compile(
     rf"=.*?(?:{_NUMBER}\s?(?:[*·×⋅x]\s?)?{_PRESSURE_WORD}"
     rf"|{_PRESSURE_WORD}\s?(?:[\[(]\w+[\])])?\s?[*·×⋅x]\s?{_NUMBER})"

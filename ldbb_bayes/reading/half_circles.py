@@ -45,7 +45,7 @@ class MeasuredArc:
 
     @property
     def step_deg(self) -> float:
-        """Median step from one angle to the next [deg]."""
+        """Median step from the angle of one reading to the angle of the next [deg]."""
         return float(np.median(np.abs(np.diff(self.angle_deg))))
 
     @property

@@ -101,17 +101,17 @@ class Heading:
 class _HeaderRows(NamedTuple):
     """Names and units of the columns of a table, from the rows above its numbers."""
 
-    line: int  # line number of the header in the file; 0 without a header
-    start: int  # index of the first header row among the sheet's rows
-    end: int  # index, in the sheet, of the row at which the numbers begin
-    headers: list[str]  # name of each column, as the file writes it
-    units: list[str]  # unit of each column; empty if none is stated
-    # units with a factor, such as 0.1 um, in the row of units; the keys are the column indices
+    line: int  # line number of the table's header in the file; 0 for a table without a header
+    start: int  # index, among the sheet's rows, of the first row of the table's header
+    end: int  # index, among the sheet's rows, of the row at which the table's numbers begin
+    headers: list[str]  # name of each column of the table, as the file writes it
+    units: list[str]  # unit of each column of the table; empty if none is stated
+    # units with a factor, such as 0.1 um, in the row of units below the header; the keys are the
+    # column indices
     scaled_units: Mapping[int, str]
-    unit_line: int  # line number of the row of units; 0 if there is none
-    columns_with_unit_below: frozenset[
-        int
-    ]  # indices of the columns with a unit in the row of units
+    unit_line: int  # line number of the row of units below the header; 0 if there is none
+    # indices of the columns with a unit in the row of units below the header
+    columns_with_unit_below: frozenset[int]
 
 
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:

@@ -188,9 +188,11 @@ def _name_in(content: Mapping[str, Any]) -> str:
 
 
 def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the columns of numbers in a part of a file; the keys are those in the file.
+    """Return a dict with the columns of numbers in an object of a JSON file.
 
-    If the columns differ in length, only those with the most frequent length are returned.
+    The keys are those of the object, and each value is a column as a list of cells. If the columns
+    differ in length, only those with the most frequent length are returned. ``content`` is the
+    object as a dict.
     """
     columns = {}
     for key, value in content.items():

@@ -9,10 +9,10 @@ from ldbb_bayes.campaign.text_table import Row
 __all__ = ["is_labview", "rows_of_labview"]
 
 _FIRST_WORDS = "LabVIEW Measurement"
-# First cell of the line that ends a part of the header.
+# First cell of the line that ends a part of the header in a text file of LabVIEW.
 _END = "***End_of_Header***"
-# Labels of the header lines that are kept because they may describe the test. All other lines of
-# the header are left out.
+# Labels of the lines in the header of a LabVIEW file that are kept because they may describe the
+# test. All other lines of the header are left out.
 _KEPT_LABELS = ("Operator", "Date", "Time", "Description", "Project")
 
 
@@ -34,7 +34,8 @@ def rows_of_labview(rows: Sequence[Row]) -> list[Row]:
     rows
         Rows of the file.
     """
-    # The header has two parts. The first is about the file, the second is about the channels.
+    # The header of a LabVIEW file has two parts. The first is about the file, the second is about
+    # the measured channels.
     ends_of_parts = [k for k, row in enumerate(rows) if row.cells[:1] == [_END]]
     if len(ends_of_parts) != 2 or ends_of_parts[1] + 1 >= len(rows):
         return list(rows)
@@ -64,12 +65,12 @@ def _has_no_times(labels: dict[str, list[str]]) -> bool:
 
 
 def _time_of_row(number: int, labels: dict[str, list[str]]) -> str:
-    """Return the time of a row as text.
+    """Return the time of a row of numbers in a LabVIEW file, as text.
 
-    The time is computed from the first time and the time step that the header states. The text has
-    the same decimal mark as the step. The text is empty if the first time or the step is not a
-    number. ``number`` is the number of the row, counted from 0. ``labels`` holds the cells of each
-    line in the header; the keys are the labels of the lines.
+    The time is computed from the first time and the time step that the header of the file states.
+    The text has the same decimal mark as the step. It is empty if the first time or the step is not
+    a number. ``number`` is the number of the row, counted from 0. ``labels`` holds the cells of
+    each line in the header; the keys are the labels of the lines.
     """
     start = labels.get("X0", ["0"])[0]
     step = labels.get("Delta_X", [""])[0]

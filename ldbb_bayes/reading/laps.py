@@ -95,8 +95,9 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
     """
     travelled = sense * (angle_deg - start_deg)
     step = float(np.median(np.diff(travelled)))
-    # A turn is whole even if its last reading, one step before its end, is missing. Half a step is
-    # the tolerance of the angles.
+    # A turn of the bar counts as whole even if it ends two steps of angle early, because the last
+    # reading usually stands one step before the end of the turn, and this reading may be missing.
+    # Angles may deviate from their nominal values by half a step.
     n_turns = max(1.0, np.floor((travelled.max() + 1.5 * step) / TURN_DEG))
     is_after_start = travelled > -0.5 * step
     is_before_end = travelled < TURN_DEG * n_turns - 0.5 * step

@@ -101,10 +101,11 @@ def _quantities() -> dict[str, _Quantity]:
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
-        if isinstance(units, str):  # ``units`` is a role, such as force, and not a dict of units
+        if isinstance(units, str):  # the name of a role, such as force, stands for all its units
             units = UNITS[units]
-        # Sizes of units are in µm for lengths. The entry ``one`` in ``words.toml`` is the factor
-        # that converts them to the unit of the field, such as mm; it also halves a diameter.
+        # The table of units states the sizes of units of length in µm. The entry ``one`` of a
+        # quantity in ``words.toml`` is the factor that converts µm to the unit in which the
+        # quantity is stored, such as mm; for a diameter it also contains the factor 1/2.
         factor = entry.get("one", 1.0)
         sizes = {unit: factor * size for unit, size in units.items()}
         quantities[key] = _Quantity(
@@ -189,9 +190,11 @@ _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 _LOADS = ("force_N", "pressure_bar")
 # Fields of a test whose value in a line is one number, and never a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
-# Regular expression for the second or a later number of a list, with its unit if it has one.
+# Regular expression for a number that stands behind another number in a line, as in the list
+# "36 N, 390 N", with its unit if it has one.
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
-# Regular expression for what follows the first number of a list: its unit and all later numbers.
+# Regular expression for the unit and the further numbers that follow the first number in a list of
+# numbers, such as " N, 390 N" in "36 N, 390 N".
 _FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
 # Reason that a message gives if the value of a quantity is not known because the line has a list of
 # numbers.

@@ -47,7 +47,7 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
         return sheet
     names = sheet.rows[header]
     rows_above = []
-    merged_lines = set()  # numbers of the lines with merged cells
+    merged_lines = set()  # line numbers of the rows above the header that have merged cells
     for row in sheet.rows[:header]:
         filled = with_merged_cells_filled(row, names.cells)
         rows_above.append(filled)

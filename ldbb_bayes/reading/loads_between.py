@@ -30,8 +30,9 @@ _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value
 class _RowBlock:
     """Successive rows of numbers, which are treated as a table, and the rows above them."""
 
-    heading: list[Row]  # rows between the numbers of the previous block and those of this block
-    numbers: list[Row]  # rows of numbers of the table; empty if no table follows the other rows
+    heading: list[Row]  # rows between the numbers of the previous table and those of this table
+    # rows of numbers of the table; empty for the rows below the last table of the sheet
+    numbers: list[Row]
 
 
 def with_loads_between(sheet: Sheet) -> Sheet:
@@ -74,7 +75,7 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
     The rows after the last table form a block without numbers.
     """
     blocks = [_RowBlock([], [])]
-    successive: list[Row] = []  # rows of numbers that follow each other without another row
+    successive: list[Row] = []  # rows of numbers with no row of text between them
     for row in sheet.rows:
         if count_numbers(row.cells) >= 2:
             successive.append(row)

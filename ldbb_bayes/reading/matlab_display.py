@@ -22,9 +22,11 @@ from ldbb_bayes.reading.words import UNITS, unit_named
 
 __all__ = ["displays_of_matlab", "is_matlab_display"]
 
-# Regular expression for a line with the factor of all numbers below it.
+# Regular expression for a line such as "1.0e+03 *", which MATLAB writes above a matrix if all
+# numbers of the matrix are to be multiplied by this factor.
 _FACTOR = re.compile(r"\s*(?P<factor>\d+(?:\.\d+)?[eE][+\-]\d+)\s*\*\s*")
-# Regular expression for a line with the name of the variable that is shown below it.
+# Regular expression for a line, such as "R =", with the name of a variable of MATLAB whose value is
+# shown below.
 _NAME = re.compile(r"[A-Za-z]\w*\s*=")
 # Regular expression for MATLAB's prompt ``>>`` in front of a command.
 _PROMPT = re.compile(r"\s*>>\s*")
@@ -33,7 +35,7 @@ _SHOWING = re.compile(r"\s*>>\s*\w+\s*")
 # Regular expression for a line such as "Columns 1 through 8". MATLAB writes it above some columns
 # of a matrix that is too wide to be shown at once.
 _PART = re.compile(r"\s*Columns? \d+(?: (?:through|and|to) \d+)?\s*")
-# Regular expression for a command that assigns one number to a variable, such as F = 490.
+# Regular expression for a command of MATLAB that assigns one number to a variable, such as F = 490.
 _ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT})\s*(?=[;,%]|$)")
 # Regular expression for a number as MATLAB shows it.
 _NUMBER = re.compile(r"[+\-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+\-]?\d+)?")
@@ -47,8 +49,8 @@ _FEWEST_ROWS = 9
 class _ShownMatrix:
     """Rows of numbers that are shown below each other, and the lines above them."""
 
-    above: list[Row]  # lines above the numbers; each is a row of one cell
-    # rows of numbers; empty if ``above`` holds the last lines of the file, which no numbers follow
+    above: list[Row]  # lines above the numbers; each line is stored as a row of one cell
+    # rows of numbers; empty if no numbers follow the lines, which are then the last of the file
     numbers: list[Row]
 
 
@@ -58,13 +60,14 @@ class _Display:
 
     # lines above the matrix and its header; each line is stored as a row of one cell
     lines: list[Row] = field(default_factory=list)
-    header: list[Row] = field(default_factory=list)  # row with the names of all columns
-    # rows of numbers, already multiplied by ``factor``
+    # row with the names of all columns of the matrix; an empty list if nothing names them
+    header: list[Row] = field(default_factory=list)
+    # rows of the matrix, after multiplication by the factor that MATLAB writes above the matrix
     numbers: list[Row] = field(default_factory=list)
     # factor, such as 1.0e+03, that MATLAB writes above a matrix and by which all numbers of the
     # matrix are to be multiplied; empty if there is none
     factor: str = ""
-    # number of the line with the common factor of the numbers; 0 if there is none
+    # number of the line with the factor of all numbers of the matrix; 0 if there is none
     factor_line: int = 0
 
 
@@ -124,13 +127,14 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_ShownMatrix]:
-    """Return the matrices in a text, each with the lines above it.
+    """Return the matrices in a text from MATLAB's command window, each with the lines above it.
 
     The last item of the result holds the lines below the last matrix. ``rows`` are the rows of the
-    text, split into cells, and ``written`` are its lines as written.
+    text, split into cells, and ``written`` are the lines of the text.
     """
     shown = [_ShownMatrix([], [])]
-    successive: list[Row] = []  # rows of numbers below each other with equally many cells
+    # rows of numbers of the matrix that is read at present; all have the same number of cells
+    successive: list[Row] = []
     for row in rows:
         is_alike = not successive or len(row.cells) == len(successive[0].cells)
         if _is_row_of_numbers(row) and is_alike:
@@ -219,7 +223,7 @@ def _display_of_matrix(sheet: Sheet, shown: _ShownMatrix) -> _Display:
 
 
 def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[Row]:
-    """Return the rows of a displayed matrix: the lines above it, its header and its numbers.
+    """Return rows for a matrix that MATLAB displays: lines above it, its header and its numbers.
 
     ``first`` is the first matrix in the sheet. Lines above it that apply to all matrices are added
     to the rows of the others. A matrix without a header gets the header of the first matrix.

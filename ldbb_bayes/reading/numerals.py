@@ -154,9 +154,9 @@ def number(cell: str, decimal: str = ".") -> float:
         1e999, or if a separator of thousands is misplaced, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
-    if not has_digit:  # Python would read nan as a number
+    if not has_digit:  # Python's function float would read the word nan as a number
         raise ValueError(cell)
-    if decimal == "." and "_" not in cell:  # Python would read 1_0 as a number
+    if decimal == "." and "_" not in cell:  # Python's function float would read 1_0 as 10
         with suppress(ValueError):
             return _finite_number(cell)
     text = cell.strip().translate(_MINUS_SIGNS)

@@ -20,7 +20,8 @@ __all__ = ["is_octave", "sheets_of_octave"]
 
 # Regular expression for the two lines with which a variable begins in a text file of Octave.
 _BEGINNING = re.compile(r"^[#%] name: .*\n[#%] type: ", re.MULTILINE)
-# Regular expression for a line with a property of a variable, such as "# rows: 72".
+# Regular expression for a line in a text file of Octave with a property of a variable, such as
+# "# rows: 72".
 _PROPERTY = re.compile(r"[#%] (?P<key>\w[\w ,]*?)(?:: (?P<value>.*))?\s*")
 # A vector with fewer elements than this number is not taken for the readings of a test.
 _FEWEST_ROWS = 9

@@ -133,7 +133,7 @@ def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
 
 
 def _without_blanks(name: str) -> str:
-    """Return a name in a form for comparison, in which ``100 N`` is the same as ``100N``."""
+    """Return the name of a test in a form for comparison: ``100 N`` becomes equal to ``100N``."""
     return comparable(name).replace(" ", "")
 
 

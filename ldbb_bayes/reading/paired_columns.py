@@ -114,10 +114,11 @@ def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float
 
 
 def _with_last_gap(names: Sequence[str]) -> list[str]:
-    """Return the headers of all columns, with empty headers added after the last table.
+    """Return the headers of all columns of tables beside each other, some with empty ones added.
 
-    Empty columns may separate the tables. Files often lack these columns after the last table. They
-    are added so that all tables have the same number of columns.
+    Empty columns may separate tables that stand beside each other in a sheet. Files often lack the
+    empty columns after the last table. Empty headers are added for them, so that all tables have
+    the same number of columns.
     """
     padded = list(names)
     starts = _columns_of_angles(names)
@@ -207,11 +208,12 @@ def _units_in_columns(
 
 
 def _names_of_tables(headers: Sequence[Sequence[str]]) -> list[str]:
-    """Return a name for each table: a header of its columns without the unit, or a number.
+    """Return a name for each of several tables that stand beside each other in a sheet.
 
-    The name is the header of the second column, the readings. If these headers are not different,
-    or if one of them is empty, it is the header of the first column, the angles. If these are not
-    different either, the tables are numbered. ``headers`` are the headers of each table.
+    The name is the header of the table's second column, the readings, without the unit. If two
+    tables have the same header there, or if one of these headers is empty, the name is the header
+    of the first column, the angles. If these do not differ either, the tables are numbered.
+    ``headers`` are the headers of each table.
     """
     for column in (1, 0):
         titles = [BRACKET.split(of_table[column])[0].strip() for of_table in headers]

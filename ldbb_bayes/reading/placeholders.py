@@ -20,7 +20,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["placeholders_in"]
 
-# Regular expression for a number of at least three nines, such as -999, 99.99 or -9.999.
+# Regular expression for a number of at least three nines, such as -999, 99.99 or -9.999, which may
+# stand in place of a missing number.
 _NINES = re.compile(r"[+\-−–]?(?=(?:[.,]?9){3})9+(?:[.,]9*0*)?")
 # Digits of the largest and smallest numbers of integer types, such as 32767 for signed 16-bit
 # integers. In a placeholder, a decimal mark may stand between these digits.
@@ -35,18 +36,19 @@ _LIMITS_OF_INTEGERS = {
     "2147483648",
     "4294967295",
 }
-# A number whose absolute value is at least this large is a placeholder if it is far away from the
-# other numbers, because readings and angles are never so large.
+# Readings and angles never have an absolute value as large as this number. A larger number is taken
+# to stand in place of a missing number if it is far away from the other numbers of its column.
 _LARGEST_NUMBER = 1e10
-# A number is a placeholder only if it is far away from the other numbers of its column: its
-# distance from their median must exceed this factor times the largest distance of the other numbers
-# from their median.
+# A number is taken to stand in place of a missing number only if it is far away from the other
+# numbers of its column: its distance from their median must exceed this factor times the largest
+# distance of the other numbers from their median.
 _FAR = 5.0
-# A number that appears several times in a column is more likely to be a placeholder. For such a
-# number, this smaller factor replaces ``_FAR``.
+# A number that appears several times in a column is more likely to be a placeholder (a number, such
+# as -999, in place of a missing one). Its distance from the median of the other numbers need only
+# exceed this smaller factor times their largest distance.
 _FAR_IF_REPEATED = 1.5
-# A column is searched for placeholders only if at least this many of its numbers do not have the
-# form of a placeholder.
+# A column is searched for placeholders (numbers, such as -999, in place of missing ones) only if at
+# least this many of its numbers do not have the form of a placeholder.
 _FEWEST_NUMBERS = 3
 
 

@@ -24,7 +24,7 @@ __all__ = [
     "unread_plane",
 ]
 
-# The plane that each word of G-code selects.
+# The planes that the words G17, G18 and G19 of G-code select.
 PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 # Names of planes with their letters swapped, and the usual names of these planes.
 PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}

@@ -31,7 +31,8 @@ _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Axis of each coordinate of a centre; the keys are the letters of the coordinates in G-code.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
-# Regular expression for a coordinate, such as X100, of the point to which a block moves.
+# Regular expression for a coordinate, such as X100, of the point to which a block (line) of an NC
+# programme moves the machine.
 _POINT = re.compile(rf"(?<![A-Za-z])(?P<letter>[XYZ])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Regular expression for a block that moves along a straight line: G0, G1, or, for a Heidenhain
 # control, L.

@@ -147,8 +147,8 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
         if words:
             sign = _sign_from_kinds(words)
         elif not _leaves_sign_open(source, text):
-            # The note says that a longer bar is taken to give a positive reading. It would be wrong
-            # if another text has already stated the opposite.
+            # The text is not understood. A note on it says that a longer bar is taken to give a
+            # positive reading. The note is left out if another text states the opposite.
             if -1 not in sources:
                 _note_unread(recording, source, text)
             continue
@@ -383,9 +383,9 @@ def _kinds_of_sign_words(text: str) -> list[str]:
 
 
 def _kinds_of_words(text: str) -> list[str]:
-    """Return the kinds of the words in a text: positive, negative, shorter or longer.
+    """Return what each word about the sign of readings in a text means.
 
-    Words of no such kind are left out.
+    The meanings are positive, negative, shorter and longer; all other words are left out.
     """
     text = _IN_OR_OUT_FIRST.sub(r"\g<sign> \g<way>ward", text)
     text = _IN_OR_OUT.sub(r"\g<sign> = \g<way>ward", text)

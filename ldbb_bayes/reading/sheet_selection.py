@@ -77,7 +77,7 @@ def select_sheets(
     selection = SheetSelection()
     incomplete: list[HeadedSheet] = []  # tables without a column of angles or of readings
     errors: list[InputError] = []
-    optional = {*matched}  # files in which a missing table causes no error
+    optional = {*matched}  # files that need not hold a table of readings
     if not layout.sheets:
         optional |= _workbooks_of_several_sheets(sheets)
     optional |= _files_of_text_only(sheets, layout, optional)

@@ -103,10 +103,10 @@ class _SheetColumns:
 
     sheet: Sheet
     heading: Heading
-    lines: list[int]  # line number of each row in the file
+    lines: list[int]  # line number, in the file, of each row of the table
     cells: list[list[str]]  # cells of each column of the table
     clock_column: int | None  # index of the column with times of day; None if there is none
-    decimal: str | None  # decimal mark of the table; None if no number has one
+    decimal: str | None  # decimal mark of the table's numbers; None if no number has one
     # index of the column of units for each column of numbers that has one; the keys are the indices
     # of the columns of numbers
     unit_columns: Mapping[int, int]
@@ -448,7 +448,7 @@ def _with_readings(
 ) -> list[int]:
     """Return the indices of those rows of a test whose reading is not missing.
 
-    The number of rows without a reading is noted. The arguments are those of
+    The number of rows without a reading is noted. All arguments have the same meaning as those of
     `_without_placeholders`.
     """
     if "reading" not in numbers or not heading.readings:

@@ -40,13 +40,14 @@ _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x2
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Separators of cells in a text file that seldom occur inside a cell.
 _SURE = (";", "\t", "|")
-# If a separator in ``_SURE`` has a score above this value, blanks are not tried as separators.
-# `_separator_score` computes the score.
+# `_separator_score` computes a score of how well a character separates the cells of a text file. If
+# a character in ``_SURE``, such as the semicolon, has a score above this value, blanks are not
+# tried as separators.
 _SURE_SCORE = 1.3
-# Number of lines that are used to compare the possible separators of cells.
+# Number of lines of a text file that are used to compare the possible separators of cells.
 _SAMPLE_LINES = 200
-# A separator later in ``_SEPARATORS`` is preferred to an earlier separator only if its score is
-# larger by more than this value.
+# The possible separators of cells are listed in order of preference in ``_SEPARATORS``. A later one
+# is chosen only if its score exceeds that of an earlier one by more than this value.
 _SCORE_MARGIN = 0.02
 
 
@@ -174,7 +175,8 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            # Another separator is almost certain. Blanks are then parts of cells, as in "100 N".
+            # A separator such as the semicolon is almost certain. Blanks are then parts of cells,
+            # as in "100 N".
             continue
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:

@@ -290,7 +290,8 @@ def _without_fields(text: str, fields: Set[str]) -> str:
         if not _keys_of_text(segment) & fields:
             segments.append(segment.strip())
     remaining = "; ".join(segments)
-    # Two segments may state a field together, as in "Operator;Meier". Such a line is dropped.
+    # Two segments of a line may state a field together, as in "Operator;Meier". If they still state
+    # one of the unwanted fields, nothing of the line is kept.
     if _keys_of_text(remaining) & fields or not re.search(r"[^\W\d_]", remaining):
         remaining = ""
     restated = _restated(text, fields | _keys_of_text(remaining))

@@ -154,7 +154,10 @@ def _start_of_test(recording: Recording) -> _Start | None:
 
 
 def _rank_of_source(start: _Start) -> Rank:
-    """Return the rank of a start time; a smaller rank means a more reliable source."""
+    """Return how reliable the place that states the start of a test is; lower is more reliable.
+
+    For example, a column of times has a lower rank than the name of a file.
+    """
     return start.stamp.rank
 
 

@@ -32,7 +32,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
 
-# Two values of a quantity agree if their relative difference is at most this value.
+# Two lines of a file that state a quantity, such as the radius, agree if the relative difference of
+# their values is at most this number.
 _ROUNDED_IN_LINE = 1e-3
 # If one of two values of a quantity is from the name of a file, sheet or test, the values agree if
 # their relative difference is at most this. Values in names are often rounded.
@@ -58,7 +59,7 @@ _TEXT_SHOWN = 60
 class _Evidence(NamedTuple):
     """Value of a quantity of a test, with the line, name or column that states it."""
 
-    value: float  # stated value; NaN if the number can be read in two ways
+    value: float  # stated value of the quantity; NaN if the number can be read in two ways
     source: str | CitedLine  # what states the value, as messages name it, such as "line 3"
     # the value may be rounded: two stated values of the quantity are taken as equal if their
     # relative difference is at most this number

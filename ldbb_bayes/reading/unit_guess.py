@@ -78,8 +78,10 @@ _LARGEST_STEP_DEG = 45.0
 class _ReadingSize(NamedTuple):
     """Magnitude of readings whose unit is not stated, computed from the numbers in the files."""
 
-    largest: float  # largest absolute value of the readings
-    change: float  # change of the median reading from the smallest force to the largest
+    largest: float  # largest absolute value of the readings of all tests, in the unit of the files
+    # absolute difference between the median readings of the tests with the smallest and the largest
+    # force, in the unit of the files
+    change: float
     forces_N: tuple[float, float]  # smallest and largest force of the tests [N]
 
 

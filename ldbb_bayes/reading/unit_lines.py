@@ -146,7 +146,8 @@ class _ListedUnit(NamedTuple):
     """Unit in a list such as ``deg / 0.1 µm``."""
 
     name: str  # unit without its factor, in the spelling of this package, such as "um"
-    with_factor: str  # unit with its factor, such as "0.1 um"; equal to ``name`` without a factor
+    # unit with the number before it, such as "0.1 um"; if there is no number, the unit alone
+    with_factor: str
     is_also_word: bool  # whether the unit is also an ordinary word, such as "in"
 
 

@@ -118,8 +118,8 @@ def _is_unit_in_words(text: str) -> bool:
     as ``tenths of a micron``.
     """
     is_plain = unit_named(text.strip()) in UNITS["reading"]
-    # A word such as "tenths" alone does not say which unit is divided. It is accepted here, and
-    # later code raises an error.
+    # A word such as "tenths" alone does not say which unit is divided. It is accepted here as the
+    # unit of readings, and later code raises an error for it.
     is_share_alone = _SHARE_OR_COUNT.fullmatch(text.strip()) is not None
     return is_plain or is_share_alone or _is_of_role(unit_in_shares(text), "reading")
 

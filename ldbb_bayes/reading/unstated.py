@@ -31,19 +31,21 @@ __all__ = ["note_unstated"]
 _MOST_TEXTS = 6
 # A note shows at most this number of characters of a text.
 _TEXT_SHOWN = 160
-# A line that states one of these fields is not always used in an import. It was used if a note
-# cites this line.
+# A line of a file that states the size of one count (digital step) of the instrument is not always
+# used in an import. It was used if a note cites it.
 _CITED_WHERE_USED = {"reading_scale"}
-# Regular expression for a number. Of texts that differ only in numbers, one is noted.
+# Regular expression for a number in an unused text of a file. Of texts that differ only in numbers,
+# only one gets a note.
 _NUMBER = re.compile(r"[\d.,]+")
-# Regular expression for a letter; a text without a letter states nothing.
+# Regular expression for a letter; a text of a file without a letter states nothing.
 _LETTER = re.compile(r"[^\W\d_]")
 
 
 class _Text(NamedTuple):
     """Unused text outside a table, shortened for a note."""
 
-    line: int | str  # line number; for a line of another sheet, the number and the sheet
+    # number of the line that holds the unused text; for a line of another sheet, number and sheet
+    line: int | str
     text: str
 
 
@@ -54,7 +56,8 @@ class _TextOutside(NamedTuple):
     # "3 of notes.txt"
     line: int | str
     text: str
-    is_used: bool  # whether a value, such as the radius, was taken from the text
+    # whether the import took a value, such as the radius, from the text of the line or cell
+    is_used: bool
 
 
 def note_unstated(

@@ -71,7 +71,8 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     is_compound = raw.startswith(COMPOUND_SIGNATURE)
     if is_compound and len(raw) % _SECTOR:
         raise _unreadable(path, "a cut one")
-    # The library detects the password of a compound file only if it is given the file's path.
+    # The library that reads workbooks detects a password in an XLS file only if it gets the path of
+    # the file, and not its content.
     source: Any = path if is_compound else io.BytesIO(raw)
     try:
         with python_calamine.load_workbook(source) as book:
