@@ -95,9 +95,9 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
     """
     travelled = sense * (angle_deg - start_deg)
     step = float(np.median(np.diff(travelled)))
-    # A turn of the bar counts as whole even if it ends two steps of angle early, because the last
-    # reading usually stands one step before the end of the turn, and this reading may be missing.
-    # Angles may deviate from their nominal values by half a step.
+    # A turn of the bar counts as whole even if its last reading stands one step of angle before its
+    # end, because a reading at the end would only repeat the first angle. Half a step is added as
+    # the tolerance of the angles.
     n_turns = max(1.0, np.floor((travelled.max() + 1.5 * step) / TURN_DEG))
     is_after_start = travelled > -0.5 * step
     is_before_end = travelled < TURN_DEG * n_turns - 0.5 * step
