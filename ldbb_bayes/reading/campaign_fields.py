@@ -173,8 +173,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             value = round(value, _COMPARED_PLACES)
         source = cited_line(statement.line)
         place = str(source)
-        # Add the sheet to the number of the line. For a line of a sheet without a table, ``line``
-        # is a text that names this sheet already, such as "3 of …".
+        # An error message names the line and its sheet. For a line of a sheet without a table, the
+        # sheet is already part of ``line``, as in "3 of notes.txt".
         if isinstance(statement.line, int):
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)

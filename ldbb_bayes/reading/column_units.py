@@ -46,7 +46,7 @@ _UNIT_SHOWN = 40
 
 
 class _UnitEvidence(NamedTuple):
-    """Units of a column, as one place in the file states them, such as a line or the cells."""
+    """Units of a column, as one place in the file, such as a line or the cells, states them."""
 
     # unit of the column's number in each row, or one unit for all rows; a unit that this package
     # does not know is stored as the file writes it
@@ -103,8 +103,8 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    # A source that states no unit for some rows does not contradict a source that states a unit for
-    # every row. Sources of the latter kind come first.
+    # Several places in the file may state the unit of the column. Places that state a unit for
+    # every row come first. A place that states no unit for some rows does not contradict them.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:

@@ -51,7 +51,9 @@ def is_document(raw: bytes) -> bool:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             names = archive.namelist()
     except zipfile.BadZipFile:
-        return False  # a later check for damaged workbooks raises an error for this file
+        # a file that begins like a zip archive, but is none, is a damaged workbook; a later check
+        # raises an error for it
+        return False
     if any(name in names for name in _PARTS_OF_DOCUMENTS):
         return True
     # In an OpenDocument archive, the file "mimetype" comes first and is not compressed.

@@ -180,7 +180,7 @@ def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
 
 
 def _name_in(content: Mapping[str, Any]) -> str:
-    """Return the text under a key such as "name" in a part of a file; empty without such a key."""
+    """Return the text under a key such as "name" in an object of JSON; empty without such a key."""
     for key, value in content.items():
         if key.casefold() in _KEYS_OF_NAME and isinstance(value, str):
             return value

@@ -48,7 +48,9 @@ def with_loads_between(sheet: Sheet) -> Sheet:
         return sheet
     first_header_row = sheet.rows[header]
     blocks = _blocks_of(sheet)
-    loads = []  # for each block, the loads that its heading states; keys are line numbers
+    # for each block of rows, a dict with the loads that the rows above its numbers state; the keys
+    # are line numbers
+    loads = []
     for block in blocks:
         loads.append(_loads_by_line(sheet, block.heading) if block.numbers else {})
     n_with_load = sum(bool(loads_of_block) for loads_of_block in loads)
@@ -88,11 +90,11 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
 
 
 def _store_numbers(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
-    """Add successive rows of numbers to the last block.
+    """Store successive rows of numbers as a table, if there are enough of them for a table.
 
-    If there are enough rows for a table, they become the numbers of this block, and a new block is
-    begun. Otherwise, they become part of the heading of the last block. ``successive`` are these
-    rows of numbers, and ``blocks`` are the blocks that are begun.
+    A block consists of a table and the rows above it. The rows become the table of the last item in
+    ``blocks``, and a new block is begun. If there are too few rows, they are added to the rows
+    above the table of the last block. ``successive`` are the rows of numbers.
     """
     if len(successive) < _FEWEST_ROWS:
         blocks[-1].heading += successive

@@ -158,7 +158,7 @@ def _is_row_of_numbers(row: Row) -> bool:
 
 
 def _store_numbers(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> None:
-    """Store successive rows of numbers as a matrix, if there are enough rows for a table.
+    """Store successive rows of numbers, shown by MATLAB, as a matrix if there are enough of them.
 
     The rows become the numbers of the last item in ``matrices``, and a new item for the next matrix
     is added. If there are too few rows, they are added to the lines above the next matrix.

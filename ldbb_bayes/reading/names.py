@@ -78,8 +78,8 @@ class NamedLoad(NamedTuple):
 class _WrittenLoad(NamedTuple):
     """Load, as a number with a unit, in the name of a test, column, sheet or file."""
 
-    key: str  # kind of load: force_N or pressure_bar
-    text: str  # number of the load, as it is written in the name
+    key: str  # kind of load that a name states: force_N or pressure_bar
+    text: str  # value of the load as a text, such as "238", as the name states it
     unit_size: float  # size of the unit of the load in N or bar, such as 1000 for kN
 
 

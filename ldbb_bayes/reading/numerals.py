@@ -250,7 +250,8 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
         Line number and text of every cell.
     """
     certain: str | None = None
-    # For each mark, comma or point: the first cell that contains this mark and not the other one.
+    # The keys are the comma and the point. The value for the comma is the first cell that contains
+    # a comma and no point; the value for the point is the first cell with a point and no comma.
     single: dict[str, tuple[int, str]] = {}
     for line, cell in cells:
         has_comma = "," in cell

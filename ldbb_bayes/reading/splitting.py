@@ -930,8 +930,8 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
-    # In the cells of ``columns``, units after numbers are already removed. The name of a test, such
-    # as 100 N, needs its unit.
+    # The stored cells of the table have lost the units after their numbers. A cell that is the name
+    # of a test, such as 100 N, gets its unit back.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels and _names_tests_once(labels):
         header = columns.heading.headers[columns.heading.roles["test"]][:LONGEST_NAME]

@@ -37,12 +37,13 @@ _PAGE = re.compile(
     r"\W*(?:of|von|de|di|/|из)?\W*\d*\W*(?:页|頁)?",
     re.IGNORECASE,
 )
-# Regular expression for a word that says that a table is continued on a further page.
+# Regular expression for a word, such as "continued", which says that a table is continued on a
+# further page.
 _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
-# Statements that are written in place of a line if only a part of the line still applies. The keys
-# are the fields that the statements state.
+# Statements with which a line above the first table is replaced for a further table, if only some
+# of its values apply to the further table. The keys are the fields that the statements state.
 _STATED_AS = {
     "plane": "plane {}",
     "radius_mm": "radius {:g} mm",
@@ -69,7 +70,7 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     tables = [list(sheet.rows[: header + 1])]
     lines_above_first = sheet.rows[:header]
     lines_above_table = lines_above_first
-    first_row = header + 1  # index of the row below the last header that was examined
+    first_row = header + 1  # index of the row below the header that was examined last
     for next_header in headers:
         end = _end_of_numbers(sheet.rows, first_row, next_header)
         tables[-1] += sheet.rows[first_row:end]
@@ -250,7 +251,10 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
 
 
 def _without_numbers(text: str) -> str:
-    """Return the words of a line in lower case, without numbers and words such as "continued"."""
+    """Return the words of a line in lower case, without numbers and words such as "continued".
+
+    Titles that pages of one table repeat, such as ``Test 7, page 2``, become equal by this.
+    """
     words = re.findall(r"[^\W\d_]+", comparable(text))
     return " ".join(word for word in words if not _CONTINUED.fullmatch(word))
 
@@ -335,11 +339,11 @@ def _keys_of_text(text: str) -> set[str]:
 
 
 def named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
-    """Return one sheet for each table.
+    """Return the tables that stand below each other in a sheet, each as a named sheet.
 
-    A sheet is named after the file or sheet and the direction of travel that is stated above the
-    table. If the directions do not distinguish the tables, the numbers of the tables are used in
-    place of the directions.
+    The name consists of the name of the sheet or file and the direction of travel that is stated
+    above the table. If the directions do not distinguish the tables, the numbers of the tables are
+    used in place of the directions. ``tables`` holds the rows of each table.
     """
     names = []
     for number, rows in enumerate(tables, start=1):

@@ -210,9 +210,9 @@ class _Dates(NamedTuple):
     first.
     """
 
-    # date that is meant if the day stands before the month; None if this date does not exist
+    # date that the text means if the day stands before the month; None if this date does not exist
     day_first: date | None
-    # date that is meant if the month stands before the day; None if this date does not exist
+    # date that the text means if the month stands before the day; None if this date does not exist
     month_first: date | None
 
 

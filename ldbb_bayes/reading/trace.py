@@ -46,8 +46,8 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation is below this fraction of
 # their median.
 _SMALLEST_SCATTER = 0.01
-# Placeholders for the assumed unit of a test whose unit is stated by the user or the file. The
-# function `unit_size` then uses the stated unit and ignores the placeholder.
+# Units for tests for which the import has assumed no unit of angles or readings, because the user
+# or the file states one. The function `unit_size` then uses the stated unit instead of these.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
