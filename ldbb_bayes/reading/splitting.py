@@ -1018,9 +1018,10 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
     """Return the headers of the columns that are not used.
 
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
-    the radius, for every test. Two columns that together identify the tests also count as used. A
-    column of times may be in the result, although later code may take the start times of the tests
-    from it. ``rows_of_tests`` holds the indices of the rows of each test. ``columns`` is the table
+    the radius, for every test. A column with the header and the cells of a column in use is left
+    out; one with other cells is named with its number. Two columns that together identify the tests
+    also count as used. A column of times may be in the result, although later code may take the
+    start times of the tests from it. ``rows_of_tests`` holds the indices of the rows of each test. ``columns`` is the table
     of the sheet.
     """
     all_columns = range(len(columns.heading.headers))
@@ -1033,9 +1034,25 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
     headers = []
     for column in unused_columns(columns.heading):
         is_used = columns.place_of_column(column) in used_in_all_tests
-        if not is_used and column not in columns.numbering:
+        if is_used or column in columns.numbering:
+            continue
+        namesake = _namesake(columns.heading, column)
+        if namesake is None:
             headers.append(columns.heading.headers[column])
+        elif columns.cells[column] != columns.cells[namesake]:
+            headers.append(f"{columns.heading.headers[column]} (column {column + 1})")
     return headers
+
+
+def _namesake(heading: Heading, column: int) -> int | None:
+    """Return the index of a column in use that has the same header as another column, or None.
+
+    ``column`` is the index of the other column.
+    """
+    for used in (*heading.roles.values(), *heading.readings):
+        if used != column and heading.headers[used] == heading.headers[column]:
+            return used
+    return None
 
 
 def _field_columns(
