@@ -24,11 +24,12 @@ __all__ = ["__version__", *_public]
 
 
 def __getattr__(name: str) -> Any:
-    """Return the public function, class or module with this name; import it when first used.
+    """Return the public function, class or module of this package that is named ``name``.
 
-    The first call also makes ``print`` show results as tables and sentences.
+    It is imported when it is first used. The first call also makes ``print`` show results as tables
+    and sentences.
     """
-    # This module is imported only here, because it loads NumPy, which takes time.
+    # The module with the results is imported only here, because it loads NumPy, which takes time.
     from ldbb_bayes.results import register_when_displayed
 
     register_when_displayed(_load_words)

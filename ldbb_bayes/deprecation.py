@@ -112,11 +112,11 @@ def renamed_keyword(
     """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-        """Return a function like ``function`` that also accepts the old name of an argument."""
+        """Return a function like ``function`` that also accepts a renamed argument's old name."""
 
         @wraps(function)
         def call(*arguments: _Arguments.args, **keywords: _Arguments.kwargs) -> _Result:
-            """Call ``function``; an argument with its old name is passed on under its new name."""
+            """Call ``function``; an argument given by its old name is passed on by its new name."""
             if old in keywords:
                 name = function.__qualname__.removesuffix(".__init__")
                 warnings.warn(

@@ -43,7 +43,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str) -> None:
-        """Store ``message`` as one line, which is shortened in its middle if it is too long."""
+        """Store the error message as one line, without its middle part if the line is too long."""
         line = " ".join(message.split("\n"))
         if len(line) > LONGEST_MESSAGE:
             line = f"{line[: 2 * LONGEST_MESSAGE // 3]} … {line[-LONGEST_MESSAGE // 3 :]}"

@@ -203,8 +203,8 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
         ]
         text = f"{kind.__name__}({', '.join(assignments)})"
     while len(text) > longest and assignments:
-        # If the text of an object within another object is too long, only the class name is
-        # displayed.
+        # If the text of an object that is an attribute of another object is too long, only the
+        # name of its class is displayed.
         assignments = assignments[:-1] if longest == _LONGEST_REPR else []
         text = f"{kind.__name__}({', '.join([*assignments, '…'])})"
     return text
@@ -308,7 +308,7 @@ class ByName(Shown, dict[str, T]):
     """
 
     def __repr__(self) -> str:
-        """Return the number and the class of the results in the dictionary as one line of text."""
+        """Return the number of results in this dictionary, and their class, as one line of text."""
         kind = type(next(iter(self.values()), None)).__name__
         return f"<{len(self)} {kind}>"
 

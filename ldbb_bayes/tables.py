@@ -46,7 +46,8 @@ _SCREEN_LINES = 45
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
-# Names of columns whose numbers are in the unit that the column "unit" states for each row.
+# Names of those columns in tables of results whose numbers are in the unit that the column "unit"
+# states for each row.
 _IN_UNIT_OF_ROW = frozenset(
     (
         "mean",
@@ -68,15 +69,16 @@ _IN_UNIT_OF_ROW = frozenset(
         "baseline_sd",
     )
 )
-# Names of columns whose numbers are rounded like the standard uncertainty in the same row.
+# Names of those columns in tables of results whose numbers are rounded like the standard
+# uncertainty in the same row.
 _ROUNDED_LIKE_U = frozenset(
     ("mean", "median", "ci_low", "ci_high", "estimate", "difference", "U_k2")
 )
-# Names of columns that hold a standard uncertainty.
+# Names of those columns in tables of results that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
-# Names of columns that hold an estimate or its uncertainty. In a table that is too wide, the cells
-# of some columns are moved to lines beneath their rows. Cells of the columns named here are moved
-# only if moving the cells of all other columns is not enough.
+# Names of columns that hold an estimate or its uncertainty. In a table that is too wide for a line
+# of text, the cells of some columns are moved to lines beneath their rows. Cells of the columns
+# named here are moved only if moving the cells of all other columns is not enough.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
 # Names of columns whose texts can name the rows of a data frame. If the rows are only numbered, the
 # first column in this list that exists in the data frame is used, and its texts are displayed as
@@ -168,7 +170,8 @@ class Table:
         """Return the table as HTML; special characters in its texts are escaped."""
         heads = [typeset(head) for head in self.heads]
         head_tags = ['th scope="col"'] * len(heads)
-        # On narrow screens, the page shows each cell of a table after the heading of its column.
+        # On narrow screens, the page of the report shows each cell of a table after the heading of
+        # the cell's column.
         cell_tags = [f'td data-head="{html.escape(head)}"' for head in heads[1:]]
         row_tags = ['th scope="row"', *cell_tags]
         head = self._html_row(head_tags, heads)
@@ -251,7 +254,7 @@ class _TextLayout:
         return lines
 
     def _make_fit(self) -> None:
-        """Change the layout until the table fits the width, if possible.
+        """Change the layout of the table until its lines have the required width, if possible.
 
         First, the headings of columns are broken into lines. If the table is still too wide,
         columns with the same value in all rows are left out, and these values are stated once below
@@ -273,22 +276,23 @@ class _TextLayout:
                 self._break_heads(least_width)
 
     def _importance(self, column: int) -> tuple[bool, bool, bool]:
-        """Return a sort key that states how important a column is. ``column`` is its index.
+        """Return a sort key that states how important a column of the table is.
 
-        If the table is too wide, the cells of the least important columns are moved to separate
-        lines below the rows. Columns with texts are moved first, then columns with numbers, then
-        columns with an estimate or its uncertainty, and last the column of the unit.
+        ``column`` is the index of the column. If the table is too wide, the cells of the least
+        important columns are moved to separate lines below the rows. Columns with texts are moved
+        first, then columns with numbers, then columns with an estimate or its uncertainty, and last
+        the column of the unit.
         """
         head = self._heads[column]
         return head == "unit", head in _ESTIMATE, self._numeric[column]
 
     def _is_constant(self, column: int) -> bool:
-        """Return whether a column of the table, other than its unit, has one value in all rows."""
+        """Return whether a column has the same value in all rows; false for the column "unit"."""
         values = {row[column] for row in self._rows}
         return self._heads[column] != "unit" and len(values) == 1
 
     def _is_too_wide(self) -> bool:
-        """Return whether the columns side by side are together wider than the given width."""
+        """Return whether the columns that stand side by side are too wide for a line of text."""
         gaps = _GAP * (len(self._columns) - 1)
         return sum(self._column_width(column) for column in self._columns) + gaps > self._width
 
@@ -446,9 +450,10 @@ class _RowsInstead(NamedTuple):
     #: rows that are displayed in place of rows of a data frame; the keys are their names. Each
     #: value is a dictionary of cells whose keys are the names of the columns.
     displayed: Mapping[str, Mapping[str, Any]]
-    #: index of a row of the data frame; the rows in ``displayed`` are inserted above this row
+    #: index of the row of the data frame above which the substitutes for other rows are displayed
     position: int
-    length: int  #: number of rows of the data frame when the rows to replace were chosen
+    #: number of rows that the data frame had when substitutes were defined for some of its rows
+    length: int
 
 
 def with_rows_instead(
@@ -576,7 +581,8 @@ def _displayed_cells(names: Sequence[Hashable], values: Sequence[Any]) -> list[A
     factor = 1.0
     row = dict(zip(names, values, strict=True))
     unit = row.get("unit")
-    # A row that states no internal unit is displayed without conversion of its numbers.
+    # A row of the data frame that states no internal unit is displayed without conversion of its
+    # numbers.
     with suppress(InputError):
         factor, unit = display_unit(str(unit))
     decimals = _decimals_of(row, factor)

@@ -358,15 +358,15 @@ class _Ranked(NamedTuple):
 
 
 def _largest_key_first(entry: _Ranked) -> tuple[float, int]:
-    """Return a key for Python's sort that puts the entry with the largest number first.
+    """Return a key with which Python sorts items by a number, the largest number first.
 
-    Of several entries with equal numbers, the one that came first stays first.
+    ``entry`` holds an item and its number. Items with equal numbers keep their original order.
     """
     return -entry.key, entry.position
 
 
 def _position(entry: _Ranked) -> int:
-    """Return the position that an entry of `ranked` had in the original order."""
+    """Return the position that an item had before the function `ranked` sorted the items."""
     return entry.position
 
 

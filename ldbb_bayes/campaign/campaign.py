@@ -443,7 +443,7 @@ def _digested_fields(test: CircularTest) -> list[Any]:
 
 
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
-    """Return the tests, each with a name; tests without a name are named after their force.
+    """Return the tests of a campaign, each with a name; unnamed tests are named after their force.
 
     A test at 36 N gets the name f036. A second test at this force gets the name f036_2. Raise an
     `InputError` for a name that the user gave twice.

@@ -279,7 +279,7 @@ class CalibrationCertificate(Shown):
         return _largest_quantity(self._forces())
 
     def _forces(self) -> list[CertifiedQuantity]:
-        """Return the forces of the certificate: all its quantities whose unit is the newton."""
+        """Return the forces that the calibration certificate states, in the order of the file."""
         return self._quantities_by_role("N").get("force", [])
 
     def _linearity(self) -> CertifiedQuantity | None:
@@ -338,7 +338,7 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return lists of the certified quantities whose unit has one dimension, such as m.
+        """Return lists of the certified quantities whose unit has the given dimension, such as m.
 
         There is one list for each role; the keys are the roles. A role says what a quantity is,
         such as a length or a force. Quantities with an unknown unit are included; quantities
@@ -351,10 +351,10 @@ class CalibrationCertificate(Shown):
         return by_role
 
     def _certificate_name(self, *quantities: CertifiedQuantity) -> str:
-        """Return a name for the certificate, on one line, for campaign.toml.
+        """Return a name for this calibration certificate, on one line, for campaign.toml.
 
         The name has at most 200 characters. It consists of the file's name, the identifier of the
-        certificate and the names of the quantities that are used.
+        certificate and the names of ``quantities``, the certified quantities that are used.
         """
         titles = ", ".join(_title_with_holder(quantity) for quantity in quantities)
         text = f"{self.path.name}, DCC {self.identifier}: {titles}"
@@ -484,7 +484,7 @@ def _largest_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuant
 
 
 def _only_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the only one of several quantities of a certificate that can be used.
+    """Return the only certified quantity in ``quantities``, such as the gain of a force device.
 
     Raise an `InputError` unless ``quantities`` has exactly one entry.
     """

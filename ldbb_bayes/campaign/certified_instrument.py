@@ -74,7 +74,7 @@ class Ball(Shown):
     certificate: Label | None = None
 
     def __post_init__(self) -> None:
-        """Raise an `InputError` if grade, form deviation and harmonics contradict each other."""
+        """Raise an `InputError` if grade, sphericity and harmonics of a ball are inconsistent."""
         if self.grade is not None:
             check_known("grade of a ball", [self.grade], _SPHERICITY_BY_GRADE_UM)
             require(

@@ -303,11 +303,14 @@ class CircularTest(TestFields):
         return np.asarray(self.reading_um) * 1e-3
 
     def with_reading_um(self, reading_um: ArrayLike | None) -> CircularTest:
-        """Return the same test with the readings ``reading_um`` [µm]; None removes the readings."""
+        """Return a copy of this test with the readings ``reading_um`` [µm].
+
+        For None, the copy has no readings.
+        """
         return replace(self, reading_um=reading_um)
 
     def select(self, keep: NDArray[np.bool_]) -> CircularTest:
-        """Return the same test with only those angles and readings for which ``keep`` is true.
+        """Return a copy of this test with only the angles and readings for which ``keep`` is true.
 
         ``keep`` has one entry for each of the n angles, shape (n,).
         """
@@ -329,7 +332,7 @@ class CircularTest(TestFields):
         return 0.0
 
     def planned(self) -> CircularTest:
-        """Return the same test as a planned test, without readings.
+        """Return a copy of this test as a planned test, which has no readings.
 
         Angles that are unevenly spaced, or extend over more than one turn, are replaced with the
         same number of evenly spaced angles over the arc that the test covers, which is at most one

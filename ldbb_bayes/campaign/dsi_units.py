@@ -36,9 +36,10 @@ class UnitSize(NamedTuple):
 
 
 def parse_unit(unit: str | None) -> UnitSize | None:
-    r"""Return size and dimension of a unit in the notation of the D-SI (Digital SI).
+    r"""Return size and dimension of a unit that is written in the notation of the D-SI.
 
-    Return None for an unknown unit.
+    The D-SI (Digital SI) is the notation of units in digital calibration certificates. Return None
+    for an unknown unit.
 
     Parameters
     ----------

@@ -83,11 +83,11 @@ Pressure = Annotated[Number, Field(ge=0.0)]
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
 # Type of a coordinate [mm] that a user gives: from −1e5 to 1e5.
 Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
-# Type of a value in µm or N from a certificate: above zero, at most 1000. A larger value is
-# probably in another unit.
+# Type of an uncertainty or deviation, in µm or N, from a certificate: above zero, at most 1000. A
+# larger value is probably in another unit.
 Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
-# Type of an angle in degrees from a certificate: above zero, at most 10. A larger value is probably
-# in another unit.
+# Type of an uncertainty of angles [deg] from a certificate: above zero, at most 10. A larger value
+# is probably in another unit.
 CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
 # Type of a harmonic a cos n(θ − phase) of a ball's form deviation: order n from 2 to 12, amplitude
 # a [µm] and phase [deg].

@@ -139,7 +139,7 @@ class _Remarks:
     """Remarks on what looks odd in a campaign, collected while the campaign is examined."""
 
     def __init__(self) -> None:
-        """Start the examination of a campaign without any remarks."""
+        """Create an empty list of remarks, for the examination of a campaign that now begins."""
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
@@ -455,7 +455,10 @@ def _noise_and_spikes(
         remarks.add(RemarkKind.OPEN, is_open, start_end_um=jump)
 
     def size_of_spike(position: int) -> float:
-        """Return the distance [µm] of the reading at index ``position`` from the fitted curve."""
+        """Return the distance [µm] of one reading of the test from the curve fitted to the test.
+
+        ``position`` is the index of the reading.
+        """
         return abs(float(deviation[position]))
 
     spikes = ranked(np.flatnonzero(~regular).tolist(), size_of_spike)

@@ -67,7 +67,7 @@ class _Commands(TyperGroup):
                 fail(f"No such option: {option_name}. Type {right_option}.", EXIT_BAD_INPUT)
             fail(f"{error.format_message().rstrip('.?')}. See --help.", EXIT_BAD_INPUT)
         # Ctrl-C reaches this method in one of two ways: the library Click raises the error Abort,
-        # which is caught above, or the library Typer returns this exit code.
+        # which is caught above, or the library Typer returns the exit code 130.
         if code == EXIT_INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)

@@ -371,7 +371,7 @@ def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
 
 
 def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
-    """Return the typed tolerances, or an empty dictionary; the keys are names of quantities."""
+    """Return the tolerances that the user typed, if any; the keys are names of quantities."""
     return tolerances or {}
 
 
@@ -408,8 +408,8 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# The types of the arguments are written as strings. The classes that the strings name are then not
-# imported, and the help of a command appears sooner.
+# The types of the arguments of commands are written as strings, such as "lb.Campaign". The classes
+# that the strings name are then not imported, and the help of a command appears sooner.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

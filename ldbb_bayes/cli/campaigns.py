@@ -63,7 +63,7 @@ def import_(
     instrument = lb.Instrument(**certificates)
 
     def import_with(completed: lb.reading.Layout) -> Imported:
-        """Import the files, whose tables are read as ``completed`` states."""
+        """Import the user's files; the layout ``completed`` says how their tables are read."""
         return lb.import_campaign(files, layout=completed, **table, **name, instrument=instrument)
 
     result = import_with_answers(import_with, layout, ask=can_ask())

@@ -261,9 +261,10 @@ def _analyse_for_sheets(
 ) -> tuple[xr.DataTree, _Analyses]:
     """Return a fit of compliance linear in force, and an average over two models.
 
-    The two models have constant and linear compliance. The arguments are the same as in `_analyse`.
-    The function is used for reports without an annex (the sections after the certificate). It
-    therefore compares no models and chooses no tests, because only an annex shows these results.
+    The two models have constant and linear compliance. For the arguments see `_analyse`. This
+    function is used for a report without an annex, which is the part of a report after the first
+    part, the certificate. It therefore compares no models and chooses no tests to run next, because
+    only an annex shows these results.
     """
     seed = settings["seed"]
     begin_step("fit")
@@ -275,7 +276,10 @@ def _analyse_for_sheets(
 
 
 def _no_design() -> str:
-    """Return the reason why a report that consists only of the certificate recommends no tests."""
+    """Return the reason why a report without an annex recommends no tests to run next.
+
+    The annex is the part of a report after the first part, the certificate.
+    """
     return wording.NO_ANNEX
 
 
@@ -299,7 +303,7 @@ def _average_or_none(
 
 
 def _import_in_worker(executor: Executor | None) -> None:
-    """Make the second process import the package while the first process computes the fit.
+    """Make a second process import this package while the first process computes the fit.
 
     ``executor`` runs tasks in the second process. If ``executor`` is None, nothing is done.
     """

@@ -28,7 +28,8 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-# largest number of failed campaigns that the command ``batch`` lists, and of doubtful campaigns
+# largest number of campaigns without a fit that the command ``batch`` lists; it lists at most as
+# many campaigns whose fit is doubtful
 _LISTED = 10
 
 _CAMPAIGNS_HELP = (

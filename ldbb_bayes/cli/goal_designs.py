@@ -25,8 +25,8 @@ __all__ = [
     "running_order",
 ]
 
-# Names of the files that are written for the cheapest campaign. A folder with the campaign from
-# which the search starts may be written too.
+# Names of the files that are written for the cheapest campaign that reaches the user's goals for
+# uncertainties. A folder with the campaign from which the search starts may be written too.
 GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
 
 
@@ -36,9 +36,10 @@ class GoalDesignFiles(NamedTuple):
     #: result of the search for the cheapest campaign, as a JSON object with sentences that describe
     #: the result
     record: dict[str, Any]
-    #: contents of the files about the campaign; the keys are the names of the files
+    #: contents of the files about the cheapest campaign; the keys are the names of the files
     contents: dict[str, Any]
-    #: function that writes the campaign, as a plan, into a folder; None if no campaign was found
+    #: function that writes the cheapest campaign that reaches the goals, as a plan, into a folder;
+    #: None if no campaign was found
     write_more: Callable[[Path], object] | None
 
 

@@ -94,9 +94,10 @@ class Option:
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
-        """Return the flag that a user types for the command-line option with this name.
+        """Return the flag that a user types for the command-line option named ``name``.
 
-        For ``radius_mm`` it is ``--radius-mm``, unless ``settings`` holds another flag.
+        For ``radius_mm`` it is ``--radius-mm``, unless the declaration of the option states
+        another flag.
         """
         return str(self.settings.get("name", "--" + name.replace("_", "-")))
 
@@ -141,13 +142,15 @@ class Option:
 class Group:
     """Options whose values together make one argument of a command, such as the model."""
 
-    #: options of the command line that together make one argument; the keys are the names of the
-    #: options
+    #: command-line options whose values together make one argument of a command; the keys are the
+    #: names of the options
     options: Mapping[str, Option]
-    #: function that makes the argument of the command from the values of the options
+    #: function that makes one argument of a command, such as the model, from the values of several
+    #: command-line options
     make: Callable[..., Any]
     #: parameter of the command that is not an option, such as a file; its value is the first
-    #: argument of ``make``. None if there is no such parameter.
+    #: argument of the function ``make``, which makes one argument of the command from options. None
+    #: if there is no such parameter.
     positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
@@ -319,8 +322,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            # The program that reads stdout has closed it. Output that is flushed at exit is
-            # therefore discarded.
+            # Another program that reads the output of this command has closed the pipe. Output that
+            # is flushed at exit is therefore discarded.
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open until the program ends
         except (OSError, ArithmeticError, ValueError) as error:
             reason = plain_reason(error)

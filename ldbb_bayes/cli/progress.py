@@ -55,7 +55,7 @@ def _progress_bar(
         task = bar.add_task("starting", total=1.0)
 
         def update(*arguments: Any, **keywords: Any) -> None:
-            """Show the progress bar with the share and the text that ``state_of`` now returns."""
+            """Show in the progress bar the completed share and text that ``state_of`` returns."""
             state = state_of(*arguments, **keywords)
             bar.update(task, completed=state.share, description=state.text)
 
@@ -63,7 +63,7 @@ def _progress_bar(
 
 
 def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
-    """Return completed share and text of a progress bar that counts items done and failed."""
+    """Return completed share and text of a progress bar that counts items, such as fits."""
     text = f"{done}/{total}"
     if failed:
         text += f", {failed} failed"
@@ -152,7 +152,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
-        """Report that a step begins; return the function that reports the step's progress."""
+        """Report that a step of a computation begins; return the function that reports progress."""
         if update is None:
             return None
 

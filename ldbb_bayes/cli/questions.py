@@ -87,7 +87,7 @@ def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) ->
     """
 
     def read(answer: str) -> lb.reading.Layout:
-        """Return the layout (how tables are to be read), completed with the typed answer."""
+        """Return the layout (how tables are to be read), with the user's answer to a question."""
         value: Any = answer
         if question.field == "sign" and answer in question.answers:
             value = int(answer)

@@ -1,4 +1,4 @@
-"""Command ``ldbb-bayes report``: makes a page from files of readings or from fits."""
+"""Command ``ldbb-bayes report``: makes the page of a report from files of readings or fits."""
 
 from __future__ import annotations
 

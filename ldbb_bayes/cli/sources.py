@@ -108,7 +108,7 @@ def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
 
 
 def _require_path(path: Path) -> None:
-    """Raise an `InputError` if a path does not exist; the message lists what can be read."""
+    """Raise an `InputError` that lists the readable kinds of files if a path does not exist."""
     require(
         path.exists(),
         f"{path} must be a table (CSV or other text, XLSX, XLSB, XLS, ODS), a folder with"

@@ -49,8 +49,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         is_file = False
         names: list[str] | None = None
         try:
-            # The names in an existing target folder are read only once, because another run of the
-            # program may replace the folder meanwhile.
+            # The names of the files in an existing target folder are read only once. Another run of
+            # the program could replace the folder before a second reading.
             names = os.listdir(target)
         except FileNotFoundError:
             pass

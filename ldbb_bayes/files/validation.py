@@ -60,7 +60,7 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     first = (unknown_keys or errors)[0]
     location = _locate(model, content, first["loc"])
     cause = first.get("ctx", {}).get("error")
-    # The error concerns the content of the file as a whole, not one of its entries.
+    # The error that pydantic reports concerns the content of the file as a whole, not one entry.
     if not location.keys:
         reason = _describe_invalid("content", first)
         if isinstance(cause, InputError):
@@ -90,8 +90,8 @@ class _Location(NamedTuple):
     # keys of a TOML file that lead from the outermost table to an invalid entry; entries of lists
     # are numbered from 1
     keys: list[str]
-    # class, of the library pydantic, that describes valid content of the table with the invalid
-    # entry
+    # class, of the library pydantic, that describes valid content of the table of the TOML file in
+    # which the invalid entry stands
     owner: Any
 
 
@@ -111,8 +111,8 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     owner = model
     for key in loc:
         if not isinstance(content, dict | list):
-            # The location that pydantic reports may end with names of types, which are no keys of
-            # the file.
+            # The location of an error, as pydantic reports it, may end with names of types, which
+            # are not keys of the TOML file.
             break
         keys.append(str(key + 1) if isinstance(key, int) else key)
         entries = dict(enumerate(content)) if isinstance(content, list) else content
@@ -173,7 +173,7 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
 
         @wraps(pydantic_init)
         def checked_init(self: T, *args: Any, **kwargs: Any) -> None:
-            """Make the object from its arguments; raise an `InputError` if they are wrong."""
+            """Create an object of the class; raise an `InputError` for wrong arguments."""
             try:
                 pydantic_init(self, *args, **kwargs)
             except ValidationError as error:
@@ -208,7 +208,7 @@ def _input_error(
     place = subject
     if kwargs.get("name"):
         place = f"{subject} {kwargs['name']!r}"
-    # The error concerns the combination of the arguments, not a single argument.
+    # The error that pydantic reports concerns several arguments of the class together, not one.
     if not first["loc"]:
         return InputError(f"{place}: {_describe_invalid('arguments', first)}")
     key = first["loc"][0]

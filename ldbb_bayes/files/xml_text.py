@@ -58,7 +58,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def enter_element(*_: object) -> None:
-        """Count one more level of nested XML elements; refuse the file if there are too many."""
+        """Count one more level of nested XML elements; refuse a file with too many levels."""
         nonlocal depth
         depth += 1
         require(

@@ -49,6 +49,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 def _loaded_libraries() -> ThreadpoolController:
     """Return the libraries with threads that this process has loaded, such as BLAS.
 
-    To find them takes milliseconds. NumPy and SciPy have loaded theirs before the first limit.
+    The libraries are searched for only once, because the search takes milliseconds. NumPy and SciPy
+    have loaded all their libraries before this function is called for the first time.
     """
     return ThreadpoolController()

@@ -43,9 +43,9 @@ _LOGGERS = (
 )
 # Environment variables with which the worker processes of a local Dask cluster start.
 _WORKER_ENVIRONMENT: dict[str, Any] = {
-    # These thresholds [bytes] let workers keep freed memory. With Dask's defaults, workers return
-    # freed memory to the operating system and then request it again; computations with many small
-    # matrices then take more than twice as long.
+    # These thresholds of the C library [bytes] let Dask workers keep freed memory. With Dask's
+    # defaults, workers return freed memory to the operating system and then request it again;
+    # computations with many small matrices then take more than twice as long.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
     # With this logging level, Dask does not report closed connections; such reports do not help the
@@ -175,7 +175,9 @@ class _DaskExecutor(Executor):
             return dask_future.result()
         except BaseException as error:
             if dask_future.status == "error":
-                raise  # The call in the Dask worker raised this error, or the worker died.
+                # The error was raised by the function called in the Dask worker, or by Dask because
+                # the worker died.
+                raise
             raise BrokenExecutor(str(error)) from error
 
 

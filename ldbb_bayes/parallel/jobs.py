@@ -93,7 +93,10 @@ def done(
     finished: SimpleQueue[Future[R]] = SimpleQueue()
 
     def submit(attempt: _Attempt[T]) -> None:
-        """Submit an attempt at a job; its future is put into ``finished`` when it ends."""
+        """Submit an attempt to run a job to the executor.
+
+        The future of the attempt is put into the queue ``finished`` when the attempt ends.
+        """
         future = _submit(partial(_run_in_turn, function, attempt.job), executor)
         in_flight[future] = attempt
         future.add_done_callback(finished.put)
@@ -150,7 +153,10 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     future = executor.submit(call)
 
     def result() -> R:
-        """Wait for the result of the call in the other process; if it failed, call here instead."""
+        """Return the result of a call that was started early in another process.
+
+        If the call failed in the other process, it is repeated in this process.
+        """
         with suppress(Exception):
             return future.result()
         return call()

@@ -211,9 +211,10 @@ def _serve(connection: Connection) -> None:
 
 
 def _run_next_job(connection: Connection) -> _Answer | None:
-    """Run the next job that comes through the pipe, and return the job's result or exception.
+    """Run the next job of a worker process, and return the job's result or exception.
 
-    ``connection`` is the worker's end of the pipe. Return None if the pipe is closed.
+    Jobs come through a pipe, and ``connection`` is the worker's end of this pipe. Return None if
+    the pipe is closed.
     """
     try:
         call = connection.recv()
