@@ -1021,8 +1021,8 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
     the radius, for every test. A column with the header and the cells of a column in use is left
     out; one with other cells is named with its number. Two columns that together identify the tests
     also count as used. A column of times may be in the result, although later code may take the
-    start times of the tests from it. ``rows_of_tests`` holds the indices of the rows of each test. ``columns`` is the table
-    of the sheet.
+    start times of the tests from it. ``rows_of_tests`` holds the indices of the rows of each test.
+    ``columns`` is the table of the sheet.
     """
     all_columns = range(len(columns.heading.headers))
     used_in_all_tests = {columns.place_of_column(column) for column in all_columns}
