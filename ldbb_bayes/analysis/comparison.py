@@ -229,7 +229,8 @@ class Comparison(Result):
     """
 
     campaign: ComparedCampaign  #: name of the campaign and SHA-256 digest of its readings
-    models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
+    #: results of each compared model, by the name that the caller gave to the model
+    models: dict[str, ComparedModel]
     #: log Bayes factor ln B of every other model over the first model [nat]. The keys have the form
     #: "linear/constant", where "constant" is the name of the first model.
     log_bayes_factor: dict[str, float]
@@ -254,15 +255,16 @@ class Comparison(Result):
     #: differences between circles. The first entry is for the assumption that the models make. The
     #: last entry is for models without nuisance terms, in which circles differ at random by white
     #: noise alone. If ``explanations`` is not None, there are other effects, such as a nonlinear
-    #: mount, that change the readings as slopes do (alternative explanations). The second entry is
-    #: then an average over models with such effects, and the third entry is for models without
-    #: them.
+    #: mount, that change the readings like a change of compliance with force (alternative
+    #: explanations). The second entry is then an average over models with such effects, and the
+    #: third entry is for models without them.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
-    #: empty if no model has slopes, or if only evidences were computed
+    #: empty if compliance is constant in all compared models, or if only evidences were computed
     slopes: dict[str, VaryingSlope]
     #: models in which different subsets of the compliances change with force, the most probable
-    #: model first; not all subsets are compared if there are too many; empty if ``slopes`` is empty
+    #: model first; not all subsets are compared if there are too many; empty if compliance is
+    #: constant in all compared models, or if only evidences were computed
     slope_subsets: tuple[SlopeSubset, ...]
     #: compliance C(F) against force F, by name, averaged over models in which different subsets of
     #: the compliances change with force; empty if ``slopes`` is empty
@@ -450,8 +452,8 @@ class _ComparisonPlan:
     has_slope_subsets: bool
     #: whether models of constant compliance are fitted to the tests at neighbouring forces
     has_local_fits: bool
-    #: whether slopes are compared with alternative explanations: other effects, such as a nonlinear
-    #: mount, that change the readings as slopes do
+    #: whether slopes (changes of compliance with force) are compared with alternative explanations:
+    #: other effects, such as a nonlinear mount, that change the readings in a similar way
     has_rival_explanations: bool
 
     @property
@@ -679,7 +681,7 @@ def _plan_comparison(
     )
     # Each entry of ``by_assumption`` holds the two compared models with another assumption about
     # the random differences between circles. The first entry is an exception: it holds the models
-    # without change. It is moved to ``unchanged``.
+    # with their own assumption. It is moved to ``unchanged``.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)

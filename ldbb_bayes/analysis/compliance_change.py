@@ -48,8 +48,9 @@ class ChangeWithForce(Result):
     """Change of one compliance C(F) over the tested forces F, in internal units (mm, N, rad).
 
     C(F) of a direct compliance is the deflection along an axis, divided by a bar force F along the
-    same axis. C(F) is computed from the compliance at the reference force F0, from its slopes, and
-    from the term `JointLoad` (nonlinear deflection of joints under load).
+    same axis. C(F) is computed from the compliance at the reference force F0, from its slopes
+    (coefficients of powers of F − F0), and from the term `JointLoad` (nonlinear deflection of
+    joints under load).
 
     Examples
     --------

@@ -84,7 +84,7 @@ class Conformity(Result):
     #: unit of the quantity that has the tolerance, and of its limits, mean, sd and guard band
     unit: str
     #: bar force for which the quantity that has the tolerance is computed [N]; None for geometric
-    #: errors and slopes, which do not depend on the force
+    #: errors and changes of compliance with force, which do not depend on this force
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
@@ -212,9 +212,10 @@ def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
     """Return posterior draws of every parameter, by name, in mm, N and rad.
 
-    Compliances are computed at the force ``force_N`` of the bar. Slopes and geometric errors do not
-    depend on this force. Each array has the shape (draws,). If the posterior is an average over
-    models, draws of different parameters with the same index may belong to different models.
+    Compliances are computed at the force ``force_N`` of the bar. Slopes (coefficients of the change
+    of compliances with force) and geometric errors do not depend on this force. Each array has the
+    shape (draws,). If the posterior is an average over models, draws of different parameters with
+    the same index may belong to different models.
     """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
@@ -231,7 +232,7 @@ class _StatedDraws(NamedTuple):
 
     values: Array  #: posterior draws of the quantity that has the tolerance, shape (draws,)
     #: bar force for which the quantity that has the tolerance is computed [N]; None for geometric
-    #: errors and slopes
+    #: errors and changes of compliance with force
     force_N: float | None
 
 

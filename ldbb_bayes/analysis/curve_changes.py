@@ -1,9 +1,9 @@
 """Changes C(F_max) − C(F_min) of compliances over the tested forces, as sums of coefficients.
 
-The change of a compliance C(F) depends on its slopes. The change of a direct compliance also
-depends on the coefficients of the term `JointLoad` (nonlinear deflection of joints under load).
-Each change is therefore a weighted sum of coefficients of the linear model. The uncertainty of this
-sum can be computed without readings.
+The change of a compliance C(F) depends on its slopes (coefficients of powers of the force). The
+change of a direct compliance also depends on the coefficients of the term `JointLoad` (nonlinear
+deflection of joints under load). Each change is therefore a weighted sum of coefficients of the
+linear model. The uncertainty of this sum can be computed without readings.
 """
 
 from __future__ import annotations
@@ -27,10 +27,12 @@ class CurveChange:
     """Change of one compliance C(F) from the smallest tested force F to the largest."""
 
     compliance: str  #: name of the compliance, such as C_XXX
-    unit: str  #: internal unit of the compliance and of its change
+    #: internal unit (composed of mm, N and rad) of the compliance and of its change with force
+    unit: str
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
-    slopes: tuple[str, ...]  #: names of the slopes that the change of the compliance depends on
+    #: names of the slopes, such as C_XXX_1, that the change of the compliance with force depends on
+    slopes: tuple[str, ...]
     #: weight of each of the m coefficients of the model, shape (m,): the effect on the compliance's
     #: change with force, in ``unit``, if the coefficient changes by its prior standard deviation
     weights: Array

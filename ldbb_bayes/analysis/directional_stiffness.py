@@ -132,8 +132,9 @@ class AxialDirection(Result):
     #: absolute value of the mean of exp(2iθ) over posterior draws of the direction θ: 1 if all
     #: draws agree, 0 if every direction is equally likely
     concentration: float
-    #: whether the credible interval of the direction is narrower than 90°. If not, the readings do
-    #: not determine the direction, and the mean direction must not be used.
+    #: whether the credible interval of a direction, such as the softest direction of a plane, is
+    #: narrower than 90°. If not, the readings do not determine the direction, and the mean
+    #: direction must not be used.
     is_determined: bool
 
 

@@ -64,7 +64,8 @@ class GumComparison(Result):
     (True, True)
     """
 
-    unit: str  #: unit of the parameter, and therefore of all fields except ``digits``
+    #: unit of the parameter, in which all fields of this comparison except ``digits`` are stated
+    unit: str
     #: estimate y of the parameter by the linear model, in which the hyper-parameters (for example
     #: the standard deviation of the noise) are fixed at their posterior means
     gum_estimate: float

@@ -17,9 +17,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["PairedRemedy", "paired_remedies"]
 
-# Several remedies can be added to the first remedy. For each of them, the ratio is the parameter's
-# standard uncertainty after both remedies, divided by its standard uncertainty without any remedy.
-# If two ratios differ by less than this share of the smaller ratio, the cheaper remedy is chosen.
+# Several remedies (certificates or changes of the plan) can be added to the first remedy. For each
+# of them, the ratio is the parameter's standard uncertainty after both remedies, divided by its
+# standard uncertainty without any remedy. If two ratios differ by less than this share of the
+# smaller ratio, the cheaper remedy is chosen.
 _EQUAL_RATIOS = 0.02
 
 
@@ -38,7 +39,8 @@ class PairedRemedy(Result):
     #: second remedy (a certificate or a change of the plan): the remedy that reduces the
     #: parameter's standard uncertainty most when it is added to the first remedy
     second: CureStep
-    #: number of circles that the first and the second remedy together add to the campaign
+    #: number of circles that both remedies (certificates or changes of the plan) together add to
+    #: the campaign
     circles: int
     #: standard uncertainty of the parameter after both remedies (certificates or changes of the
     #: plan), in mm, N and rad
@@ -46,7 +48,8 @@ class PairedRemedy(Result):
     #: standard uncertainty of the parameter after both remedies (certificates or changes of the
     #: plan), divided by that without any remedy
     ratio: float
-    #: whether the parameter remains confounded after the first and the second remedy
+    #: whether the parameter remains confounded after both remedies (certificates or changes of the
+    #: plan)
     is_confounded: bool
 
 

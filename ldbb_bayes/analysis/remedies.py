@@ -47,7 +47,7 @@ _BETTER_THAN_REPETITION = 0.9
 
 @dataclass(frozen=True)
 class Remedy(Result):
-    """The cheapest remedy for a parameter's uncertainty, and the uncertainty that then remains."""
+    """The cheapest remedy (a certificate or a changed plan), and the uncertainty after it."""
 
     kind: RemedyKind  #: kind of remedy for a large uncertainty, such as more circles
     #: name of the certificate (a key of ``CERTIFICATES``, such as "mount ± 2 %"); empty if the

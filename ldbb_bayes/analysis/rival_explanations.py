@@ -34,13 +34,15 @@ _ASKING = 1.0
 class Explained:
     """One combination of explanations of why compliance seems to change with force."""
 
-    #: explanations, such as "slopes", of why compliance seems to change with force: names of those
-    #: that one model combines
+    #: names of the explanations of why compliance seems to change with force that one model
+    #: combines; the name "slopes" stands for a real change
     by: tuple[str, ...]
-    #: log evidence of the model that contains exactly the explanations named in ``by`` [nat]
+    #: log evidence [nat] of the model with exactly those explanations of an apparent change of
+    #: compliance with force that ``by`` names
     log_evidence: float
     log_evidence_error: Finite  #: numerical error of the log evidence of a model [nat]
-    #: posterior probability of the model that combines the explanations named in ``by``
+    #: posterior probability of the model with exactly those explanations of an apparent change of
+    #: compliance with force that ``by`` names
     probability: float
 
 
@@ -60,8 +62,9 @@ class Explanations:
     #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from evidences
     #: averaged over all combinations of the alternative explanations
     averaged: Assumed
-    #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from the two
-    #: models without alternative explanations
+    #: log Bayes factor of a model in which compliances change with force over a model in which they
+    #: are constant. Both models lack all other effects, such as a nonlinear mount, that could
+    #: explain an apparent change.
     alone: Assumed
 
     @property
@@ -138,10 +141,10 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # The models combine slopes and alternative explanations in every possible way, in the order of
-    # `subsets`. In the following arrays, the first row is therefore for the models with slopes, and
-    # the second row for the models without slopes. The last column is for the models without
-    # alternative explanations.
+    # The models combine slopes (changes of compliance with force) and alternative explanations of
+    # the same readings in every possible way, in the order of `subsets`. In the following arrays,
+    # the first row is therefore for the models with slopes, and the second row for the models
+    # without slopes. The last column is for the models without alternative explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]

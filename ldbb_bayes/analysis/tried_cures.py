@@ -34,9 +34,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
-# Angle [°] by which both balls are turned in the added circles, if the remedy is to turn the balls.
-# One angle is enough: it shifts the phase of a ball's form error by 90°, 135° and 180° at the
-# Fourier orders 2, 3 and 4, at which compliances change the readings, too.
+# Angle [°] by which both balls are turned in the added circles, if the remedy for a large
+# uncertainty is to turn the balls. One angle is enough: it shifts the phase of a ball's form error
+# by 90°, 135° and 180° at the Fourier orders 2, 3 and 4, at which compliances change the readings,
+# too.
 _TURN_DEG = 45.0
 # Number of random orders of the circles that are tried. The order is chosen in which the positions
 # of the circles are least correlated with their forces.
@@ -46,13 +47,19 @@ _ORDERS_TRIED = 200
 class RemedyKind(StrEnum):
     """Kinds of remedy for a large uncertainty, from the cheapest to the most expensive."""
 
-    #: remedy: the same circles are run in an order that is not correlated with force
+    #: remedy for a large uncertainty: the same circles are run in an order that is not correlated
+    #: with force
     ORDER = "order"
-    DIRECTION = "direction"  #: remedy: every circle is run in both directions of travel
-    BALLS = "balls"  #: remedy: every circle is repeated with both balls turned in their sockets
-    CIRCLES = "circles"  #: remedy: every circle of the plan is run twice
-    RADIUS = "radius"  #: remedy: every circle of the plan is run again at another radius
-    CERTIFICATE = "certificate"  #: remedy: a calibration certificate of the instrument
+    #: remedy for a large uncertainty: every circle is run in both directions of travel
+    DIRECTION = "direction"
+    #: remedy for a large uncertainty: every circle is repeated with both balls turned in their
+    #: sockets
+    BALLS = "balls"
+    CIRCLES = "circles"  #: remedy for a large uncertainty: every circle of the plan is run twice
+    #: remedy for a large uncertainty: every circle of the plan is run again at another radius
+    RADIUS = "radius"
+    #: remedy for a large uncertainty: a calibration certificate of the instrument
+    CERTIFICATE = "certificate"
 
 
 @dataclass(frozen=True)
@@ -164,9 +171,10 @@ class TriedCures:
         return len(changed.campaign.tests) - len(self.bound.campaign.tests)
 
     def _information(self, changed: BoundModel) -> Information:
-        """Return the linear model of the readings of a campaign to which remedies were applied.
+        """Return the linear model of the readings of a campaign after remedies.
 
-        ``changed`` is the model applied to this campaign. The hyper-parameters keep the values that
+        A remedy is a certificate of the instrument or a change of the plan. ``changed`` is the
+        model applied to the campaign with the remedies. The hyper-parameters keep the values that
         they have for the campaign without remedies.
         """
         carried = changed.hyper_prior.carried(self.bound.hyper_prior, self.phi)

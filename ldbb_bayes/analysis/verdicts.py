@@ -149,7 +149,7 @@ class ParameterIdentifiability(Result):
     'balls'
     """
 
-    name: str  #: name of the parameter
+    name: str  #: name of the parameter, such as C_XXX
     #: verdict on how well the readings determine the parameter: identified, prior-limited or
     #: confounded
     verdict: Verdict
@@ -217,7 +217,8 @@ class ChangeIdentifiability(Result):
     """
 
     compliance: str  #: name of the compliance, such as C_XXX
-    unit: str  #: internal unit of the compliance and of its change
+    #: internal unit (composed of mm, N and rad) of the compliance and of its change with force
+    unit: str
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
     #: verdict (identified, prior-limited or confounded) on the change of the compliance from the

@@ -38,16 +38,16 @@ __all__ = [
 CHEAPEST = "cheapest"
 # Name of the option of the command ``design`` with which users give the prices of certificates.
 _CERTIFICATES = "certificates"
-# Name of the option for the share of machines on which all goals are to be met.
+# Name of the command-line option for the share of machines on which all goals are to be met.
 _PROBABILITY = "probability"
 
 
 class SearchField(NamedTuple):
-    """One entry field of the search, which sets one option of ``ldbb-bayes design``."""
+    """One entry field of the page's search, which sets one option of ``ldbb-bayes design``."""
 
-    name: str  #: Name of the option, such as ``minutes_per_circle``.
-    default: str  #: Default of the option as text; empty if there is none.
-    is_number: bool  #: Whether the value of the option is a number.
+    name: str  #: Name of the command-line option, such as ``minutes_per_circle``.
+    default: str  #: Default of the command-line option as text; empty if there is none.
+    is_number: bool  #: Whether the value of the command-line option is a number.
 
 
 def _search_fields() -> tuple[SearchField, ...]:
@@ -72,10 +72,10 @@ SEARCH_FIELDS = _search_fields()
 
 
 def _option_value(name: str, asked: Mapping[str, Any], folder: Path) -> Any:
-    """Return the value of an option from the text typed on the page; None for an empty text.
+    """Return an option's value from the text typed on the page; None for an empty text.
 
     The value is the one that the command ``design`` reads from the same text. ``name`` is the name
-    of the option, and ``folder`` the folder of the session (one browser tab).
+    of the command's option, and ``folder`` the folder of the session (one browser tab).
     """
     option = DESIGN_OPTIONS[name]
     text = str(asked.get(name, "")).strip()
@@ -99,9 +99,10 @@ def _certificates_as_in_command(text: str) -> str:
 
 
 def _options_of(asked: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the values of the options that the user typed for the search of a cheapest campaign.
+    """Return the values that the user typed for options of the search for the cheapest campaign.
 
-    The keys are the names of the options. Options with an empty entry field are left out.
+    The keys are the names of the command-line options. Options with an empty entry field are left
+    out.
     """
     values = {}
     for field in SEARCH_FIELDS:
@@ -149,9 +150,9 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_entry(name: str, value: Any) -> None:
-    """Raise an `InputError` if the value of an option of the search cannot be used.
+    """Raise an `InputError` if an option of the search for the cheapest campaign is not valid.
 
-    ``name`` is the name of the option. For the value None, nothing is checked.
+    ``name`` is the name of the option, and ``value`` its value. The value None is not checked.
     """
     if value is None:
         return
@@ -251,7 +252,7 @@ def _passage_record(passage: Passage) -> dict[str, Any]:
 
 
 def _passage_from(record: Mapping[str, Any]) -> Passage:
-    """Return the table or the sentence that was written as the JSON record ``record``."""
+    """Return the table or sentence on a search that was stored as the JSON record ``record``."""
     if "text" in record:
         return str(record["text"])
     table = record["table"]

@@ -25,7 +25,7 @@ class Computation:
     """A fit, or a search for the cheapest campaign, that runs in a separate process."""
 
     kind: str  #: Kind of computation: fit or search.
-    folder: Path  #: Folder in which the process of the computation reads and writes.
+    folder: Path  #: Folder in which the process of the fit or search reads and writes.
     #: Result of the last fit or search, or an error message; empty before the first.
     outcome: dict[str, Any] = field(default_factory=dict)
     #: Asyncio task that runs the fit or search, or waits for its turn; None before the first.

@@ -47,13 +47,14 @@ _DCC_SUFFIX = ".xml"
 class Field(NamedTuple):
     """One entry field of the browser page, which sets one option of ``ldbb-bayes report``."""
 
-    name: str  #: Name of the option, such as ``radius_mm``.
-    #: Group of entry fields to which the option belongs: name, table, certificates, labels, layout
-    #: or report.
+    name: str  #: Name of the command-line option, such as ``radius_mm``.
+    #: Group of entry fields to which the command-line option belongs: name, table, certificates,
+    #: labels, layout or report.
     group: str
-    #: Flag that sets the option at a terminal, such as ``--radius-mm``.
+    #: Flag that sets the option on the command line, such as ``--radius-mm``.
     flag: str
-    help: str  #: Help text of the option, which the page shows at the entry field.
+    #: Help text of the command-line option, which the browser page shows at the entry field.
+    help: str
     #: Kind of the entry field: text, number, lines (several texts), choice, or file (the name of a
     #: file that the user added).
     kind: str
@@ -73,8 +74,8 @@ _GROUPS: Mapping[str, Mapping[str, Option]] = {
     },
     "report": REPORT_OPTIONS.options,
 }
-# Options of a report that have entry fields on the browser page. The server sets the other options
-# of a report.
+# Options of the command ``report`` that have entry fields on the browser page. The server sets the
+# other options of this command.
 _REPORT_FIELDS = ("force_N", "tolerance", "language")
 _CHOICES: Mapping[str, tuple[str, ...]] = {
     "plane": ("XY", "YZ", "ZX"),
@@ -184,8 +185,8 @@ def typed_value(field_option: Option, name: str, text: str, folder: Path) -> Any
 def _added_file(name: str, flag: str, folder: Path) -> Path:
     """Return the path of a file that the user added and then chose in an entry field.
 
-    ``name`` is the name of the file, and ``flag`` the flag of the option at a terminal. Raise an
-    `InputError` if no added file has this name.
+    ``name`` is the name of the file, and ``flag`` the command-line flag of the option that the
+    field sets. Raise an `InputError` if no added file has this name.
     """
     names = [path.name for path in (folder / FILES).iterdir()]
     require(
@@ -198,7 +199,8 @@ def _added_file(name: str, flag: str, folder: Path) -> Path:
 def _typed_lines(name: str, text: str) -> list[str]:
     """Return the lines that the user typed into an entry field. Empty lines are left out.
 
-    ``name`` is the name of the option. Decimal commas in tolerances are replaced by decimal points.
+    ``name`` is the name of the command-line option that the field sets. Decimal commas in
+    tolerances are replaced by decimal points.
     """
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line]

@@ -173,7 +173,7 @@ def file_name(sent: str) -> str:
     name = PureWindowsPath(PurePosixPath(sent).name).name
     name = re.sub(r"[^\w+\-.,()\[\] ]", "_", name).strip(" .")
     name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").lstrip(" .")
-    # On Windows, names such as ``con`` stand for devices: put an underscore before the name.
+    # On Windows, file names such as ``con`` stand for devices: put an underscore before the name.
     return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", name)
 
 

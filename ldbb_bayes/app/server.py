@@ -250,7 +250,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         )
 
         def end(signal_number: int, frame: FrameType | None) -> None:
-            """End the server because its process got a signal. Python passes both arguments."""
+            """End the server because its process got a signal, the first of the two arguments."""
             server.should_exit = True
 
         if hasattr(signal, "SIGHUP"):  # the signal SIGHUP means that the terminal was closed

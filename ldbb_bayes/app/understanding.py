@@ -233,9 +233,9 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """Return the uncertainties that a fit assumes for each part of the instrument.
 
     The keys of the result are the parts, such as bar or balls. For each part there is a list of
-    entries, one for each uncertainty. An entry names the field of the page in which the user can
-    state the uncertainty. The entry is marked as stated if a calibration certificate states the
-    uncertainty.
+    entries, one for each uncertainty. An entry names the entry field of the browser page in which
+    the user can state the uncertainty. The entry is marked as stated if a calibration certificate
+    states the uncertainty.
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:

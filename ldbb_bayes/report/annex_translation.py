@@ -38,9 +38,9 @@ _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\d|\.\d)")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
 # key of the annex's section that lists technical terms in alphabetical order
 _GLOSSARY = "glossary"
-# A text that is not in the catalogue is split at one of these separators, and its pieces are
-# translated separately. The separators are tried in this order: those that usually leave the
-# longest pieces come first.
+# A text that is not in the catalogue of translations is split at one of these separators, and its
+# pieces are translated separately. The separators are tried in this order: those that usually leave
+# the longest pieces come first.
 _SEPARATORS = ("; ", ": ", ", ", " and ", " or ")
 _WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
 # Symbols, units, names of programs, and other words that are the same in every language.
@@ -208,9 +208,9 @@ class AnnexTranslation:
         """Find the translation of a text, or return None if a part of the text has no translation.
 
         Names of campaigns and tests are returned unchanged. In a text without an English word, only
-        pieces that are keys of the catalogue are replaced. Any other text is first looked up as a
-        whole. If the catalogue does not have it, the text is split, for example into its sentences,
-        and the pieces are translated separately.
+        pieces that are keys of the catalogue of translations are replaced. Any other text is first
+        looked up as a whole. If the catalogue does not have it, the text is split, for example into
+        its sentences, and the pieces are translated separately.
         """
         if text in self.kept:
             return text
@@ -227,7 +227,7 @@ class AnnexTranslation:
         return self._translation_by_pattern(text, of_sentences=True)
 
     def _translation_of_whole_text(self, text: str) -> str | None:
-        """Return the translation of a text if the whole text matches a key of the catalogue.
+        """Return the translation of a text if the whole text matches a key of the catalogue of translations.
 
         The key may have placeholders. A placeholder then stands for text that lies within one
         sentence. Return None if no key matches.
@@ -244,8 +244,8 @@ class AnnexTranslation:
         """Return the translation of a text that is made from a pattern with placeholders.
 
         If ``of_sentences`` is true, a placeholder may stand for several sentences. Return None if
-        no pattern in the catalogue matches the whole text, or if the text for which a placeholder
-        stands has no translation.
+        no pattern in the catalogue of translations matches the whole text, or if the text for which
+        a placeholder stands has no translation.
         """
         for phrase in self.catalogue.phrases:
             match = phrase.pattern.fullmatch(text)
@@ -263,7 +263,7 @@ class AnnexTranslation:
         return None
 
     def _translation_of_placeholder(self, name: str, value: str) -> str | None:
-        """Return the translation of the text that a placeholder stands for.
+        """Return the translation of the text that stands at a placeholder of a sentence.
 
         ``name`` is the name of the placeholder, and ``value`` is the text. If the name begins with
         ``r``, the text is not translated: it is returned unchanged or, if it has several sentences,

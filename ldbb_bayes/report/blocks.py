@@ -119,7 +119,7 @@ class PictureRow:
 
     @property
     def stacked(self) -> bool:
-        """Whether the first figure of the row is so wide that the others are placed below it."""
+        """Whether the first of several figures is so wide that the others are placed below it."""
         width, height = self.pictures[0].figure.get_size_inches()
         return bool(width > _WIDE * height)
 

@@ -32,7 +32,8 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
         Whether the table shows the RMSE of each model. The RMSE is the root mean square of the
         residuals, which are the readings minus the posterior mean of the predicted readings.
     least_squares
-        Whether the table also shows the RMSE of a fit by least squares, the method of the paper.
+        Whether the table also shows the RMSE of a fit by least squares, the method of the article
+        on which the model is based.
 
     Returns
     -------

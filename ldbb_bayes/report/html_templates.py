@@ -10,7 +10,7 @@ __all__ = ["template_of"]
 
 
 def _kind(content: object) -> str:
-    """Return the name of the class of a part of the page, which the template draws."""
+    """Return the class name of a part of the page, such as Table, for the page's template."""
     return type(content).__name__
 
 

@@ -136,17 +136,19 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
     Returns
     -------
     str or None
-        The translated message; None if a part of the message is not in the catalogues. If the
-        language has no catalogues, such as English, the message is returned unchanged.
+        The translated message; None if a part of the message is not in the catalogues (files of
+        translated texts). If the language has no catalogues, such as English, the message is
+        returned unchanged.
     """
     catalogue = catalogue_of(language, "annex", "messages")
     if catalogue is None:
         return message
     kept = frozenset(names)
     own_words = OwnWords(kept)
-    # Two versions of the message are looked up in the catalogues. In the first version,
-    # `OwnWords.hide` has replaced all texts in quotation marks. The second is the original message,
-    # which is needed because some texts in the catalogues contain quotation marks.
+    # Two versions of the message are looked up in the catalogues (files of translated texts). In
+    # the first version, `OwnWords.hide` has replaced all texts in quotation marks. The second is
+    # the original message, which is needed because some texts in the catalogues contain quotation
+    # marks.
     for text in (own_words.hide(message), message):
         translation = AnnexTranslation(words_of(language), catalogue, kept)
         translated = translation.text(text)

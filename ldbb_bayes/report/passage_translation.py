@@ -48,11 +48,12 @@ def passages_in_language(
 def untranslated_texts(
     passages: Sequence[Passage], language: str, names: Iterable[str] = ()
 ) -> set[str]:
-    """Return those English texts that have no translation in the catalogues of a language.
+    """Return those English texts that have no translation into a language.
 
     The texts are those of the tables and sentences ``passages``. ``language`` is the code of the
     language, such as ``de``. ``names`` are the names of campaigns and tests, which need no
-    translation. The result is empty if the language has no catalogues, such as English.
+    translation. The result is empty if the language has no catalogues (files of translated texts),
+    such as English.
     """
     translation = _translation(language, names)
     if translation is None:
@@ -62,10 +63,11 @@ def untranslated_texts(
 
 
 def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None:
-    """Return the translations of texts about the cheapest campaign into a language.
+    """Return the translations, into a language, of texts about the cheapest campaign.
 
-    None is returned if the language has no catalogues. ``names`` are the names of campaigns and
-    tests, which are not translated, also if they stand in quotation marks.
+    None is returned if the language has no catalogues (files of translated texts). ``names`` are
+    the names of campaigns and tests, which are not translated, also if they stand in quotation
+    marks.
     """
     catalogue = catalogue_of(language, *_CATALOGUES)
     if catalogue is None:

@@ -166,7 +166,7 @@ def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> floa
 
 
 def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
-    """Draw one part of a sheet, such as a table, below the current position.
+    """Draw one part of a sheet, such as a table, below the parts that are already drawn.
 
     ``scale`` is the relative font size. If ``pictures`` is false, the places of figures are left
     empty.
@@ -199,7 +199,7 @@ def _write(
     grey: int = _INK,
     **options: Any,
 ) -> None:
-    """Write a paragraph, and move the current position to the line below the paragraph.
+    """Write a paragraph in the PDF, and move the writing position to the line below it.
 
     ``size`` is the font size [points], ``width`` the width of the paragraph [mm], and ``grey`` the
     grey level of the text from 0 (black) to 255 (white). If ``bold`` is true, the text is bold.

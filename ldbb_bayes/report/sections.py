@@ -252,7 +252,8 @@ def fit(findings: Findings) -> Iterator[Part]:
 
     The section states the RMSE (root-mean-square residual) of the fit. For each test, the section
     states the fitness and the p-values of posterior predictive checks. Fitness is 100 % minus the
-    RMSE of the test in per cent of the range of its readings (Eq. 35 of the paper).
+    RMSE of the test in per cent of the range of its readings (Eq. 35 of the article on which the
+    model is based).
     """
     quality = findings.result["fit"]
     rows = []

@@ -305,7 +305,7 @@ class SheetNumbers:
 
     @cached_property
     def directions(self) -> dict[str, StatedQuantity]:
-        """Stiffness by direction at the force ``force_N``; the keys are names such as ``k_min``."""
+        """Least and greatest stiffness at the force ``force_N``, by names such as ``k_min``."""
         return stiffness_quantities(self._directional, self.words)
 
     @cached_property
@@ -356,8 +356,8 @@ class SheetNumbers:
         has_several_planes = table["plane"].nunique() > 1
         confounding_effects = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""
-        # The deviations at no load have other symbols than those under load, so that each symbol on
-        # the test certificate has only one value.
+        # The circular deviations at no load have other symbols than those under load, so that each
+        # symbol on the test certificate has only one value.
         mark = "_0" if force_N == 0.0 else ""
         stated = {}
         for row in table[table["quantity"].isin(names)].to_dict(orient="records"):

@@ -332,8 +332,8 @@ def _table(
 ) -> Table:
     """Return a table whose column headings are in the language of the test certificate.
 
-    ``keys`` are the keys of the headings in the catalogue of words, such as ``value``. ``rows``
-    holds the texts of the cells.
+    ``keys`` are the keys of the headings in the file of the certificate's texts, such as ``value``.
+    ``rows`` holds the texts of the cells.
     """
     words = numbers.words
     percent = words.number(f"{100 * numbers.findings.prob:g}")

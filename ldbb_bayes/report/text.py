@@ -82,7 +82,8 @@ _MOST_SOURCES = 3
 def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
     """Return a heading for an imported campaign, and a list of the assumptions made at import.
 
-    The text on each assumption names the option with which the user can change the assumption.
+    The text on each assumption names the command-line option with which the user can change the
+    assumption.
     """
     campaign = result.campaign
     heading = (
@@ -126,7 +127,7 @@ def _setting_words(name: str, value: Any) -> str:
 
 @parts_of.register
 def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
-    """Return a table of the parameters and hyper-parameters on which a log density depends."""
+    """Return a table of the parameters and hyper-parameters of a posterior's log density."""
     rows = []
     for name, unit, bounds in zip(density.names, density.units, density.bounds, strict=True):
         rows.append((display_name(name), unit, *bounds))
@@ -169,7 +170,7 @@ def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
-    """Return a table of the parameters that a fit by least squares estimates, with u."""
+    """Return a table of the parameters, with their u, that a fit by least squares estimates."""
     rows = []
     for name, row in result.table.iterrows():
         factor, unit = display_unit(row["unit"])

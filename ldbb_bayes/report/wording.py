@@ -248,7 +248,7 @@ def _point_words(point: Sequence[float]) -> str:
 
 
 def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
-    """Return the sentences that a macro in the file sentences.j2 makes from results.
+    """Return the sentences that a macro in the template file sentences.j2 makes from results.
 
     ``macro`` is the name of the macro. ``findings`` are the results that the macro takes as its
     arguments.
@@ -258,7 +258,7 @@ def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
 
 
 def _sentence(macro: str, *findings: Any) -> str:
-    """Return one line with all sentences that a macro in the file sentences.j2 makes.
+    """Return one line with all sentences that a macro of the template file sentences.j2 makes.
 
     ``macro`` is the name of the macro. ``findings`` are the results that the macro takes as its
     arguments.
@@ -665,7 +665,8 @@ def travel_words(test: TestPreview) -> str:
 def assumption_words(assumption: Any) -> str:
     """Return a description of an assumption that the program made when readings were imported.
 
-    The description states the assumption, its reason, and the option that would change it.
+    The description states the assumption, its reason, and the command-line option that would change
+    it.
     """
     reason = assumption.because
     if assumption.place:

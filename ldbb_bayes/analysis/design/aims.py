@@ -68,12 +68,14 @@ class UncertaintyAim:
     #: weights w of the p parameters β in the combination w·β, shape (p,); the parameters are in
     #: units of their prior standard deviations
     weights: Array
-    #: largest standard uncertainty of the combination w·β at which the aim is reached
+    #: largest standard uncertainty of the combination w·β of the parameters β at which the aim is
+    #: reached
     target: float
-    #: factor by which the standard uncertainty of w·β is larger because the hyper-parameters are
-    #: unknown. It is computed from the readings so far, as a ratio. The numerator is the standard
-    #: uncertainty of w·β. The denominator is the root mean square of the K standard uncertainties
-    #: that w·β would have if the hyper-parameters were known to have one of K values.
+    #: factor by which the standard uncertainty of the combination w·β of the parameters β is larger
+    #: because the hyper-parameters are unknown. It is computed from the readings so far, as a
+    #: ratio. The numerator is the standard uncertainty of w·β. The denominator is the root mean
+    #: square of the K standard uncertainties that w·β would have if the hyper-parameters were known
+    #: to have one of K values.
     inflation: float
     #: whether the circles run so far have already reached this aim of the campaign
     is_reached: bool
@@ -117,11 +119,11 @@ class SlopesAim:
     def distance(self, covariance: Array) -> Array:
         """Return the distances ln(t/Φ) from the aim, shape (...), averaged over hyper-parameters.
 
-        t is ``threshold``. Two models are compared: compliances that change with force, and
-        constant compliances. Φ is the expected log Bayes factor in favour of the model that is
-        true. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of
-        their prior standard deviations, at K values of the hyper-parameters. The dimensions (...),
-        if there are any, run over possible circles.
+        t is ``threshold``, the smallest log Bayes factor that is decisive. Two models are compared:
+        compliances that change with force, and constant compliances. Φ is the expected log Bayes
+        factor in favour of the model that is true. ``covariance``, shape (K, ..., p, p), are
+        covariances of the p parameters, in units of their prior standard deviations, at K values of
+        the hyper-parameters. The dimensions (...), if there are any, run over possible circles.
         """
         of_slopes = covariance[..., self.columns, :][..., self.columns]
         root = np.linalg.cholesky(np.linalg.inv(of_slopes))

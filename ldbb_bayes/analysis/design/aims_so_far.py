@@ -92,7 +92,7 @@ class ToleranceSoFar(Result):
 
     @property
     def decided(self) -> bool:
-        """Whether it is decided if the quantity conforms with its tolerance or not."""
+        """Whether it is decided if a quantity conforms with its tolerance or not."""
         return self.now.decision is not Decision.NOT_DECIDED
 
 

@@ -83,8 +83,9 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
     # The hyper-parameters are scales: the standard deviations of the noise and of other effects.
     # The Fisher information about a scale increases with the scale. Compute the information
-    # half-way between the true scores and the first estimate of the scores. This approximates the
-    # average information better than the information at the true scores does.
+    # half-way between the true normal scores of the hyper-parameters and the first estimate of
+    # these scores. This approximates the average information better than the information at the
+    # true scores does.
     middle = 0.5 * (truth + first.mean)
     belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
     scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
@@ -99,9 +100,11 @@ class _Belief(NamedTuple):
     probability.
     """
 
-    mean: Array  # posterior means of the h normal scores, for K possible machines, shape (K, h)
-    # symmetric square roots of the posterior covariance matrices of the h normal scores, for K
-    # possible machines, shape (K, h, h)
+    # posterior means of the normal scores of h hyper-parameters, for K possible machines, shape (K,
+    # h)
+    mean: Array
+    # symmetric square roots of the posterior covariance matrices of the normal scores of h
+    # hyper-parameters, for K possible machines, shape (K, h, h)
     root: Array
 
 
@@ -161,10 +164,10 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         Fisher information, shape (K, h, h).
     """
     points, size = scores.shape
-    # The derivatives of the variances of the effects with respect to the normal scores are central
-    # differences. For each set of scores, the variances of the effects are computed at 2 h + 1
-    # points: at the scores (index 0), with each of the h scores increased by a step (indices 1 to
-    # h), and with each score decreased by a step (indices h + 1 to 2 h).
+    # The derivatives of the variances of the effects with respect to the normal scores of the h
+    # hyper-parameters are central differences. For each set of scores, the variances of the effects
+    # are computed at 2 h + 1 points: at the scores (index 0), with each of the h scores increased
+    # by a step (indices 1 to h), and with each score decreased by a step (indices h + 1 to 2 h).
     steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
     stepped = (scores[:, None] + steps).reshape(-1, size)
     phi = bound.hyper_prior.quantile(ndtr(stepped))

@@ -82,7 +82,9 @@ class Certificate(Result):
     #: largest sensitivity of all candidate tests: derivative of the design criterion with respect
     #: to the share of a candidate
     max_sensitivity: float
-    bound: float  #: mean of the sensitivities of the candidate tests, weighted by the shares
+    #: mean of the sensitivities of the candidate tests (derivatives of the design criterion),
+    #: weighted by the candidates' shares in all runs
+    bound: float
     is_global: Annotated[bool, Field(alias="global")]
     holds: bool
 
@@ -161,7 +163,8 @@ class Design(Forecast):
     [36.0, 742.0, 742.0]
     """
 
-    criterion: str  #: criterion that the design optimizes, such as ``eig``
+    #: criterion that the design optimizes, such as ``eig`` (expected information gain)
+    criterion: str
     #: names of the parameters of interest, for which the design is made; all other parameters are
     #: nuisance parameters
     parameters: tuple[str, ...]

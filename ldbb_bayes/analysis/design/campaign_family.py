@@ -56,7 +56,7 @@ class CampaignFamily:
 
     @property
     def certificates_price(self) -> float:
-        """Price of the calibration certificates that every campaign of this family needs."""
+        """Price of the calibration certificates that all campaigns of one family need."""
         return sum(offer.price for offer in self.offers)
 
     @cached_property
@@ -170,7 +170,7 @@ class CampaignFamily:
         return tuple(self.space.tests[k] for k in positions)
 
     def uses_all(self, tests: Sequence[CircularTest]) -> bool:
-        """Return whether the tests use all pairs of ball angles and all radii of the family."""
+        """Return whether tests use all pairs of ball angles and all radii of a campaign family."""
         clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
         radii = {test.radius_mm for test in tests}
         return len(clockings) >= len(self.space.clockings_deg) and len(radii) >= len(

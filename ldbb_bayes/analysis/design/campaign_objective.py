@@ -114,11 +114,12 @@ class _Layout(NamedTuple):
     covariance) of the coefficients.
     """
 
-    # indices of the needed columns of the matrices G, which have one column for each coefficient of
-    # the model. The columns of the parameters of interest come last.
+    # indices of the needed columns of the tests' matrices G (derivatives of the readings), which
+    # have one column for each coefficient of the model. The columns of the parameters of interest
+    # come last.
     columns: NDArray[np.int_]
-    # indices of the needed rows of the matrices G: rows with an element other than zero in the
-    # matrix G of at least one test
+    # indices of the needed rows of the tests' matrices G (derivatives of the readings): rows with
+    # an element other than zero in the matrix G of at least one test
     rows: NDArray[np.int_]
     # whether each coefficient of the model has a proper prior, not a flat prior
     has_prior: NDArray[np.bool_]

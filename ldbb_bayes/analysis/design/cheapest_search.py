@@ -1,12 +1,12 @@
 """Search for the cheapest campaigns that reach given goals.
 
-Campaigns of one family have the same clockings, radii and certificates. The search goes through
-families and numbers of circles, the cheapest first. For each family and number of circles, the
-search takes the campaign with the smallest distance from the goals in the quick forecast
-(`quick_forecast`). If this distance is small enough, the full forecast (`forecast`) decides whether
-the goals are reached. The uncertainties of the quick forecast are too small by a factor that hardly
-differs between campaigns of one family. This factor is estimated from the full forecasts made so
-far.
+Campaigns of one family have the same clockings (pairs of ball angles), radii and certificates. The
+search goes through families and numbers of circles, the cheapest first. For each family and number
+of circles, the search takes the campaign with the smallest distance from the goals in the quick
+forecast (`quick_forecast`). If this distance is small enough, the full forecast (`forecast`)
+decides whether the goals are reached. The uncertainties of the quick forecast are too small by a
+factor that hardly differs between campaigns of one family. This factor is estimated from the full
+forecasts made so far.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ _HALVINGS = 10
 # The full forecast is made only if ln(u/u*) is at most this number for all goals. u is the estimate
 # of the standard uncertainty; u* is the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
-# Largest number of full forecasts for campaigns with the same clockings, radii and certificates.
+# Largest number of full forecasts for campaigns with the same pairs of ball angles, radii and
+# certificates.
 _MOST_FORECASTS = 8
 # After the search has found a campaign that reaches the goals, it tries the campaign with one
 # circle fewer. A preliminary forecast with this number of possible machines is fast, and shows
@@ -73,7 +74,8 @@ class FoundCampaign:
     #: the campaign as a plan: its tests in the order in which to run them, and the instrument with
     #: its certificates
     plan: Campaign
-    stated: StatedByMachines  #: uncertainties to expect on every possible machine
+    #: standard uncertainties of the parameters that are expected on every possible machine
+    stated: StatedByMachines
 
     def price(self, costs: Costs) -> float:
         """Return the price of the campaign: its machine time plus its certificates.
@@ -145,7 +147,8 @@ class _Progress:
     """
 
     family: CampaignFamily
-    circles: int  #: number of circles of the campaign that the search tries next
+    #: number of circles of the campaign that the search for the cheapest campaign tries next
+    circles: int
     #: number of circles of every candidate test in the campaign that was tried last, shape
     #: (candidates,)
     counts: Array
@@ -157,7 +160,8 @@ class _Progress:
     #: circles; u is the uncertainty of a goal's parameter in the full forecast, and v its
     #: uncertainty in the quick forecast. None before the first full forecast.
     inflation: float | None = None
-    forecasts: int = 0  #: number of campaigns of the family for which a full forecast was made
+    #: number of campaigns, in one family of campaigns, for which a full forecast was made
+    forecasts: int = 0
     #: number of circles of the largest campaign whose full forecast missed the goals
     last_failed: int = 0
     #: whether the search has already estimated the number of circles that the goals need
@@ -171,8 +175,10 @@ class _QueuedFamily:
     The queue is sorted by the price of the campaign that would be tried next in each family.
     """
 
-    price: float  #: lowest price of a campaign that would be tried next in the family
-    position: int  #: number of the family in the list of families; decides if prices are equal
+    #: lowest price of the campaign that would be tried next in this family of campaigns
+    price: float
+    #: number of the family in the list of campaign families; decides the order if prices are equal
+    position: int
     progress: _Progress = field(compare=False)  #: progress of the search in the family
 
 

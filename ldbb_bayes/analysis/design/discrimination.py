@@ -25,8 +25,8 @@ DECISIVE = 5.0
 # each value of the hyper-parameters.
 _POINTS = 256
 # Lower limit for two quantities, to avoid a division by zero: the variances of the components of
-# the slopes' posterior mean, and the shares of the slopes' variances that remain after the tests.
-# Smaller values are replaced by the limit.
+# the posterior mean of the slopes (changes of compliance with force), and the shares of the slopes'
+# variances that remain after the tests. Smaller values are replaced by the limit.
 _LEAST_VARIANCE = 1e-12
 
 
@@ -42,18 +42,19 @@ class Discrimination(Result):
     #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,
     #: in prior standard deviations
     size: float
-    #: whether the analysis includes tests that have already been run. If so, the slopes are assumed
-    #: to follow their posterior given these tests. If not, they are assumed to follow their prior,
-    #: with standard deviations multiplied by ``size``.
+    #: whether the analysis includes tests that have already been run. If so, the slopes (changes of
+    #: compliance with force) are assumed to follow their posterior given these tests. If not, they
+    #: are assumed to follow their prior, with standard deviations multiplied by ``size``.
     augmented: bool
     #: smallest absolute value of the log Bayes factor at which evidence is decisive [nat]. The
-    #: Bayes factor compares the model with slopes to the model without slopes.
+    #: Bayes factor compares the model with slopes (changes of compliance with force) to the model
+    #: without slopes.
     threshold: float
-    #: expected log Bayes factor of the model with slopes over the model without slopes [nat], if
-    #: the machine has slopes
+    #: expected log Bayes factor [nat] of the model with slopes (changes of compliance with force)
+    #: over the model without slopes, if the machine has slopes
     expected_with: float
-    #: expected log Bayes factor of the model with slopes over the model without slopes [nat], if
-    #: the machine has no slopes
+    #: expected log Bayes factor [nat] of the model with slopes (changes of compliance with force)
+    #: over the model without slopes, if the machine has no slopes
     expected_without: float
     #: probability of decisive evidence for slopes (changes of compliance with force) if slopes
     #: exist
@@ -67,9 +68,9 @@ class Discrimination(Result):
     #: probability of decisive, but wrong evidence for slopes (changes of compliance with force) if
     #: none exist
     misleading_without: float
-    #: probability of decisive evidence for slopes if only one slope differs from zero; each key is
-    #: the name of this slope. The slope is assumed to be plus or minus ``size`` prior standard
-    #: deviations.
+    #: probability of decisive evidence for slopes (changes of compliance with force) if only one
+    #: slope differs from zero; each key is the name of this slope. The slope is assumed to be plus
+    #: or minus ``size`` prior standard deviations.
     power: dict[str, float]
 
 
@@ -172,7 +173,8 @@ class _LogBayesFactorDistribution:
     # force), for each of K values of the hyper-parameters, shape (K,)
     log_volume: Array
     # quasi-random samples of a standard normal distribution, shape (K, samples, s − 1). From them,
-    # s − 1 of the s independent components z of the slopes' posterior mean are computed.
+    # s − 1 of the s independent components z of the posterior mean of s slopes (changes of
+    # compliance with force) are computed.
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
@@ -202,11 +204,11 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The log Bayes factor depends on independent components of the slopes' posterior mean. They
-        # are sorted, so that the first component has the largest variance. If the other components
-        # are known, the probability that the log Bayes factor exceeds ``level`` follows from the
-        # normal distribution of the first. This probability is averaged over quasi-random samples
-        # of the others.
+        # The log Bayes factor depends on independent components of the posterior mean of the slopes
+        # (changes of compliance with force). They are sorted, so that the first component has the
+        # largest variance. If the other components are known, the probability that the log Bayes
+        # factor exceeds ``level`` follows from the normal distribution of the first component. This
+        # probability is averaged over quasi-random samples of the other components.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]

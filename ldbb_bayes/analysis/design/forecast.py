@@ -64,7 +64,7 @@ _LIKELY = 0.9
 # their mean.
 _ERROR_OF_MEDIAN = 1.2533
 # Number of runs of every test that counts as "very many". The standard deviation of a parameter
-# after so many runs is the floor of its uncertainty.
+# after so many runs is the lower limit ("floor") of its uncertainty.
 _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix below this number are treated as zero in the decision whether
 # the tests determine every parameter.
@@ -128,7 +128,8 @@ class Slopes:
     Slopes are changes of compliances with force.
     """
 
-    #: names of the slopes about which evidence is forecast, such as ``C_XXX_1``
+    #: names of the slopes (changes of compliance with force) about which evidence is forecast, such
+    #: as ``C_XXX_1``
     names: tuple[str, ...]
     #: root mean square of the slopes (changes of compliance with force) if they exist, in prior
     #: standard deviations
@@ -331,7 +332,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return a forecast with infinite uncertainties, for tests that determine too little."""
+    """Return a forecast with infinite uncertainties, if tests do not determine all parameters."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(

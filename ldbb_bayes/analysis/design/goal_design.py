@@ -189,7 +189,8 @@ class GoalDesign(Result):
     #: names of the parameters whose goals cannot be reached, even with the certificates that could
     #: be bought; the plans leave these goals out
     unreachable: tuple[str, ...]
-    #: campaigns as they are usually run, for comparison; empty if ``plans`` is empty
+    #: campaigns as they are usually run, for comparison; empty if ``plans`` (the cheapest campaigns
+    #: that reach the goals) is empty
     customary: tuple[CustomaryPlan, ...]
     #: whether the design starts from a campaign with readings; false if it starts from a plan
     measured: bool
@@ -214,7 +215,7 @@ class GoalDesign(Result):
 
     @property
     def best(self) -> GoalPlan:
-        """The cheapest campaign; an `InputError` is raised if there is none."""
+        """The cheapest campaign that reaches the goals; an `InputError` if there is none."""
         require(
             self.plans,
             "a campaign must be found before it can be run, got none. See met_by_pilot, obstacles"
@@ -297,11 +298,11 @@ class _Steps:
     done: int = 0
 
     def finish_one(self) -> None:
-        """Count one more search or forecast as finished, and report this to the caller."""
+        """Count one more search or forecast for goals as finished, and report this."""
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:
-        """Record how many searches and forecasts are finished, and report it to the caller."""
+        """Record how many searches and forecasts for goals are finished, and report it."""
         self.done = done
         if self.progress is not None:
             self.progress(done, 2 * _SHOWN + _CUSTOMARY)

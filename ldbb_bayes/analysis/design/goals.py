@@ -149,7 +149,8 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
 
     ``entry`` is a string such as "5 %" or "2 nm/N", a number in the unit ``unit``, or a `Goal`.
     ``name``, ``unit`` and ``group`` are the name, the unit (composed of mm, N and rad) and the
-    group of the goal's parameter. The groups are compliances, slopes and geometric errors.
+    group of the goal's parameter. The groups are compliances, slopes (changes of compliances with
+    force) and geometric errors.
     """
     subject = f"goal of {name}"
     goal: Goal

@@ -124,7 +124,7 @@ class NextCircle(Result):
     goals: dict[str, GoalSoFar]
     #: probability that all goals for uncertainties are already met; 1 if there are none
     goals_probability: float
-    #: decision between constant and linear compliance; None for a model without slopes
+    #: decision between constant and linear compliance; None if compliance in the model is constant
     model: ModelSoFar | None
     model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
     #: decisions whether quantities conform with their tolerances; the keys are the names of the
@@ -387,7 +387,7 @@ def _objective(space: Space, known: Known) -> Objective:
 
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
-    """Return the posterior probability that all goals are met together, without further circles."""
+    """Return the posterior probability that all uncertainty goals are already met together."""
     met = np.ones(len(known.draws), bool)
     for state in states.values():
         met &= state.is_met()
@@ -464,10 +464,11 @@ class _ModelOdds:
     def of(
         cls, model: HybridModel, known: Known, evidences: Evidences, confidence: float
     ) -> _ModelOdds | None:
-        """Return the odds of linear over constant compliance; None for a model without slopes.
+        """Return the odds of linear over constant compliance, or None.
 
-        The odds are averaged over alternative explanations of an apparent change of compliance with
-        force. ``known`` is the posterior given the circles run so far. ``evidences`` computes the
+        The result is None if compliance is constant in the model of the campaign. The odds are
+        averaged over alternative explanations of an apparent change of compliance with force.
+        ``known`` is the posterior given the circles run so far. ``evidences`` computes the
         evidences of the two models. ``confidence`` is the minimum probability that is enough for a
         decision.
         """
@@ -497,10 +498,11 @@ class _ModelOdds:
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
     def so_far(self, after: Array) -> ModelSoFar:
-        """Return how the models compare now, and how probably one more circle decides between them.
+        """Return the odds of linear over constant compliance, and if one more circle may decide.
 
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
-        circle, at K values of the hyper-parameters.
+        circle, at K values of the hyper-parameters. The result states the probability that this
+        circle decides between the two models.
         """
         scale = self.known.bound.scale[self.columns]
         _, present = self.known.bound.given(self.known.phi)

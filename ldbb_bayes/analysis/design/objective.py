@@ -66,9 +66,10 @@ class Objective(Shown):
         return replace(self, rows=self.rows[:, candidates])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the efficiency, 0 … 1, of a design whose criterion has the given value.
+        """Return the efficiency, 0 … 1, of a design from the value of its design criterion.
 
-        ``best`` is the value of the criterion for the best design.
+        ``value`` is the value of the criterion for the design, and ``best`` that for the best
+        design.
         """
         if not np.isfinite(value):
             return 0.0

@@ -42,8 +42,8 @@ class Obstacle(Result):
     #: model term or parameter that would cause the largest share of the variance of the goal's
     #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
     held_by: str
-    #: share of the variance of the goal's parameter that the term or parameter ``held_by`` would
-    #: cause after very many circles
+    #: share of the variance of the goal's parameter that the model term (or the prior of the
+    #: parameter) ``held_by`` would cause after very many circles
     share: float
     #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
     #: as "mount ± 2 %"; an empty string if no certificate would reduce it
@@ -74,8 +74,8 @@ class NearMiss(Result):
     #: model term or parameter that would cause the largest share of the variance of the goal's
     #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
     held_by: str
-    #: share of the variance of the goal's parameter that the term or parameter ``held_by`` would
-    #: cause after very many circles
+    #: share of the variance of the goal's parameter that the model term (or the prior of the
+    #: parameter) ``held_by`` would cause after very many circles
     share: float
     #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
     #: as "mount ± 2 %"; an empty string if no certificate would reduce it

@@ -26,8 +26,9 @@ __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_
 # treated as equal if their relative difference is below this number. Among candidates with equal
 # values, the first is chosen.
 _EQUALITY_TOLERANCE = 1e-9
-# Largest number of rounds in the optimization of shares. Each round adds a few candidates to those
-# with a share above zero, and then optimizes the shares of all these candidates.
+# Largest number of rounds in the optimization of the shares that candidate tests have in all runs.
+# Each round adds a few candidates to those with a share above zero, and then optimizes the shares
+# of all these candidates.
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of the shares
 # of the candidate tests in a design.
@@ -35,8 +36,8 @@ _SOLVER_ITERATIONS = 40
 # The best shares of the candidate tests in a design are computed in rounds. At the beginning of a
 # round, at most this number of candidates join those of the previous round.
 _JOINING_CANDIDATES = 3
-# Number of candidate tests that take part in the first round of optimization. They are evenly
-# spread over the list of all candidate tests.
+# Number of candidate tests that take part in the first round of the optimization of their shares in
+# all runs. They are evenly spread over the list of all candidate tests.
 _FIRST_CANDIDATES = 32
 # A candidate test whose share (number of runs divided by the number of all runs) is below this
 # number is left out: its share is treated as zero.
@@ -95,7 +96,8 @@ class Optimum(Shown):
     #: share of each candidate test: its number of runs divided by the number of all runs, shape
     #: (candidates,); the sum is 1
     share: Array
-    value: float  #: value Φ of the design criterion (figure of merit) for these shares
+    #: value Φ of the design criterion (figure of merit) for the best shares of the candidate tests
+    value: float
     #: derivative of the design criterion with respect to the number of tests of each candidate
     #: test, times the number of all tests, shape (candidates,)
     sensitivity: Array
@@ -242,7 +244,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     scale = abs(objective.sensitivity(tests * initial)[1] @ initial) * tests
 
     def loss(share: Array) -> tuple[Any, Any]:
-        """Return the negative design criterion, scaled, for given shares, and its derivatives."""
+        """Return the scaled negative criterion for shares of candidates, and its derivatives."""
         try:
             value, slope = objective.sensitivity(tests * np.maximum(share, 0.0))
         except np.linalg.LinAlgError:

@@ -167,7 +167,7 @@ class Space:
         """Names of the parameters of interest.
 
         These are the names in ``parameters``. If ``parameters`` is empty, all parameters that the
-        criterion can be applied to are of interest.
+        design criterion can be applied to are of interest.
         """
         check_known("criterion", [self.criterion], get_args(CriterionName))
         named = [inside_name(name) for name in self.parameters]

@@ -109,15 +109,16 @@ def extend_hyper_parameters(
     if pilot is not bound.campaign:
         pilot_bound = _hyper_posterior(bound.model, pilot).bound
     pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
-    # Names of the noise factors λ of the circles that have already been run. The λ of a circle may
-    # have another name in ``bound`` than in the model of the pilot alone. The pilot is the campaign
-    # that the design starts from.
+    # Names of the factors λ, by which the noise of a circle is multiplied, for the circles that
+    # have already been run. The λ of a circle may have another name in ``bound`` than in the model
+    # of the pilot alone. The pilot is the campaign that the design starts from.
     circles_run = bound.setting.circle[:run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
     # First, every hyper-parameter gets values spread evenly over its prior, in random order. The
     # values of hyper-parameters that the pilot (the campaign that the design starts from) also has
-    # are then replaced by those of the pilot, and noise factors λ of new circles by 1.
+    # are then replaced by those of the pilot, and the factors λ, by which the noise of each new
+    # circle is multiplied, by 1.
     hyper_prior = bound.hyper_prior
     nodes = len(phi)
     even_levels = np.tile((np.arange(nodes) + 0.5) / nodes, (len(hyper_prior.names), 1))

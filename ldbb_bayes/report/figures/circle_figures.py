@@ -105,7 +105,7 @@ class _TraceData:
 
     @property
     def has_nominal_circle(self) -> bool:
-        """Whether the circle on which readings of zero are drawn lies in the polar panel."""
+        """Whether the circle on which readings of zero are drawn lies in the figure's panel."""
         return 0.0 < self.zero_radius <= self.outer_radius
 
     @property

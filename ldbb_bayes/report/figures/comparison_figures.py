@@ -26,7 +26,7 @@ _LINES = ("-", "--", ":")  # Matplotlib line styles of the models in a figure, u
 # The axis of log Bayes factors may be broken, so that extreme values do not compress the others. It
 # is never broken between minus this value and plus this value [nat].
 _MIDDLE_NAT = 20.0
-# ends (x, y) of the stroke that marks a broken axis, in units of the marker's size
+# ends (x, y) of the stroke that marks a broken axis of a figure, in units of the marker's size
 _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))
 
 
@@ -258,10 +258,10 @@ def _gain_words(gain: float | None) -> str:
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw every compliance C against the force F, in all models and in local fits.
 
-    The figure corresponds to Fig. 15 of the paper. It shows the posterior mean of C in every model.
-    It also shows a band for the average over models that differ in which slopes (changes of
-    compliance with force) are zero. If the comparison has no such average, the band is that of the
-    first model.
+    The figure corresponds to Fig. 15 of the article on which the model is based. It shows the
+    posterior mean of C in every model. It also shows a band for the average over models that differ
+    in which slopes (changes of compliance with force) are zero. If the comparison has no such
+    average, the band is that of the first model.
 
     The figure also shows local fits. A local fit uses only the tests at two neighbouring forces,
     and estimates geometric errors of its own. It therefore estimates the derivative d(F C)/dF and
@@ -316,7 +316,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
     """Draw every geometric error against the force, in all models and in local fits.
 
     A local fit uses only the tests at two neighbouring forces. The figure corresponds to Fig. 16 of
-    the paper.
+    the article on which the model is based.
 
     Parameters
     ----------

@@ -127,7 +127,7 @@ def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
 
 
 def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
-    """Return the expected standard deviation of each parameter; the keys are the names."""
+    """Return the standard deviation that is expected for each parameter after planned tests."""
     return {name: entry.sd for name, entry in expected.items()}
 
 

@@ -61,8 +61,11 @@ class _FigureRow(NamedTuple):
 
     label: str
     unit: str
-    draws: Array  #: random draws from the posterior of the row's quantity, shape (draws,)
-    #: random draws from the prior of the row's quantity; None if the row shows no prior
+    #: random draws from the posterior of the quantity that this row of the figure shows, shape
+    #: (draws,)
+    draws: Array
+    #: random draws from the prior of the quantity that this row of the figure shows; None if the
+    #: row shows no prior
     prior_draws: Array | None
 
 

@@ -39,7 +39,7 @@ _EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % 
 
 
 class _Panel(NamedTuple):
-    """A panel in the figure of circular-test quantities: their names and the axis label."""
+    """A panel in the figure of circular-test quantities: its quantities and its axis label."""
 
     quantities: tuple[str, ...]
     label: str
@@ -141,7 +141,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     At each of up to six forces, the figure shows the contribution of all compliances, the
     contribution of all geometric errors, and the sum of both. Each curve has a 95 % band, and the
     title of each panel states the peak-to-peak value of the sum. Offsets of the tool ball are left
-    out. The figure corresponds to Fig. 8 of the paper.
+    out. The figure corresponds to Fig. 8 of the article on which the model is based.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
 
     Each compliance (including its change with force) and each geometric error has a panel. The
     curve in a panel has a 95 % band, and the title states the peak-to-peak value. The figure
-    corresponds to Figs. 9 and 10 of the paper.
+    corresponds to Figs. 9 and 10 of the article on which the model is based.
 
     Parameters
     ----------

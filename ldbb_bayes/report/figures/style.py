@@ -186,7 +186,7 @@ def panels(
 
 
 def name_rows(axes: Axes, names: Sequence[str]) -> Array:
-    """Label the rows of a panel with names. The first name is at the top.
+    """Label the rows in a panel of a figure with names. The first name is at the top.
 
     Return the vertical positions of the rows, shape (rows,), in the order of ``names``.
     """
@@ -198,7 +198,7 @@ def name_rows(axes: Axes, names: Sequence[str]) -> Array:
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
-    """Write a label at the right of each row of a panel.
+    """Write a label at the right of each row in a panel of a figure.
 
     ``rows`` holds the vertical positions of the rows, and ``texts`` the label of each row.
     """
