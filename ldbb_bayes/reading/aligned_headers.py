@@ -15,7 +15,7 @@ from ldbb_bayes.reading.unit_rows import COMMENT_SIGN
 
 __all__ = ["with_aligned_headers"]
 
-# Regular expression for the blanks between two names of a header.
+# Regular expression for the blanks between two names of columns in a header line.
 _GAP = re.compile(r"\s{2,}|\t")
 # Largest number of rows above the numbers in which a header is looked for. A row of units and a row
 # of dashes may stand between the header and the numbers.

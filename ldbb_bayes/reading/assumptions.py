@@ -49,10 +49,10 @@ class Assumption:
 class _Entry(NamedTuple):
     """An assumption, without the places (files, sheets or tests) for which it was made."""
 
-    subject: str
-    value: str
-    reason: str
-    option: str
+    subject: str  # subject of the assumption, such as "separator"
+    value: str  # value that was assumed, as text
+    reason: str  # reason why the value was assumed, such as "line 3 says 'R = 100 mm'"
+    option: str  # command-line option that changes the assumed value
 
 
 @dataclass
@@ -63,7 +63,9 @@ class AssumptionLog:
     stores facts about the layout that were found in the sheets, such as the separator of cells.
     """
 
+    # files, sheets or tests for which each assumption was made; the keys are the assumptions
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
+    # values found in the sheets for each field of the layout; the keys are the names of the fields
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
     # lines of files that are cited in reasons for assumptions; each key is the file, sheet or test
     # for which the assumptions are made

@@ -147,7 +147,10 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
 
 
 def _with_unit(key: str, value: Any) -> str:
-    """Return the value of the field ``key`` as text; a number is followed by its unit."""
+    """Return the value of a field of a campaign as text, with its unit if it is a number.
+
+    An example is ``150 mm``. ``key`` is the name of the field, such as radius_mm.
+    """
     if key in UNITS_SHOWN:
         return f"{value:g} {UNITS_SHOWN[key]}"
     return str(value)

@@ -49,7 +49,7 @@ def quoted_line(line: int | str, text: str, remark: str = "", longest: int = 60)
 
 
 def with_words(reason: str | CitedLine, words: str) -> str | CitedLine:
-    """Return a reason with further words at its end: ``line 3 says 100 mm`` for ``line 3``."""
+    """Return the reason for an assumption with ``words`` added: ``line 3 says 100 mm``."""
     if isinstance(reason, CitedLine):
         return reason._replace(reason=f"{reason}{words}")
     return f"{reason}{words}"

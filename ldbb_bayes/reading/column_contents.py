@@ -300,5 +300,8 @@ def _names_plane(header: str) -> bool:
 
 
 def _title_of_column(heading: Heading, column: int) -> str:
-    """Return the header of a column; if it is empty, the number of the column, counted from 1."""
+    """Return the header of a column; if it is empty, the number of the column, counted from 1.
+
+    ``column`` is the index of the column, counted from 0.
+    """
     return heading.headers[column][:LONGEST_NAME] or str(column + 1)

@@ -90,7 +90,7 @@ _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
 _MULTIPLIER = re.compile(WORDS["columns"]["multiplier"], re.IGNORECASE)
 _BETWEEN = re.compile(WORDS["columns"]["between"], re.IGNORECASE)
 # Regular expressions for headers that end with a unit that this package does not read. The keys are
-# the roles.
+# the roles of the columns, such as force.
 _FOREIGN_UNITS = {
     role: re.compile(
         rf"(?P<name>.*[^\W_])[\s_/.,]+(?P<unit>{WORDS['columns'][f'foreign_{role}']})\.?", re.I

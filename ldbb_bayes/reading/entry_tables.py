@@ -25,7 +25,7 @@ class EntryTable:
     name: str  #: name of the table in the file; empty if nothing names the table
     statements: list[str]  #: statements that apply to the table, such as ``radius: 150 mm``
     header: list[str]  #: names of the table's columns; empty if nothing names them
-    rows: list[list[str]]
+    rows: list[list[str]]  #: cells of each row of the table
 
 
 def sheets_of_entries(sheet: Sheet, tables: Sequence[EntryTable], format_name: str) -> list[Sheet]:

@@ -31,12 +31,12 @@ _LARGEST_GAP_STEPS = 3.0
 class MeasuredArc:
     """Arc of a circular test, from one file: the whole circle or half of it."""
 
-    recording: Recording
+    recording: Recording  #: rows of the test in the file, and all statements about the test
     #: values that are stated for the circular test, such as its force; the keys are the names of
     #: the fields of a test, such as force_N
     fields: dict[str, Any]
-    angle_deg: Array  #: angles of the n readings [deg], shape (n,)
-    reading_um: Array  #: the n readings [µm], shape (n,)
+    angle_deg: Array  #: angles of the n readings of the arc [deg], shape (n,)
+    reading_um: Array  #: the n readings of the arc [µm], shape (n,)
 
     def to_test(self) -> CircularTest:
         """Return the circular test that consists of the readings and fields of this arc."""

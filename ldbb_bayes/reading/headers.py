@@ -56,7 +56,8 @@ class Heading:
     headers: list[str]  #: header of each column of the table, as the file writes it
     units: list[str]  #: unit that the header of each column states; empty if it states none
     roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
-    lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
+    #: lines of the file above the header of the table, each with its line number
+    lines_above: list[tuple[int | str, str]]
     #: indices (from 0) of the columns of readings; each column holds the readings of one test
     readings: list[int]
     #: units with a factor, such as 0.1 um, in the row of units below the header of a table; the

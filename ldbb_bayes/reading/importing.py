@@ -97,12 +97,13 @@ class Imported(Result):
     ('topology', 'plane', 'radius_mm', 'resolution_um', 'mount')
     """
 
-    schema: int = field(default=1, init=False)  #: version of the JSON format
+    #: version of the format in which an imported campaign is written as JSON
+    schema: int = field(default=1, init=False)
     #: imported campaign; JSON states only its name, number of tests and number of readings
     campaign: Annotated[Campaign, PlainSerializer(_campaign_in_json)]
     #: layout with which the files can be read again without assumptions about their format
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]
-    #: assumptions that were made, each with the command-line option that changes it
+    #: assumptions that the import made, each with the command-line option that changes it
     assumptions: tuple[Assumption, ...]
     #: names of the fields of the campaign that neither the files nor the user state; these fields
     #: have their default values

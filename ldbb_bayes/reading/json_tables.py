@@ -205,7 +205,7 @@ def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
 
 
 def _column_of_numbers(value: Any) -> list[str]:
-    """Return the numbers of a column as texts; an empty list if ``value`` is not a column.
+    """Return the numbers of a column in a JSON file as texts; empty if ``value`` is no column.
 
     A column is written in one of three ways: as a list, as a dict whose keys are the numbers of the
     rows, or as a dict that holds a list and further properties such as the unit.

@@ -73,8 +73,10 @@ class _Quantity(NamedTuple):
     """Quantity, such as the radius, whose value a line above a table may state."""
 
     field: str  #: field of a test or campaign in which the value is stored, such as radius_mm
-    words: str  #: regular expression for the words that name the quantity
-    usual_unit: str  #: unit that is assumed if a line states none; empty if the line must state one
+    words: str  #: regular expression for the words, such as "Radius", that name the quantity
+    #: unit of the quantity that is assumed if a line states only a number; empty if the line must
+    #: state a unit
+    usual_unit: str
     #: permitted units of the quantity, each with its size in the unit in which the value is stored:
     #: a radius may be stated in mm, with the size 1, or in cm, with the size 10
     units: Mapping[str, float]
@@ -101,7 +103,9 @@ def _quantities() -> dict[str, _Quantity]:
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
-        if isinstance(units, str):  # the name of a role, such as force, stands for all its units
+        # ``words.toml`` may state the name of a role, such as force, instead of a list of units;
+        # it stands for all units of force
+        if isinstance(units, str):
             units = UNITS[units]
         # The table of units states the sizes of units of length in µm. The entry ``one`` of a
         # quantity in ``words.toml`` is the factor that converts µm to the unit in which the
@@ -129,7 +133,8 @@ _UNIT_BEFORE = (
     r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?:in\s+)?(?P<brackets>[^\])]*)[\])]"
     r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]|\s?[:=]))"
 )
-# Regular expression for what may follow a number: a decimal mark without decimals, and a tolerance.
+# Regular expression for what may follow a number before its unit: a decimal mark without decimals,
+# and a tolerance, as in "150. ± 0.1 mm".
 _TOLERANCE = rf"\.?(?:\s?(?:±|\+/?[-−])\s?{NUMBER_IN_TEXT})?"
 # Regular expression for the word that follows a number, in the same cell or in the next cell.
 _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"

@@ -239,7 +239,7 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
 
 
 def _column_names(content: str, width: int) -> list[str]:
-    """Return the names of the columns in a line; empty if the line does not name every column.
+    """Return the names that a line gives to a matrix's columns; empty if it does not name all.
 
     The names may be in a comment, separated by commas, or they are the whole line. ``width`` is the
     number of columns.

@@ -24,17 +24,17 @@ _PAIR = re.compile(
 # If fewer lines than this number have the same names, they are not taken for the readings of a
 # circle.
 _FEWEST_LINES = 9
-# Name of the column of texts that stand beside the names and numbers.
+# Name of the column that holds the texts of each line other than names and their numbers.
 _COLUMN_OF_TEXTS = "text"
 
 
 class _NamedNumbers(NamedTuple):
     """Names and numbers of a line, and the other words of the line."""
 
-    names: tuple[str, ...]
-    numbers: list[str]
-    units: list[str]  # unit of each number; empty if it has none
-    words: str
+    names: tuple[str, ...]  # name in front of each number of the line
+    numbers: list[str]  # the numbers of the line as texts
+    units: list[str]  # unit after each number of the line; empty if a number has none
+    words: str  # all words of the line that are neither names nor numbers nor units
 
 
 def rows_of_named_numbers(text: str) -> UnitsOfCells:

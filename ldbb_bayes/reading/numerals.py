@@ -289,11 +289,13 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 class _ClockTime(NamedTuple):
     """Time of day in a cell, with date and time zone if the cell states them."""
 
-    seconds: float  # seconds since midnight, or since the full hour if the cell states no hours
-    has_hours: bool
+    # time of day in the cell, as seconds since midnight; if the cell states only minutes and
+    # seconds, as seconds since the full hour
+    seconds: float
+    has_hours: bool  # whether the cell states hours, and not only minutes and seconds
     # date in the cell, as a number of days (see `date.toordinal`); None if the cell has no date
     day: int | None
-    zone_s: float | None  # local time minus UTC [s]; None without a time zone
+    zone_s: float | None  # local time minus UTC [s]; None if the cell states no time zone
 
 
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:

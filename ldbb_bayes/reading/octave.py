@@ -32,8 +32,8 @@ class _Variable:
     """Variable of Octave: its name, its type, and rows of numbers or text."""
 
     name: str
-    type: str = ""
-    rows: list[Row] = field(default_factory=list)
+    type: str = ""  # type of the variable as Octave writes it, such as "matrix"
+    rows: list[Row] = field(default_factory=list)  # lines with the values of the variable
 
     @property
     def columns(self) -> list[list[str]]:

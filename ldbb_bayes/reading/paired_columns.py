@@ -67,7 +67,10 @@ def _columns_of_angles(names: Sequence[str]) -> list[int]:
 
 
 def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
-    """Return whether the cells of a column count the rows from 0 or from 1 on."""
+    """Return whether the cells of a column count the rows of a table from 0 or from 1 on.
+
+    ``column`` is the index of the column, counted from 0.
+    """
     numbers = []
     for row in rows:
         cell = row.cells[column] if column < len(row.cells) else ""

@@ -29,7 +29,8 @@ _ARC = re.compile(
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 # Regular expression for a coordinate of the centre of an arc, relative to the arc's starting point.
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Axis of each coordinate of a centre; the keys are the letters of the coordinates in G-code.
+# G-code states the coordinates of the centre of an arc after the letters I, J and K. The values are
+# the axes along which these coordinates are counted.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
 # Regular expression for a coordinate, such as X100, of the point to which a block (line) of an NC
 # programme moves the machine.

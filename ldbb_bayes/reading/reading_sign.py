@@ -393,7 +393,11 @@ def _kinds_of_words(text: str) -> list[str]:
 
 
 def _has_sign_and_length(words: list[str]) -> bool:
-    """Return whether ``words`` include positive or negative, and also shorter or longer."""
+    """Return whether a text says whether positive readings mean a shorter or a longer bar.
+
+    ``words`` lists the meanings of the words in the text. The text must have both a word for
+    positive or negative and a word for shorter or longer.
+    """
     has_sign = "positive" in words or "negative" in words
     has_length = "shorter" in words or "longer" in words
     return has_sign and has_length

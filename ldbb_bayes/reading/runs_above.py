@@ -64,7 +64,7 @@ def _names_with_runs(above: Row, header: Sequence[str]) -> list[str]:
 
 
 def _with_run(name: str, run: str) -> str:
-    """Return a header with a run in front of its unit: ``Deviation Run 1 [um]``."""
+    """Return a header with the name of a run before its unit: ``Deviation Run 1 [um]``."""
     stated = unit_of(name)
     if not stated.unit:
         return f"{stated.name} {run}"

@@ -44,7 +44,8 @@ class Sheet:
     hidden_rows: int = 0  #: number of hidden rows of the sheet, which are left out
     #: factor by which all numbers of the table were multiplied, as written; empty if there is none
     factor: str = ""
-    factor_line: int = 0  #: number of the line with the factor of all numbers; 0 if there is none
+    #: number of the line that states the factor of all numbers of the table; 0 if there is none
+    factor_line: int = 0
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
     #: names of the sheets of the file that are left out because the user names other sheets
     sheets_not_wanted: Sequence[str] = ()

@@ -545,7 +545,8 @@ def _without_placeholders(
         for k in np.flatnonzero(placeholders_in(cells, numbers[role][rows])).tolist():
             left_out[rows[k]] = cells[k]
     if len(left_out) == len(rows):
-        # All rows of the test hold placeholders. Later code raises an error for such rows.
+        # All rows of the test hold placeholders (numbers such as -999 for missing ones). Later code
+        # raises an error for such rows.
         return list(rows)
     if left_out:
         listed = shown_list(dict.fromkeys(left_out.values()), LONGEST_NAME)
@@ -574,10 +575,10 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
 def _cells_with_units(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> list[list[str]]:
-    """Return the cells of each column; each cell has the unit that stood after its number.
+    """Return the cells of each column of a table, with the units that stand after their numbers.
 
-    ``lines`` are the line numbers of the rows, and ``cells`` the cells of each column without
-    units.
+    These units have been removed from ``cells``, the cells of each column, and are stored in the
+    sheet. ``lines`` are the line numbers of the rows.
     """
     columns = []
     for column, texts in enumerate(cells):

@@ -51,8 +51,8 @@ class _Start(NamedTuple):
     """Date and time, stated in a file, at which a test was run."""
 
     title: str  # name of the test that began at this time
-    stamp: Timestamp
-    source: str | CitedLine  # text for notes that says where the timestamp is, such as "line 3"
+    stamp: Timestamp  # date, time of day, or both, at which the test began
+    source: str | CitedLine  # what states when the test began, for notes, such as "line 3"
     # header of the column that states when the test began; empty if a line or a name states it
     column: str = ""
 

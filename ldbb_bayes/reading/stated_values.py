@@ -361,8 +361,8 @@ def _is_measured(values: Array) -> bool:
 class _StatedSenses(NamedTuple):
     """Directions of travel, CW and CCW, that a source outside the table states."""
 
-    senses: set[str]
-    source: str | CitedLine
+    senses: set[str]  # stated directions of travel: CW, CCW, both or none
+    source: str | CitedLine  # what states the direction of travel, such as "line 3"
 
 
 def _directions_above(recording: Recording) -> _StatedSenses:

@@ -45,8 +45,8 @@ _EVEN_SHARE = 0.01
 class _StatedAngle(NamedTuple):
     """Angle that a line above a table states, such as the first angle of the readings."""
 
-    value_deg: float
-    line: int | str
+    value_deg: float  # angle that the line states [deg]
+    line: int | str  # number of the line; for a line of another sheet, number and sheet
     quoted: str  # words with which a line above the table states an angle, such as "Start: 0 deg"
 
 

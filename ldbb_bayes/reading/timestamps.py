@@ -72,7 +72,7 @@ class Rank(IntEnum):
 class Timestamp:
     """Date, time of day, or both, that a file states for a test."""
 
-    rank: Rank
+    rank: Rank  #: kind of place in the file that states the timestamp
     text: str  #: the timestamp (date, time of day, or both) as the file writes it
     #: date that the timestamp means if the day stands before the month; None if the timestamp
     #: states no date, or a date that does not exist

@@ -73,7 +73,7 @@ class Trace(NamedTuple):
     angle_deg: Array
     #: the n readings of a test: actual distance between the balls minus radius [µm], shape (n,)
     reading_um: Array
-    direction: str | None  #: direction of travel, CW or CCW; None if unknown
+    direction: str | None  #: direction of travel of the test, CW or CCW; None if unknown
 
 
 class _Log(NamedTuple):

@@ -370,7 +370,10 @@ def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
 
 
 def _angle_unit_of_span(span: float) -> str:
-    """Return deg if the range of the angles is too large for radians, and rad otherwise."""
+    """Return deg if the range of a test's angles is too large for radians, and rad otherwise.
+
+    ``span`` is the range of the angles, in their unknown unit.
+    """
     return "deg" if span > _LARGEST_SPAN_RAD else "rad"
 
 

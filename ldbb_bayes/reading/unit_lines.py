@@ -106,7 +106,7 @@ _NUMBER_AT_END = re.compile(r"\d\s?$")
 _FACTOR_BEHIND = re.compile(r"[^\W\d]\s?[/x×*·]\s?\d[\d.,]*\s*(?:$|[;,|)\]])")
 # Regular expression for a label, such as "Units:", in front of the units of a line.
 _LABEL_IN_FRONT = re.compile(rf"\W*(?:{_WORDS['label']})(?!\w)\s*[-–]?\s*", re.IGNORECASE)
-# Regular expression for a factor in front of a unit.
+# Regular expression for a factor in front of a unit, such as "x 10" in "x 10 µm".
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
 _UNREAD_FACTOR = re.compile(r"(?<!\d)(?<!\d )[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
 _LABEL_WORD = re.compile(r"[^\W\d_]+")

@@ -10,11 +10,12 @@ from ldbb_bayes.reading.words import comparable, scaled_unit
 
 __all__ = ["COMMENT_SIGN", "joined_factors", "row_of_units", "without_comment_sign"]
 
-# Regular expression for the sign with which a line of a text begins if it is a comment.
+# Regular expression for a sign, such as #, with which a line of a file begins if it is a comment.
 COMMENT_SIGN = re.compile(r"^\s*(?:#|%|//)(?=\s|$)")
 # Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
-# Regular expression for a factor in a row of units whose cells are separated by blanks.
+# Regular expression for a factor, such as 0.1 in "0.1 um", in a row of units whose cells are
+# separated by blanks.
 _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
 # Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
 # number, as in "100 mm", the cell is a length and not a unit.
