@@ -21,6 +21,10 @@ _PAIR = re.compile(
     r"(?P<value>[+\-−]?(?:\d+:\d\d(?::\d\d)?(?:[.,]\d+)?|\d+(?:[.,]\d+)?(?:[eE][+\-]?\d+)?)"
     r"|(?<==)[^\W\d][\w\-]*)(?![\d:/])(?:\s?(?P<unit>°|[^\W\d_]+)(?![\w.\[\]()]*\s*[=:]))?"
 )
+# Regular expression for a letter and its number, as in N0010C0.000W.0037, which controllers write.
+_ADDRESS = re.compile(r"(?P<name>[A-Z])\s*(?P<value>[+\-]?(?:\d+\.?\d*|\.\d+))(?P<unit>)")
+# Regular expression for a line of such letters. A line with G or M is a block of a program instead.
+_ADDRESSES = re.compile(r"(?:[A-FH-LN-Z]\s*[+\-]?(?:\d+\.?\d*|\.\d+)\s*){2,}")
 # If fewer lines than this number have the same names, they are not taken for the readings of a
 # circle.
 _FEWEST_LINES = 9
@@ -90,7 +94,8 @@ def _named_numbers(line: str) -> _NamedNumbers:
     numbers = []
     units = []
     words = line
-    for match in _PAIR.finditer(line):
+    pattern = _ADDRESS if _ADDRESSES.fullmatch(line.strip()) else _PAIR
+    for match in pattern.finditer(line):
         unit = unit_named(match["unit"] or "")
         names.append(match["name"])
         numbers.append(match["value"])

@@ -27,6 +27,8 @@ def printout_cases() -> dict[str, FieldCase]:
         **half_cases(),
         **named_number_cases(),
         **letter_cases(),
+        **address_cases(),
+        **quoted_cases(),
     }
 
 
@@ -343,6 +345,60 @@ def letter_cases() -> dict[str, FieldCase]:
     return {
         "letter": FieldCase(kind, "a letter with a telephone number below the table", letter),
         "psql": FieldCase(kind, "tables as psql prints them", printed_tables),
+def address_cases() -> dict[str, FieldCase]:
+    """Return lines of a controller, with a letter before each number."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        angle = circle.angle_deg[k]
+        return [f"N{10 * k + 10:04d}C{angle:.3f}W{circle.reading_um[k] / 1e3:.6f}"]
+
+    case = FieldCase(
+        "letters before numbers",
+        "lines such as N0010C0.000W0.003700",
+        field.texts("%", row, above="(FORCE {F}N PLANE XY)", suffix=".NC"),
+        refusal="a column must hold the angle, or the time, got 'N', 'C', 'W'",
+        step=("--angle-column", "C", "--reading-column", "W", "--unit", "mm"),
+    )
+    return {"addresses": case}
+
+
+def quoted_cases() -> dict[str, FieldCase]:
+    """Return tables that a mail quotes, and a table in the dump of a database."""
+
+    def quoted(circle: Circle, k: int) -> list[object]:
+        angle, reading = field.plain(circle, k)
+        return [f"> {angle} | {reading}"]
+
+    rows = []
+    for number, circle in enumerate(field.TRUTH, start=1):
+        for k in range(len(circle.angle_deg)):
+            angle, reading = field.plain(circle, k)
+            rows.append(f"{len(rows)}\t{number}\t{angle}\t{reading}")
+    tests = [f"{k}\t{circle.force_N:g}" for k, circle in enumerate(field.TRUTH, start=1)]
+    dump = [
+        "-- PostgreSQL database dump",
+        "COPY public.test (id, force_n) FROM stdin;",
+        *tests,
+        "\\.",
+        "COPY public.reading (id, test_id, angle_deg, reading_um) FROM stdin;",
+        *rows,
+        "\\.",
+        "ALTER TABLE ONLY public.reading ADD CONSTRAINT reading_pkey PRIMARY KEY (id);",
+        "",
+    ]
+    return {
+        "quoted_mail": FieldCase(
+            "quoted mails",
+            "a table whose lines begin with >",
+            field.texts("> Angle [deg] | Reading [um]", quoted, above="Hello,", suffix=".txt"),
+        ),
+        "dump_of_tables": FieldCase(
+            "dumps of a database",
+            "a dump of PostgreSQL with a table of tests and one of readings",
+            {"dump.sql": "\n".join(dump).encode()},
+            refusal="force or pressure must be known",
+            step=("--test-column", "test_id", "--forces-N", "100,300,600"),
+        ),
     }
 
 

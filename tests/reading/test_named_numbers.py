@@ -64,3 +64,14 @@ def test_the_layout_reads_the_lines_again(tmp_path: Path) -> None:
     first = lb.import_campaign(path, layout=Layout(forces_N=[36.0]))
     again = lb.import_campaign(path, layout=first.layout.with_given({"forces_N": [36.0]}))
     assert list(again.campaign.tests[0].angle_deg) == list(first.campaign.tests[0].angle_deg)
+
+
+def test_letters_with_numbers_of_a_controller_are_columns(tmp_path: Path) -> None:
+    path = tmp_path / "36N.txt"
+    lines = [
+        f"N{10 * k:04d}C{angle:.3f}W{reading:.4f}" for k, (angle, reading) in enumerate(NUMBERS)
+    ]
+    path.write_text("\n".join(["(C=ANGLE DEG  W=DEVIATION)", *lines, ""]))
+    layout = Layout(columns={"angle": "C", "reading": "W"}, reading_unit="um")
+    (test,) = lb.import_campaign(path, layout=layout).campaign.tests
+    assert (test.angle_deg[1], test.reading_um[1]) == (5.0, pytest.approx(0.1))

@@ -1,0 +1,54 @@
+"""Tables inside other texts: in a mail that quotes them, and in a dump of a database."""
+
+from __future__ import annotations
+
+import re
+
+__all__ = ["with_names_of_dump", "without_quote_marks"]
+
+# Regular expression for the marks that a mail program writes before a quoted line.
+_QUOTE_MARKS = re.compile(r"\s*>[> ]*")
+# A text is regarded as quoted if at least this number of lines, and at least half of all lines that
+# are not empty, begin with quote marks.
+_FEWEST_QUOTED = 10
+# Regular expression for the line of a dump that begins the rows of a table, and for the line that
+# ends them.
+_COPY = re.compile(r"COPY \S+ \((?P<columns>[^)]+)\) FROM stdin;\s*")
+_END_OF_ROWS = re.compile(r"\\\.\s*")
+
+
+def without_quote_marks(text: str) -> str:
+    """Return a text without the marks ``>`` with which a mail quotes the lines of another mail.
+
+    A text in which few lines begin with such a mark is returned unchanged.
+    """
+    lines = text.split("\n")
+    n_filled = sum(bool(line.strip()) for line in lines)
+    n_quoted = sum(_QUOTE_MARKS.match(line) is not None for line in lines)
+    if n_quoted < _FEWEST_QUOTED or 2 * n_quoted < n_filled:
+        return text
+    return "\n".join(_QUOTE_MARKS.sub("", line, count=1) for line in lines)
+
+
+def with_names_of_dump(text: str) -> str:
+    """Return the dump of a PostgreSQL database with the names of columns above each table.
+
+    In a dump, the names stand in the command ``COPY … FROM stdin;`` above the rows. All other
+    commands below the first of these commands become empty lines. Any other text is returned
+    unchanged.
+    """
+    if "FROM stdin;" not in text:
+        return text
+    lines = []
+    has_begun = False
+    is_row = False
+    for line in text.split("\n"):
+        begins = _COPY.fullmatch(line)
+        if begins is not None:
+            has_begun = is_row = True
+            names = [name.strip(' "') for name in begins["columns"].split(",")]
+            lines.append("\t".join(names))
+            continue
+        is_row = is_row and _END_OF_ROWS.fullmatch(line) is None
+        lines.append(line if is_row or not has_begun else "")
+    return "\n".join(lines)
