@@ -345,6 +345,9 @@ def letter_cases() -> dict[str, FieldCase]:
     return {
         "letter": FieldCase(kind, "a letter with a telephone number below the table", letter),
         "psql": FieldCase(kind, "tables as psql prints them", printed_tables),
+    }
+
+
 def address_cases() -> dict[str, FieldCase]:
     """Return lines of a controller, with a letter before each number."""
 
