@@ -27,8 +27,8 @@ __all__ = [
     "wrapped",
 ]
 
-# Largest number of rows of a data frame that are displayed. Of a longer one, only the first and the
-# last rows are displayed.
+# Largest number of rows of a data frame that are displayed. Of a longer data frame, only the first
+# and the last rows are displayed.
 _MOST_ROWS = 60
 # Smallest line width for which tables and texts are laid out [characters]. This width is also used
 # if there is no terminal.

@@ -223,10 +223,10 @@ def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:
     """Return a setting, stated as text with a unit, as a number in the unit of the setting's name.
 
-    For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name does not
-    end with a unit is a ratio: "10 %" is 0.1. For a setting that is a ratio, a text that is not a
-    number with a unit is returned unchanged. A value that is not a text is always returned
-    unchanged.
+    A setting is, for example, the standard deviation of a prior. For direct_mm_per_N, "60 nm/N" is
+    6e-5; for sd_um, "3 µm" is 3. A setting whose name does not end with a unit is a ratio: "10 %"
+    is 0.1. For a setting that is a ratio, a text that is not a number with a unit is returned
+    unchanged. A value that is not a text is always returned unchanged.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ def _as_tuple(tests: Any) -> Any:
     """Return an iterable of tests as a tuple.
 
     Strings, mappings and objects that are not iterable are returned unchanged; they are refused
-    when the field is validated.
+    when the fields of the campaign are checked.
     """
     if isinstance(tests, str | bytes | Mapping):
         return tests
@@ -244,7 +244,8 @@ class Campaign(CampaignFields):
 
         The pilot is the campaign or plan from which a plan is designed. Its machine must have the
         same topology (sequence of axes) as the machine of the plan. If the plan has no pilot,
-        ``adds_to_pilot`` must be false.
+        ``adds_to_pilot`` (whether the pilot's tests belong to the plan as already run) must be
+        false.
         """
         if self.pilot is None:
             require(

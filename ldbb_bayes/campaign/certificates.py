@@ -217,8 +217,8 @@ class CalibrationCertificate(Shown):
         is used, and then a length that is stated together with its nominal value. ``lengths`` holds
         lists of quantities in units of length; the keys say what the quantities are, such as
         ``deviation``. If the certificate describes several bars, the bar with the nominal length
-        ``length_mm`` is used. Raise an `InputError` if no quantity states an error, or if more than
-        one remains.
+        ``length_mm`` is used. Raise an `InputError` if no quantity states an error, or if several
+        such quantities remain.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
         if not candidates and "nominal" in lengths:

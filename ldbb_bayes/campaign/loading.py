@@ -1,4 +1,4 @@
-"""Force of the bar and deflection of the work ball's mount as functions of the pressure."""
+"""Force of the bar and deflection of the work ball's mount, from the regulator's pressure."""
 
 from __future__ import annotations
 

@@ -617,7 +617,10 @@ def _assumption_remarks(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on how the times of the tests are known, from which a fit computes the drift."""
+    """Add a remark on how the times at which the tests were run are known.
+
+    From these times, a fit computes the drift of the bar's length and of the circle's centre.
+    """
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
     span_min = None

@@ -24,8 +24,8 @@ _LARGEST_COLUMNS = 1000
 _SHOWN_NAME = 60
 _ANGLES = ("angle_deg", "angle_rad")
 _READINGS = ("reading_um", "reading_mm")
-# Names of those columns whose value must be the same in all rows of a test. The table has one row
-# for each reading.
+# Names of those columns of a tidy CSV, a table with one row for each reading, whose value must be
+# the same in all rows of a test.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 # Names that the columns of a table with one row for each reading may have.
 _TIDY_COLUMNS = ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS)

@@ -236,7 +236,8 @@ def strict_numbers(
     decimal
         Decimal mark: point or comma.
     """
-    plain = "_" not in "".join(cells)  # Python would read the cell 1_000 as 1000.
+    # Cells with underscores are no numbers, although Python would read 1_000 as 1000.
+    plain = "_" not in "".join(cells)
     if plain and decimal == ".":
         with suppress(ValueError):
             values = np.array([float(cell) for cell in cells])

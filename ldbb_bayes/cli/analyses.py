@@ -55,8 +55,8 @@ def identify(
     The campaign may be a plan (without readings), so that these questions can be answered before
     the experiment. Tables of readings are read in the same way as by the command ``report``.
     """
-    # The import is here and not at the top of the file, because the imported modules take a long
-    # time to load.
+    # The modules that write the texts of this command are imported here, and not at the top of the
+    # file, because they take a long time to load.
     from ldbb_bayes.report import identifiability_text, screens
 
     output.check(
@@ -101,8 +101,8 @@ def identify(
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
     """Return sentences on what was assumed when the campaign's tables were imported."""
-    # The import is here and not at the top of the file, because the imported module takes a long
-    # time to load.
+    # The module for the input of commands is imported here, and not at the top of the file, because
+    # it takes a long time to load.
     from ldbb_bayes.cli.sources import import_parts
 
     return import_parts(source)
@@ -197,8 +197,8 @@ def design(
             f"--{name.replace('_', '-')} must go with --goal, got none. Give for example --goal"
             " C_XXX=5%.",
         )
-    # The import is here and not at the top of the file, because the imported module loads SciPy,
-    # which takes a long time.
+    # The module that writes model files is imported here, and not at the top of the file, because
+    # it loads SciPy, which takes a long time.
     from ldbb_bayes.model.specification import model_to_toml
 
     output.check(

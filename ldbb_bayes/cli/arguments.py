@@ -103,8 +103,8 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
     InputError
         If the files cannot be read, or options and files contradict each other.
     """
-    # The import is here and not at the top of the file, because the imported modules take a long
-    # time to load.
+    # The modules for the input of commands are imported here, and not at the top of the file,
+    # because they take a long time to load.
     from ldbb_bayes.cli.sources import ReportSource
     from ldbb_bayes.reading.file_patterns import matching
 

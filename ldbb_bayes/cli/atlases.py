@@ -57,9 +57,10 @@ def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], fol
 
 
 def _read_frames(entries: list[str], flag: str) -> dict[str, tuple[float, ...]]:
-    """Return the coordinate frame of each joint that the user typed as AXIS=X,Y,Z [mm].
+    """Return the positions of the machine joints' frames that the user typed as AXIS=X,Y,Z [mm].
 
-    The keys are the letters of the joints' axes. ``flag`` names the option in error messages.
+    A frame is the coordinate frame of a joint. The keys are the letters of the joints' axes.
+    ``flag`` names the option in error messages.
     """
     pairs = pairs_in(entries, flag, "AXIS=X,Y,Z")
     points = points_in(pairs.values(), flag)
@@ -87,8 +88,8 @@ def machine(
     of the parameter. It is written with c = cos θ and s = sin θ, where θ is the angle of the bar
     from the first axis of the plane, and with lengths in mm.
     """
-    # The import is here and not at the top of the file, because the imported module takes a long
-    # time to load.
+    # The module that writes the texts of this command is imported here, and not at the top of the
+    # file, because it takes a long time to load.
     from ldbb_bayes.report import machine_text
 
     chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))

@@ -52,8 +52,8 @@ def import_(
     option or in the file of --layout. At a terminal the user is asked for information that the
     tables do not give, such as which of two units readings are in.
     """
-    # The import is here and not at the top of the file, because only this command needs the
-    # imported modules.
+    # The modules that import tables are imported here, and not at the top of the file, because only
+    # the command ``import`` needs them.
     from ldbb_bayes.cli.questions import can_ask, import_with_answers
     from ldbb_bayes.reading.importing import Imported
     from ldbb_bayes.reading.layout import layout_to_toml
@@ -126,8 +126,8 @@ def simulate(
     True values of parameters and noise are drawn at random from the priors unless a TOML file
     states them.
     """
-    # The import is here and not at the top of the file, because the imported module loads SciPy,
-    # which takes a long time.
+    # The module that reads files of true values is imported here, and not at the top of the file,
+    # because it loads SciPy, which takes a long time.
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):

@@ -73,8 +73,8 @@ def find_for_goals(
     InputError
         If a goal, a cost or another option cannot be used.
     """
-    # The import is here and not at the top of the file, because the imported module loads SciPy,
-    # which takes a long time.
+    # The modules that design campaigns are imported here, and not at the top of the file, because
+    # they load SciPy, which takes a long time.
     from ldbb_bayes.analysis.design import Costs
 
     others = dict(settings)
@@ -99,8 +99,8 @@ def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> Goal
     GoalDesignFiles
         If no campaign was found, there is only the file with the result, ``goals.json``.
     """
-    # The import is here and not at the top of the file, because the imported module loads SciPy,
-    # which takes a long time.
+    # The module that writes model files is imported here, and not at the top of the file, because
+    # it loads SciPy, which takes a long time.
     from ldbb_bayes.model.specification import model_to_toml
 
     record = {"schema": 1, "seed": seed, **lb.report.with_words(result)}

@@ -35,8 +35,8 @@ def next_(
     circle is written as a plan, with a sheet for the operator. The evidence and the intervals
     remain valid however often the command is run.
     """
-    # The import is here and not at the top of the file, because the imported module takes a long
-    # time to load.
+    # The modules that write the texts of this command are imported here, and not at the top of the
+    # file, because they take a long time to load.
     from ldbb_bayes.report import next_circle_text, operator_sheet
 
     # Refuse an output folder that holds files of other origin, before anything is computed. Files
@@ -67,8 +67,8 @@ def next_(
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
     """Return sentences on what was assumed when the campaign's tables were imported."""
-    # The import is here and not at the top of the file, because the imported module takes a long
-    # time to load.
+    # The module for the input of commands is imported here, and not at the top of the file, because
+    # it takes a long time to load.
     from ldbb_bayes.cli.sources import import_parts
 
     return import_parts(source)

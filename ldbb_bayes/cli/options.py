@@ -164,7 +164,7 @@ class Group:
         return [self.positional, *parameters]
 
     def take_from(self, typed: dict[str, Any]) -> Any:
-        """Return the argument of the command that is made from the values of the group's options.
+        """Return the argument of a command that is made from the values of this group of options.
 
         ``typed`` holds the values of all options of the command; the keys are the names of the
         options. The values of the options of this group are removed from ``typed``.

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Function that updates a progress bar. Most bars take two arguments: the number of items, such as
+# Function that updates a progress bar. Its arguments are usually two: the number of items, such as
 # fits, that are done, and the number of all items.
 Tell = Callable[..., None]
 # Function that begins a named step of a computation, and returns the function that reports the
@@ -157,7 +157,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
             return None
 
         def tell(done: int, total: int, failed: int = 0) -> None:
-            """Report how many of all items of a computation's present step are done."""
+            """Report how many items of the present step are done, and how many there are in all."""
             weight_done = weight_before[step] + weights[step] * done / max(total, 1)
             update(weight_done / total_weight, step, done, total)
 

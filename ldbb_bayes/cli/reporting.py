@@ -52,8 +52,8 @@ def report(
     the folder of the fit. Exit code 1: the random draws of a fit did not reach the required
     effective sample size; the page then says so at its top.
     """
-    # The import is here and not at the top of the file, because the imported module loads
-    # Matplotlib and fpdf2, which takes a long time.
+    # The module that makes reports is imported here, and not at the top of the file, because it
+    # loads Matplotlib and fpdf2, which takes a long time.
     from ldbb_bayes.cli.report_making import make_report
     from ldbb_bayes.cli.sources import ReportSource
 

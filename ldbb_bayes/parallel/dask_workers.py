@@ -110,7 +110,8 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     """
     refuse_to_nest()
     try:
-        import dask  # imported here, because the library Dask need not be installed
+        # Dask is imported here, and not at the top of the file, because it need not be installed.
+        import dask
         import distributed
     except ImportError as error:
         raise InputError(
@@ -189,7 +190,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     before the cluster is closed. If a worker died, closing may take long; this function waits for
     ten seconds at most.
     """
-    # imported here, because the library Dask need not be installed
+    # Dask is imported here, and not at the top of the file, because it need not be installed.
     from distributed import LocalCluster
 
     try:
