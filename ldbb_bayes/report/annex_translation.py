@@ -227,9 +227,9 @@ class AnnexTranslation:
         return self._translation_by_pattern(text, of_sentences=True)
 
     def _translation_of_whole_text(self, text: str) -> str | None:
-        """Return the translation of a text if the whole text matches a key of the catalogue of translations.
+        """Return the translation of a text if the whole text matches a key of the catalogue.
 
-        The key may have placeholders. A placeholder then stands for text that lies within one
+        The catalogue holds translations. The key may have placeholders. A placeholder then stands for text that lies within one
         sentence. Return None if no key matches.
         """
         entries = self.catalogue.entries
