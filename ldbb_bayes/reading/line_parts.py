@@ -18,8 +18,8 @@ _ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
 # Regular expression for the marks or wide spaces between the segments of a line. Marks before a
 # number are not matched, because the number may be the value of the words before it.
 _SEGMENT_MARK = re.compile(rf"(?:{_ANY_MARK.pattern}|\s{{2,}})+(?!\W*\d)")
-# Regular expressions for a dash, a slash, a bracket and words such as "and", which may stand
-# between two statements of a line. Each of them often stands within a statement, too.
+# Regular expressions for a dash or slash, a colon, a bracket and words such as "and", which may
+# stand between two statements of a line. Each of them often stands within a statement, too.
 _DASH_OR_SLASH = r"\s[-–—/]\s"
 _COLON = r":(?=\s)"
 _BRACKET = r"[()\[\]]"
