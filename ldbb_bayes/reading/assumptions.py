@@ -95,7 +95,10 @@ class AssumptionLog:
             self.cite(place, [reason])
 
     def cite(self, place: str, lines: Iterable[CitedLine]) -> None:
-        """Store the lines that an assumption about a file, sheet or test rests on."""
+        """Store the lines of files that are the reason for an assumption.
+
+        ``place`` is the file, sheet or test about which the assumption is made.
+        """
         self._cited_lines.setdefault(place, []).extend(lines)
 
     def allow_for_unused_texts(self) -> None:

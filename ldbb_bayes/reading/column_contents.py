@@ -89,9 +89,9 @@ def with_condition_that_names_tests(
 
 
 def _names_only(header: str, unit: str, role: str) -> bool:
-    """Return whether a header names a role and nothing else, or has a unit that fits the role.
+    """Return whether a header names a role, such as force, and nothing else.
 
-    ``unit`` is the unit of the column.
+    Further words are accepted if ``unit``, the unit of the column, is a unit of this role.
     """
     name = unit_of(header).name
     if not has_role(name, role):

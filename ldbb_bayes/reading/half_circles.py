@@ -69,8 +69,8 @@ class MeasuredArc:
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
     """Return the arcs of a campaign, with the two half circles of a test joined into one arc.
 
-    In the returned list, the joined arc takes the place of its first half. It bears the name of its
-    first half if its own name would be that of another arc, too.
+    In the returned list, the joined arc takes the place of its first half. If the name of the
+    joined arc is also the name of another arc, it is replaced by the name of the first half.
     """
     remaining = list(arcs)
     joined = []

@@ -181,7 +181,7 @@ def _unit_of_reading(header: str) -> str:
 
 
 def _rows_without_header(sheet: Sheet, block: int) -> _HeaderRows:
-    """Return what is known about the columns of a table without a header: neither names nor units.
+    """Return empty names and empty units for the columns of a table without a header.
 
     ``block`` is the index of the row at which the numbers of the table begin.
     """
@@ -364,7 +364,7 @@ def _is_block(sheet: Sheet, start: int) -> bool:
 
 
 def _middle_row(sheet: Sheet) -> str:
-    """Return a sentence for an error message that shows the row in the middle of a sheet."""
+    """Return a sentence that shows the row in the middle of a sheet, for an error message."""
     if not sheet.rows:
         return ""
     row = sheet.rows[len(sheet.rows) // 2]

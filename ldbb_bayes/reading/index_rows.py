@@ -53,9 +53,10 @@ def with_index_names(sheet: Sheet) -> Sheet:
 
 
 def _count_index_names(row: Row, above: Row, below: Row) -> int:
-    """Return the number of columns of the index that a row names; zero for any other row.
+    """Return how many columns of a table's index a row names; zero for any other row.
 
-    The row must hold nothing but these names. The row ``above`` it must have names in all other
+    The index is the first column of the table, or its first columns, such as the angles. The row
+    must hold nothing but names of these columns. The row ``above`` it must have names in all other
     columns, and the row ``below`` it must have numbers.
     """
     width = len(below.cells)
@@ -69,10 +70,11 @@ def _count_index_names(row: Row, above: Row, below: Row) -> int:
 
 
 def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
-    """Return whether texts may name columns of an index, and are not units below such names.
+    """Return whether texts may name columns of a table's index, and are not units below names.
 
-    ``above`` are the cells above the texts, which are usually empty. If they are not, one of the
-    texts must name angles or times.
+    The index is the first column of the table, or its first columns, such as the angles. ``above``
+    are the cells above the texts, which are usually empty. If they are not, one of the texts must
+    name angles or times.
     """
     if any(unit_named(name) for name in names):
         return False
@@ -81,12 +83,12 @@ def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
 
 
 def _is_level(row: Row, n_index: int, width: int) -> bool:
-    """Return whether a row is a further level of a header, above its lowest level.
+    """Return whether a row is one of several rows of names (levels) that form a header.
 
-    The row must have a name for the first column after the index, and no numbers. A text in the
-    columns of the index is the name of the level; the row must then have names for at least two
-    other columns. ``n_index`` is the number of columns of the index, and ``width`` the number of
-    all columns.
+    The first ``n_index`` columns of the table are its index, such as the angles. The row must have
+    a name for the first column after the index, and no numbers. A text in the columns of the index
+    is the name of the level; the row must then have names for at least two other columns. ``width``
+    is the number of all columns.
     """
     cells = row.cells
     n_names = sum(bool(cell) for cell in cells[n_index:])
@@ -96,10 +98,10 @@ def _is_level(row: Row, n_index: int, width: int) -> bool:
 
 
 def _names_of_level(row: Row, n_index: int, width: int) -> list[str]:
-    """Return the names of all columns in one level of a header.
+    """Return the names of all columns in one of several rows of names that form a header.
 
-    An empty cell gets the name to its left. The names of the ``n_index`` columns of the index are
-    empty. ``width`` is the number of all columns.
+    An empty cell gets the name to its left. The first ``n_index`` columns are the index of the
+    table, such as the angles; their names are empty. ``width`` is the number of all columns.
     """
     filled = [""] * n_index
     for cell in [*row.cells, *[""] * width][n_index:width]:

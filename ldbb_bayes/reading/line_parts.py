@@ -32,11 +32,12 @@ def divide_line(text: str) -> list[str]:
 
 
 def finer_divisions(text: str) -> Iterator[list[str]]:
-    """Yield the parts of a line, divided in several ways at marks that may be within statements.
+    """Yield the parts of a line, divided in seven ways at marks that may be within statements.
 
-    All divisions are at the marks of `divide_line`. The first is also at dashes and slashes between
-    blanks, the next ones at colons, at brackets, and at words such as "and". The last ones are at
-    dashes, slashes and one of the others. Example: ``Force 36 N - positive: bar shorter``.
+    All divisions are at the marks of `divide_line`. The first division is also at dashes and
+    slashes between blanks, the second at colons, the third at brackets, and the fourth at words
+    such as "and". The last three are at dashes and slashes, and also at colons, at brackets, or at
+    words such as "and". An example is ``Force 36 N - positive: bar shorter``.
     """
     others = (_COLON, _BRACKET, _AND)
     for marks in (_DASH_OR_SLASH, *others):

@@ -45,8 +45,9 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
     """Return the rows of a text in which many lines have the same names beside their numbers.
 
     The names become the header, in a row above the first of these lines. Other words in these
-    lines, such as the stamp of a log, become a column of texts. Each other line is a row of one
-    cell. The units of the numbers are returned apart. There are no rows for any other text.
+    lines, such as the date and time of a log, become a column of texts. Each line without these
+    names is a row of one cell. The units of the numbers are not in the rows; they are returned as
+    the second part of the result. Both parts are empty for a text without such lines.
     """
     lines = text.split("\n")
     parts = [_named_numbers(line) for line in lines]
@@ -74,7 +75,11 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
 
 
 def _names_of_most_lines(parts: Sequence[_NamedNumbers]) -> tuple[str, ...]:
-    """Return the names that most lines have; an empty tuple if too few lines have the same."""
+    """Return the names that most lines have beside their numbers.
+
+    The result is an empty tuple if fewer than nine lines have these names. ``parts`` holds the
+    names and numbers of each line.
+    """
     n_lines = Counter(part.names for part in parts if len(part.names) >= 2)
     if not n_lines:
         return ()
@@ -83,7 +88,7 @@ def _names_of_most_lines(parts: Sequence[_NamedNumbers]) -> tuple[str, ...]:
 
 
 def _with_last(cells: Sequence[str], last: str, has_last: bool) -> list[str]:
-    """Return the cells of a row, with the cell ``last`` behind them if ``has_last`` is true."""
+    """Return the cells of a row; the cell ``last`` is added at the end if ``has_last`` is true."""
     return [*cells, last] if has_last else [*cells]
 
 

@@ -278,7 +278,10 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
 
 
 def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
-    """Return the error for a cell whose decimal mark contradicts that of another cell."""
+    """Return the error for a cell whose decimal mark contradicts that of another cell.
+
+    ``place`` is the name of the table, and ``line`` the line of the cell in the file.
+    """
     return InputError(
         f"{place}, line {line}: the decimal mark must be the same in all rows, got"
         f" {cell[:LONGEST_CELL_SHOWN]!r}. Correct it; or give --decimal, if the other stands"

@@ -741,7 +741,11 @@ def _fills_table(row: Row, heading: Heading) -> bool:
 
 
 def _is_remark(row: Row) -> bool:
-    """Return whether a row is a text: it has words and no number, or begins like a telephone."""
+    """Return whether a row is a text, and not a row of a table.
+
+    A text has words and no number, or it begins with a word such as "phone" or "fax", which
+    precedes the number of a telephone or a company.
+    """
     text = " ".join(row.cells)
     if _CONTACT.match(text):
         return True
@@ -1016,14 +1020,15 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 
 
 def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]]) -> list[str]:
-    """Return the headers of the columns that are not used.
+    """Return the headers of the columns of a table that are not used.
 
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
-    the radius, for every test. A column with the header and the cells of a column in use is left
-    out; one with other cells is named with its number. Two columns that together identify the tests
-    also count as used. A column of times may be in the result, although later code may take the
-    start times of the tests from it. ``rows_of_tests`` holds the indices of the rows of each test.
-    ``columns`` is the table of the sheet.
+    the radius, for every test. Two columns that together identify the tests also count as used. An
+    unused column may have the same header as a used column: it is left out if its cells are equal
+    to those of the used column; if not, its number is added to its header. A column of times may be
+    in the result, although later code may take the start times of the tests from it.
+    ``rows_of_tests`` holds the indices of the rows of each test. ``columns`` is the table of the
+    sheet.
     """
     all_columns = range(len(columns.heading.headers))
     used_in_all_tests = {columns.place_of_column(column) for column in all_columns}
@@ -1046,9 +1051,9 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
 
 
 def _namesake(heading: Heading, column: int) -> int | None:
-    """Return the index of a column in use that has the same header as another column, or None.
+    """Return the index of a used column that has the same header as an unused column.
 
-    ``column`` is the index of the other column.
+    ``column`` is the index of the unused column. Return None if no used column has its header.
     """
     for used in (*heading.roles.values(), *heading.readings):
         if used != column and heading.headers[used] == heading.headers[column]:

@@ -174,10 +174,10 @@ def _describes_columns(cells: Sequence[str]) -> bool:
 
 
 def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int:
-    """Return the index of the row below a repeated header, and below its repeated units and rules.
+    """Return the index of the row below a repeated header and its rows of units or dashes.
 
-    These rows are equal to the rows below the first header. ``first_header`` and ``header`` are the
-    indices of the two headers among the rows.
+    Such rows below the header are recognised because they are equal to the rows below the first
+    header. ``first_header`` and ``header`` are the indices of the two headers among the rows.
     """
     n_repeated = 1
     while first_header + n_repeated < header and header + n_repeated < len(rows):
@@ -189,10 +189,10 @@ def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int
 
 
 def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
-    """Return whether the rows below two headers begin with the same cell, such as 0°.
+    """Return whether the numbers below two headers begin with the same cell, such as 0°.
 
-    Rows of units below both headers are passed over. ``first_header`` and ``header`` are the
-    indices of the two headers among the rows.
+    Equal rows of units or dashes below both headers are skipped. ``first_header`` and ``header``
+    are the indices of the two headers among the rows.
     """
     below = _row_below_units(rows, first_header, header)
     below_first = first_header + below - header

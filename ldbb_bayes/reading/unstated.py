@@ -50,7 +50,7 @@ class _Text(NamedTuple):
 
 
 class _TextOutside(NamedTuple):
-    """Line or cell outside a table."""
+    """Line or cell of a file outside the tables of readings, and whether it was used."""
 
     # number of the line that holds the text; for a line of another sheet, a text such as
     # "3 of notes.txt"
