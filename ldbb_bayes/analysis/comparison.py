@@ -10,8 +10,8 @@ share.
 
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
 left out. Here the elpd is the sum, over the tests r, of ln p(y_r | y_−r): the log density of test r
-given all other tests. β are the parameters (compliances, their slopes and geometric errors); φ are
-the hyper-parameters, such as the standard deviation of the noise.
+given all other tests. β are the parameters (compliances, their changes with force, and geometric
+errors); φ are the hyper-parameters, such as the standard deviation of the noise.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ class ComparedModel:
     #: expected log predictive density (elpd), leaving one force out (lofo): sum, over the tests, of
     #: the log density of each test given the other tests [nat]; NaN if no test was left out
     elpd_lofo: Number
-    #: standard error of ``elpd_lofo`` [nat], from the standard deviation of the log densities of
-    #: the tests
+    #: standard error of the expected log predictive density ``elpd_lofo`` [nat], from the standard
+    #: deviation of the log densities of the tests
     elpd_lofo_se: Number
     #: root-mean-square residual [µm] of the posterior mean prediction (Eq. 34 of the article on
     #: which the model is based). The prediction includes the effects of the machine, and the

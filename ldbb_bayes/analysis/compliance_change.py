@@ -39,7 +39,7 @@ class DrawnValue(Result):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the credible interval of a compliance or of its change."""
+        """Lower and upper end of the credible interval of a compliance or its change with force."""
         return self.ci_low, self.ci_high
 
 
@@ -62,7 +62,8 @@ class ChangeWithForce(Result):
     """
 
     unit: str  #: internal unit (mm, N, rad) of a compliance and of its change with force
-    prob: float  #: probability of the credible intervals of a compliance and of its change
+    #: probability of the credible intervals of a compliance and of its change with force
+    prob: float
     smallest_force_N: float  #: smallest force tested, F_min [N]
     reference_force_N: float  #: reference force of the model, F0 [N]
     largest_force_N: float  #: largest force tested, F_max [N]

@@ -98,7 +98,8 @@ class Conformity(Result):
     #: A decision is made if the distance of the estimate from the limit is at least the guard band.
     #: The quantity then conforms if the estimate meets the limit; otherwise it does not conform.
     guard_band: float
-    #: minimum probability of conformance, or of non-conformance, at which a decision is made
+    #: minimum probability of conformance with the tolerance, or of non-conformance, at which a
+    #: decision is made
     confidence: float
     #: decision on conformity of the quantity with its tolerance, by the rules of ISO 14253-1
     decision: Decision

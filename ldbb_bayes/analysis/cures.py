@@ -250,6 +250,6 @@ def at_other_radius(plan: Campaign) -> list[CircularTest]:
 
 
 def _is_incomplete(test: CircularTest) -> bool:
-    """Return whether a test is an arc, or has too few different angles for a full circle."""
+    """Return whether a test is an arc, or has readings at too few angles for a full circle."""
     angles = np.unique(np.round(test.angle_deg % 360.0, _ANGLE_DECIMALS))
     return test.arc_deg < _FULL_CIRCLE_DEG or len(angles) < _FEWEST_ANGLES

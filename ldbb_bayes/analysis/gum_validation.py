@@ -69,7 +69,9 @@ class GumComparison(Result):
     #: estimate y of the parameter by the linear model, in which the hyper-parameters (for example
     #: the standard deviation of the noise) are fixed at their posterior means
     gum_estimate: float
-    gum_u: float  #: standard uncertainty u of ``gum_estimate``, by the GUM's law of propagation
+    #: standard uncertainty u of the parameter's estimate ``gum_estimate``, by the GUM's law of
+    #: propagation
+    gum_u: float
     #: lower endpoint y − k u of the parameter's coverage interval by the GUM's law of propagation
     gum_low: float
     #: upper endpoint y + k u of the parameter's coverage interval by the GUM's law of propagation
@@ -155,12 +157,12 @@ class GumValidation(Result):
 
     @property
     def validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose coverage interval by the GUM agrees with the posterior."""
+        """Names of the parameters whose coverage intervals by GUM and by posterior agree."""
         return tuple(name for name, entry in self.parameters.items() if entry.validated)
 
     @property
     def not_validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose coverage interval by the GUM differs from the posterior."""
+        """Names of the parameters whose coverage intervals by GUM and by posterior do not agree."""
         return tuple(name for name, entry in self.parameters.items() if not entry.validated)
 
 

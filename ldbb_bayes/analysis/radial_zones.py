@@ -24,13 +24,14 @@ class Zone:
     All values are in the unit of the radial deviations.
     """
 
-    #: smallest distance of the path from the centre of its least-squares circle, minus the nominal
-    #: radius
+    #: smallest distance of the machine's tool path from the centre of its least-squares circle,
+    #: minus the nominal radius
     lower: float
-    #: largest distance of the path from the centre of its least-squares circle, minus the nominal
-    #: radius
+    #: largest distance of the machine's tool path from the centre of its least-squares circle,
+    #: minus the nominal radius
     upper: float
-    mean: float  #: radius of the path's least-squares circle minus the nominal radius
+    #: radius of the least-squares circle of the machine's tool path, minus the nominal radius
+    mean: float
 
     @property
     def width(self) -> float:

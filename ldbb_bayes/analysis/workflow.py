@@ -99,7 +99,7 @@ class Workflow(Result):
     ((), (), True)
     """
 
-    campaign: str  #: name of the campaign
+    campaign: str  #: name of the campaign to which the checks of the Bayesian workflow apply
     #: measured range (largest minus smallest reading) of every circle, and its prior predictive
     #: interval; the keys are names of tests
     prior_ranges: dict[str, PriorRange]

@@ -1,4 +1,4 @@
-"""Entry fields of the browser page, and conversion of typed texts to options of a report."""
+"""Entry fields of the browser page, and conversion of typed texts to command-line options."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ class Field(NamedTuple):
     #: Kind of the entry field: text, number, lines (several texts), choice, or file (the name of a
     #: file that the user added).
     kind: str
-    #: Values that the user can choose, each with its description; empty for free text.
+    #: Values that the user can choose in the entry field, each with its description; empty if the
+    #: entry is free text.
     choices: tuple[tuple[str, str], ...] = ()
 
 
@@ -126,7 +127,7 @@ def _entry_field(name: str, group_name: str, field_option: Option) -> Field:
 
 
 def _all_fields() -> dict[str, Field]:
-    """Return all entry fields for options of a report. The keys are the names of the options."""
+    """Return all entry fields for options of ``ldbb-bayes report``; the keys are the options."""
     fields = {}
     for group_name, options in _GROUPS.items():
         for name, field_option in options.items():
@@ -213,8 +214,8 @@ def _typed_number(field_option: Option, flag: str, text: str) -> float:
     """Return the number that the user typed into a field.
 
     A decimal comma is accepted. Raise an `InputError` if the text is no number or has marks between
-    thousands, or if the number is outside the limits of the option that the field sets. ``flag`` is
-    the flag of this option at a terminal, such as ``--radius-mm``.
+    thousands, or if the number is outside the limits of the command-line option that the field
+    sets. ``flag`` is the flag of this option on the command line, such as ``--radius-mm``.
     """
     typed = _type_of_entry(field_option)
     has_thousands = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text) or "_" in text

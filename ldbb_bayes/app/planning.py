@@ -216,7 +216,8 @@ class _PlannedTests(NamedTuple):
     space: Space
     #: Plan of the tests, in the order in which to run them.
     plan: lb.Campaign
-    sliders: Mapping[str, float]  #: Values of the sliders; the keys are the names of the sliders.
+    #: Values of the sliders of the browser page; the keys are the names of the sliders.
+    sliders: Mapping[str, float]
 
 
 @lru_cache(maxsize=32)

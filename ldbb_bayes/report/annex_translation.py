@@ -229,8 +229,9 @@ class AnnexTranslation:
     def _translation_of_whole_text(self, text: str) -> str | None:
         """Return the translation of a text if the whole text matches a key of the catalogue.
 
-        The catalogue holds translations. The key may have placeholders. A placeholder then stands
-        for text that lies within one sentence. Return None if no key matches.
+        The keys of the catalogue are English texts, and its values are translations. A key may have
+        placeholders. A placeholder then stands for text that lies within one sentence. Return None
+        if no key matches.
         """
         entries = self.catalogue.entries
         if text in entries:

@@ -71,7 +71,7 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure is so wide that the list of sentences is placed below it."""
+        """Whether a figure is so wide that its list of sentences is placed below it."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 

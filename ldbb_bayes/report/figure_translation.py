@@ -32,7 +32,7 @@ class _TranslatedFormatter(Formatter):
         return [self._translate(label) for label in self._formatter.format_ticks(values)]
 
     def get_offset(self) -> str:
-        """Return the common factor of the tick labels, such as 1e−5, without translation."""
+        """Return the common factor of an axis's tick labels, such as 1e−5, without translation."""
         return self._formatter.get_offset()
 
     def set_axis(self, axis: Any) -> None:

@@ -26,9 +26,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Finding", "FindingKind", "best_step", "findings_of", "plain_words"]
 
-_MOST_FINDINGS = 3  # largest number of findings that the test certificate names
-# Sheet 1 of the test certificate names a finding if the probability of the finding is at least
-# this value.
+# largest number of findings (things to inspect or to repair) that the test certificate names
+_MOST_FINDINGS = 3
+# Sheet 1 of the test certificate names a finding (something to inspect or to repair) if the
+# probability of the finding is at least this value.
 _LIKELY = 0.9
 _N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
 # force for which the test certificate's sentences state the deflection of an axis [N]
@@ -265,7 +266,7 @@ def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
-    """Yield sentences on what the readings show, and on what they do not show."""
+    """Yield sentences on things to inspect or repair that the readings show, or do not show."""
     words = numbers.words
     findings = findings_of(numbers)
     for finding in findings:

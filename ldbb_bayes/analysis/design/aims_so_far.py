@@ -72,7 +72,8 @@ class GoalSoFar(Result):
     #: therefore the limit, is not known exactly.
     probability: float
     U_next: float  #: expanded uncertainty U of the goal's parameter after the best next circle
-    probability_next: float  #: probability that the goal is met after the best next circle
+    #: probability that the goal for the parameter's uncertainty is met after the best next circle
+    probability_next: float
     #: expanded uncertainty U of the goal's parameter that would remain if the best possible circles
     #: were repeated very many times. If it is above ``limit``, the largest U that the goal permits,
     #: the goal cannot be reached with any number of circles.

@@ -198,8 +198,8 @@ class _EffectBlock(NamedTuple):
     columns, the elements in all other rows are zero.
     """
 
-    # indices, among the reduced readings of all tests, of the n readings in this block of the
-    # design matrix
+    # indices, among the reduced readings (combinations of the readings of a test) of all tests, of
+    # the n reduced readings in this block of the design matrix
     readings: slice
     # indices, among all effects on the readings, of the c effects in this block of the design
     # matrix
@@ -341,7 +341,9 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
 class _EffectColumns(NamedTuple):
     """Changes of n readings per unit of each of c effects, and the variances of these effects."""
 
-    columns: Array  # changes of n reduced readings per unit of each of c effects, shape (n, c)
+    # changes of n reduced readings (combinations of a test's readings) per unit of each of c
+    # effects, shape (n, c)
+    columns: Array
     # variances of the c effects for each of w sets of hyper-parameters, shape (w, c)
     variances: Array
 

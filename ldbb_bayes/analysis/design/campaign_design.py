@@ -140,7 +140,7 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """The recommended tests, the tests to choose from, and the model for the analysis."""
+    """Tests that a design recommends, the tests to choose from, and the model for the analysis."""
 
     tests: tuple[CircularTest, ...]
     space: Space
@@ -577,7 +577,11 @@ def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
 
 
 def _default_criterion(model: HybridModel) -> CriterionName:
-    """Return the name of the default design criterion: ``eig``, or ``d`` for flat priors."""
+    """Return the name of the default design criterion: ``eig``, or ``d`` for flat priors.
+
+    The criterion ``eig`` is the expected information gain; ``d`` is the determinant of the
+    covariance of the parameters.
+    """
     # With flat priors, the information gain ``eig`` is infinite and cannot be optimized.
     return "d" if model.prior.flat else "eig"
 

@@ -47,7 +47,7 @@ class CampaignFamily:
     #: the candidate tests, with all forces, directions of travel, ball angles and radii that the
     #: campaigns of the family may have
     space: Space
-    #: calibration certificates that are bought for every campaign of the family
+    #: calibration certificates that are bought for every campaign of this family of campaigns
     offers: tuple[CertificateOffer, ...]
     goals: Mapping[str, Goal]
     #: possible states of the machine (values of parameters and hyper-parameters) before the
@@ -61,7 +61,7 @@ class CampaignFamily:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model applied to all candidate tests, with the family's calibration certificates."""
+        """The model applied to all candidate tests of a campaign family, with its certificates."""
         bound = bind_tests(
             self.space.model,
             self.space.pilot,
@@ -107,7 +107,7 @@ class CampaignFamily:
 
     @property
     def fewest_circles(self) -> int:
-        """Minimum number of circles in a campaign with the family's ball angles and radii."""
+        """Minimum number of circles in a campaign with all ball angles and radii of its family."""
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         return max(self._least_levels, kinds * len(space.clockings_deg))

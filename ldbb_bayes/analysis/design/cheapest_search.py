@@ -164,7 +164,8 @@ class _Progress:
     forecasts: int = 0
     #: number of circles of the largest campaign whose full forecast missed the goals
     last_failed: int = 0
-    #: whether the search has already estimated the number of circles that the goals need
+    #: whether the search in this family of campaigns has already estimated the number of circles
+    #: that the goals need
     started: bool = False
 
 
@@ -179,7 +180,8 @@ class _QueuedFamily:
     price: float
     #: number of the family in the list of campaign families; decides the order if prices are equal
     position: int
-    progress: _Progress = field(compare=False)  #: progress of the search in the family
+    #: progress of the search in this family of campaigns
+    progress: _Progress = field(compare=False)
 
 
 def find_cheapest(
@@ -356,7 +358,7 @@ class _Search:
         return shares_of_machines(campaign.stated, self._goals)[""]
 
     def _is_met(self, campaign: FoundCampaign) -> bool:
-        """Return whether a campaign reaches all goals on enough of the possible machines."""
+        """Return whether a campaign reaches all uncertainty goals on enough possible machines."""
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:

@@ -6,14 +6,14 @@ on the tests, and on the distribution of the scales of noise and effects before 
 distribution is the posterior given the readings of a pilot (the campaign that a design starts
 from). If there are no readings, it is the prior.
 
-β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (such
-as the standard deviation of the noise). A state is one possible machine: values of φ and β. In
-every state, the size of the noise differs from circle to circle. The analysis of the tests does not
-know the true scales; its posterior of the scales is represented by several draws
-(`believed_scales`). The variance that the analysis states is the mean of the variances given these
-draws, plus the variance of the estimates over these draws. This variance accounts for the condition
-that no compliance is negative. The expected uncertainty is the median of the stated uncertainties
-over all states.
+β are the parameters (compliances, their changes with force, and geometric errors), φ the
+hyper-parameters (such as the standard deviation of the noise). A state is one possible machine:
+values of φ and β. In every state, the size of the noise differs from circle to circle. The analysis
+of the tests does not know the true scales; its posterior of the scales is represented by several
+draws (`believed_scales`). The variance that the analysis states is the mean of the variances given
+these draws, plus the variance of the estimates over these draws. This variance accounts for the
+condition that no compliance is negative. The expected uncertainty is the median of the stated
+uncertainties over all states.
 """
 
 from __future__ import annotations
@@ -310,8 +310,9 @@ def _evidence(
     ``states`` are K possible states of the machine before the tests: values of its parameters and
     hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
     state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
-    tests that have already been run. ``slopes`` holds the names of the slopes, and the root mean
-    square that the slopes are assumed to have if the compliances change with force.
+    tests that have already been run. ``slopes`` holds the names of the slopes (changes of
+    compliances with force), and the root mean square that the slopes are assumed to have if the
+    compliances change with force.
     """
     if not slopes.names:
         return None

@@ -83,7 +83,8 @@ class StatedGoal(Result):
     #: the readings of the campaign that the design starts from, or under the prior if there are no
     #: readings
     U: float
-    #: whether the goal is already met before any further circle is run
+    #: whether the goal for the parameter's uncertainty is already met before any further circle is
+    #: run
     met_by_pilot: bool
 
 
@@ -173,7 +174,8 @@ class GoalDesign(Result):
 
     #: goals for uncertainties; the keys are the names of the parameters
     goals: dict[str, StatedGoal]
-    probability: float  #: minimum share of the possible machines on which all goals are to be met
+    #: minimum share of the possible machines on which all goals for uncertainties are to be met
+    probability: float
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
     #: campaigns that reach the goals, the cheapest first. Goals that are already met, and goals in
     #: ``unreachable``, are left out. Empty if all goals are already met, or if no campaign reaches
@@ -290,7 +292,7 @@ def design_for_goals(
 
 @dataclass
 class _Steps:
-    """Counter of the finished steps of a design for goals. A step is a search or a forecast."""
+    """Counter of the finished steps (searches and forecasts) of a design for uncertainty goals."""
 
     #: function that is called with the number of finished steps (searches and forecasts) and the
     #: number of all steps; None if the progress is not reported
@@ -336,8 +338,9 @@ def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, Sta
         mean = np.asarray(bound.prior_mean)
         sd = np.asarray(bound.prior_sd)
     else:
-        # Gaussian densities of the parameters given the pilot's readings, one for each value of the
-        # hyper-parameters: arrays ``mean`` and ``sd`` of shape (values, p).
+        # Gaussian densities of the parameters given the readings of the pilot (the campaign that
+        # the design starts from), one for each value of the hyper-parameters: arrays ``mean`` and
+        # ``sd`` of shape (values, p).
         after_pilot = states_before(
             space.model, pilot, len(states.phi), space.seed, augment=True
         ).before

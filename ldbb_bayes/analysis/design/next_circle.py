@@ -289,7 +289,7 @@ def _aims_of(
 
 
 def _read_goals(goals: Mapping[str, str | Goal], space: Space) -> dict[str, Goal]:
-    """Read and check goals, and return them with the names of the parameters as keys."""
+    """Read and check goals for uncertainties, and return them with the parameters as keys."""
     if not goals:
         return {}
     return goals_in(space.bound, goals)

@@ -65,11 +65,14 @@ class NearMiss(Result):
     circles, although it is just above the uncertainty that remains after very many circles.
     """
 
-    circles: int  #: number of circles of the largest campaign that the search for the goals tried
+    #: number of circles of the largest campaign that was tried in the search for a campaign that
+    #: reaches the goals
+    circles: int
     #: expanded uncertainty (k = 2) of the goal's parameter, in its unit, that is not exceeded on 90
     #: % of the possible machines if the largest campaign that was tried is run
     likely_U: float
-    #: share of the possible machines on which the largest campaign meets the goal
+    #: share of the possible machines on which the campaign with the largest number of circles
+    #: allowed meets the goal
     probability: float
     #: model term or parameter that would cause the largest share of the variance of the goal's
     #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
@@ -210,7 +213,8 @@ class _LargestSource:
     """The source with the largest share of the variance of a parameter after very many circles."""
 
     name: str  #: source of variance: class name of a model term, or name of a parameter
-    #: share of the variance of a goal's parameter that this source causes after very many circles
+    #: share of the variance of a goal's parameter that this source of uncertainty causes after very
+    #: many circles
     share: float
 
 

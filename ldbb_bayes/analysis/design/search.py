@@ -216,7 +216,7 @@ def _likely_candidates(
 
 @dataclass(frozen=True, eq=False)
 class ExactDesign:
-    """A design with whole numbers of tests, and the best design with fractional numbers."""
+    """A design with whole numbers of tests, and the best design with fractions of tests."""
 
     #: number of tests of each candidate in the design, a whole number, shape (candidates,)
     counts: Array

@@ -42,8 +42,9 @@ _FIRST_CANDIDATES = 32
 # A candidate test whose share (number of runs divided by the number of all runs) is below this
 # number is left out: its share is treated as zero.
 _ZERO_SHARE = 1e-10
-# Before the solver starts, each share is raised to at least this number divided by the number of
-# candidates whose shares are optimized. All shares are then divided by their sum.
+# Before the solver starts, the share of each candidate test in all runs is raised to at least this
+# number divided by the number of candidates whose shares are optimized. All shares are then divided
+# by their sum.
 _STARTING_SHARE = 0.02
 # Value of the loss function (negative design criterion) for the solver SLSQP if tests with the
 # given shares do not determine all parameters.
@@ -256,7 +257,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
         return share.sum() - 1.0
 
     def gradient_of_sum(share: Array) -> Array:
-        """Return the derivatives of the sum of n shares with respect to the shares: n ones."""
+        """Return the derivatives, all one, of the sum of n candidates' shares by each share."""
         return np.ones((1, len(share)))
 
     minimize: Any = optimize.minimize
