@@ -287,12 +287,12 @@ class _TextLayout:
         return head == "unit", head in _ESTIMATE, self._numeric[column]
 
     def _is_constant(self, column: int) -> bool:
-        """Return whether a column has the same value in all rows; false for the column "unit"."""
+        """Return whether a column of the table, other than "unit", has one value in all rows."""
         values = {row[column] for row in self._rows}
         return self._heads[column] != "unit" and len(values) == 1
 
     def _is_too_wide(self) -> bool:
-        """Return whether the columns that stand side by side are too wide for a line of text."""
+        """Return whether the table's columns that stand side by side are too wide for one line."""
         gaps = _GAP * (len(self._columns) - 1)
         return sum(self._column_width(column) for column in self._columns) + gaps > self._width
 

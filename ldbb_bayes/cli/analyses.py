@@ -124,7 +124,7 @@ def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple
 
 
 def _read_model_files(entries: list[str], flag: str) -> dict[str, str]:
-    """Return the model files that the user typed as NAME=FILE.toml; the keys are the names."""
+    """Return the model files typed as NAME=FILE.toml; the keys are the names of the models."""
     return pairs_in(entries, flag, "NAME=FILE.toml")
 
 

@@ -14,7 +14,7 @@ __all__ = ["COST_OPTIONS", "DESIGN_OPTIONS"]
 
 
 def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
-    """Return the campaigns or plans that the user typed as NAME=PATH; the keys are the names."""
+    """Return the campaigns or plans typed as NAME=PATH; the keys are the names that were typed."""
     paths = pairs_in(entries, flag, "NAME=PATH")
     return {name: lb.read_campaign(Path(path)) for name, path in paths.items()}
 

@@ -28,8 +28,8 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-# largest number of campaigns without a fit that the command ``batch`` lists; it lists at most as
-# many campaigns whose fit is doubtful
+# largest number of campaigns that the command ``batch`` lists because their fit failed, and largest
+# number that it lists because their fit is doubtful
 _LISTED = 10
 
 _CAMPAIGNS_HELP = (

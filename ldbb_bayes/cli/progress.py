@@ -152,12 +152,12 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
-        """Report that a step of a computation begins; return the function that reports progress."""
+        """Report that a step of a computation begins; return the function for progress reports."""
         if update is None:
             return None
 
         def tell(done: int, total: int, failed: int = 0) -> None:
-            """Report how many items of the present step are done, and how many there are in all."""
+            """Report how many items of a computation's step are done, and their total number."""
             weight_done = weight_before[step] + weights[step] * done / max(total, 1)
             update(weight_done / total_weight, step, done, total)
 

@@ -93,9 +93,10 @@ def done(
     finished: SimpleQueue[Future[R]] = SimpleQueue()
 
     def submit(attempt: _Attempt[T]) -> None:
-        """Submit an attempt to run a job to the executor.
+        """Submit to the executor one attempt to run a job.
 
-        The future of the attempt is put into the queue ``finished`` when the attempt ends.
+        When the attempt ends, its future (of ``concurrent.futures``) is put into the queue
+        ``finished``.
         """
         future = _submit(partial(_run_in_turn, function, attempt.job), executor)
         in_flight[future] = attempt
