@@ -47,6 +47,8 @@ def without_page_marks(text: str, separator: str) -> TextOfPages:
         Character between the cells.
     """
     lines = text.split("\n")
+    if not any(_PAGE_MARK.search(line[:LONGEST_TEXT]) for line in lines):
+        return TextOfPages(text, 0)
     numbers = [k for k, line in enumerate(lines) if _is_row_of_numbers(line, separator)]
     n_removed = 0
     for k, line in enumerate(lines):

@@ -152,10 +152,13 @@ class _SheetColumns:
         An example is "0.1 µm", the unit of a reading with a factor, in a column of units.
         ``column`` and ``rows`` are the indices of the column and of the rows.
         """
+        cells = self.cells[column]
+        if not self.sheet.cell_units:
+            return [cells[row].strip() for row in rows]
         texts = []
         for row in rows:
             unit = self.sheet.cell_units.get((self.lines[row], column), "")
-            texts.append(f"{self.cells[column][row]} {unit}".strip())
+            texts.append(f"{cells[row]} {unit}".strip())
         return texts
 
     def numbers(self, role: str, column: int) -> Array:
