@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from ldbb_bayes.campaign.preview import resolution_of
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import NOTHING_STATED, AssumptionLog, shown_list
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, with_words
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
 from ldbb_bayes.reading.names import plane_in_name, plane_word_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
 from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
@@ -57,6 +58,11 @@ _ASSUMED = {
     "resolution_um": ("0.24 µm", "--resolution-um"),
     "mount": ("readings compensated for its deflection", "--raw"),
 }
+# Regular expression for words of a line that agree with the usual radius of 150 mm. A diameter does
+# not.
+_USUAL_RADIUS = re.compile(
+    r"(?!.*(?:diam|durchm|[ØøΦ⌀]|\bD\W*\d))\D*(?<![.,])150(?:[.,]0+)?\s*(?:mm)?\W*", re.IGNORECASE
+)
 # Longest list of forces in a note [characters].
 _LIST_SHOWN = 200
 
@@ -405,13 +411,26 @@ def note_assumed_fields(
             continue
         if key in ("radius_mm", "plane") and all(getattr(test, key) for test in tests):
             continue
-        log.add("", key, value, reasons.pop(key, NOTHING_STATED), option)
+        reason = reasons.pop(key, NOTHING_STATED)
+        if key == "radius_mm" and isinstance(reason, CitedLine):
+            reason = _without_doubt(reason)
+        log.add("", key, value, reason, option)
         assumed.append(key)
     for key, reason in reasons.items():
         log.add("", key, "not taken from there", reason, option_for(key))
     if "force_law" not in campaign:
         _note_force_law(tests, log)
     return tuple(assumed)
+
+
+def _without_doubt(reason: CitedLine) -> CitedLine:
+    """Return the note on a line with a length that may be the radius, such as ``R=150``.
+
+    The note does not say that the length is not taken if it agrees with the usual radius.
+    """
+    if _USUAL_RADIUS.fullmatch(reason.quoted):
+        return quoted_line(reason.line, reason.quoted)
+    return reason
 
 
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:

@@ -11,12 +11,12 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.angle_convention import angle_of_axis, says_where_angles_begin
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.programmed_circles import ProgrammedArc, programmed_arcs
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["check_feed_is_whole", "start_at_axis", "start_of_programme"]
+__all__ = ["check_feed_is_whole", "start_at_axis", "start_of_programme", "unread_run_in"]
 
 # Regular expression for a line that says at which axis a circle starts, such as "Start point: Y+".
 _START = re.compile(
@@ -29,6 +29,9 @@ _COORDINATES = re.compile(
     rf"(?:{WORDS['angle_convention']['start']}).*?(?<![A-Za-z])[XYZ]\s*[:=]?\s*[+\-−]?\d",
     re.IGNORECASE,
 )
+# Regular expression for a line, with a number, about a run-in before the circle or a path behind
+# it.
+_RUN_IN = re.compile(rf"(?:{WORDS['angle_convention']['run_in']})\D*\d", re.IGNORECASE)
 # Regular expression for a feed that is stated as a percentage, such as "feed override 50 %".
 _SHARE = re.compile(
     r"(?:override|feed|vorschub|avance|avanzamento)\w*\D*(?:.*\D)?(?P<percent>\d+(?:[.,]\d+)?)\s?%",
@@ -62,6 +65,18 @@ def check_feed_is_whole(recording: Recording) -> None:
                 f"{recording.place}: the feed must be that of the machine, got"
                 f" {content.strip()[:_TEXT_SHOWN]!r} in line {line}. Give --feed-mm-per-min."
             )
+
+
+def unread_run_in(recording: Recording) -> CitedLine | None:
+    """Return a note on the first line that may state a run-in, such as ``Overlap 45 deg``.
+
+    An overlap may lie before the circle or behind it. Return None if there is no such line.
+    ``recording`` holds the rows of the test in its file, and all statements about the test.
+    """
+    for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+        if _RUN_IN.search(content[:LONGEST_TEXT]):
+            return quoted_line(line, content, "not understood", _TEXT_SHOWN)
+    return None
 
 
 def start_at_axis(recording: Recording, plane: str) -> float | None:

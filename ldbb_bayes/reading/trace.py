@@ -23,7 +23,7 @@ from ldbb_bayes.reading.laps import (
     direction_of_travel,
     on_the_circle,
 )
-from ldbb_bayes.reading.log_start import start_at_axis, start_of_programme
+from ldbb_bayes.reading.log_start import start_at_axis, start_of_programme, unread_run_in
 from ldbb_bayes.reading.log_times import times_of_log
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
@@ -320,7 +320,8 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
     """
     value = quantity_of(recording, key)
     if value is None:
-        recording.note(key, "0°", NOTHING_STATED, option_for(key))
+        unread = unread_run_in(recording) if key == "overshoot_deg" else None
+        recording.note(key, "0°", unread or NOTHING_STATED, option_for(key))
         return 0.0
     return value
 

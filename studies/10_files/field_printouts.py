@@ -29,6 +29,7 @@ def printout_cases() -> dict[str, FieldCase]:
         **letter_cases(),
         **address_cases(),
         **quoted_cases(),
+        **run_in_cases(),
     }
 
 
@@ -403,6 +404,30 @@ def quoted_cases() -> dict[str, FieldCase]:
             step=("--test-column", "test_id", "--forces-N", "100,300,600"),
         ),
     }
+
+
+def run_in_cases() -> dict[str, FieldCase]:
+    """Return logs over time whose lines state a run-in."""
+    kind = "run-in of logs over time"
+    rows = np.arange(-9, len(field.ANGLES_DEG))
+
+    def logged(circle: Circle) -> list[str]:
+        lines = []
+        for k in rows:
+            seconds = np.deg2rad(5.0 * (k + 9)) * field.RADIUS_MM / (field.FEED_MM_PER_MIN / 60.0)
+            lines.append(f"{seconds:.5f},{circle.reading_um[k]:.3f}")
+        return lines
+
+    cases = {}
+    lines = ("Einlauf 45 Grad", "run-in: 45 deg", "Anlauf: 45°, Auslauf: 0°", "Overrun 45 deg")
+    for number, line in enumerate(lines):
+        files = {}
+        for circle in field.TRUTH:
+            above = [line, "Feed 2000 mm/min", "Radius 150 mm", "Direction CCW"]
+            content = [*above, "time [s],Reading [um]", *logged(circle), ""]
+            files[f"{circle.force_N:g}N.csv"] = "\n".join(content).encode()
+        cases[f"run_in_{number}"] = FieldCase(kind, f"a line {line!r}", files)
+    return cases
 
 
 def dotted_cases() -> dict[str, FieldCase]:

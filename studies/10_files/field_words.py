@@ -403,13 +403,18 @@ def written_radius_cases() -> dict[str, FieldCase]:
             field.texts(HEADER, above=line),
             circles=of_radius(100.0),
         )
-    unread = ("Ballbar 150", "Radius: 150 000 µm", "Radius: one hundred mm", '{"radius_mm": 150}')
-    for number, line in enumerate(unread):
+    unread = {
+        "Ballbar 150": "'Ballbar 150'",
+        "Radius: 150 000 µm": "Radius: 150 000 µm, not taken",
+        "Radius: one hundred mm": "Radius: one hundred mm, not taken",
+        '{"radius_mm": 150}': "'{\"radius_mm\": 150}'",
+    }
+    for number, (line, note) in enumerate(unread.items()):
         cases[f"radius_unread_{number}"] = FieldCase(
             kind,
             f"a line '{line}'",
             field.texts(HEADER, above=line),
-            told=f"line 1 says {line}, not taken",
+            told=f"line 1 says {note}",
         )
     return cases
 
@@ -645,7 +650,7 @@ def column_cases() -> dict[str, FieldCase]:
             kind,
             f"a column '{header}' of 150",
             with_column(header, "150"),
-            told=f"says {note}, not taken",
+            told=f"says {note!r}",
         )
     cases["blanks_in_cells"] = FieldCase(
         "separators",
