@@ -42,6 +42,8 @@ _ZERO = re.compile(
 )
 # Regular expression for the name of an axis before the angle zero, as in "+Y = 0°".
 _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
+# Regular expression for the name of an axis before a word for "from", as in "+Y軸から".
+_ZERO_BEFORE_FROM = re.compile(_WORDS["zero_before_from"], re.IGNORECASE)
 # Regular expression for words which say that the sense of angles is reversed.
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 # Regular expression for words for the mathematical sense of angles, which is counter-clockwise.
@@ -57,7 +59,10 @@ _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
 # Regular expression for words, such as "begin", for the start of a circle.
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
 # Regular expression for the name of an axis as a separate word, such as +X or x axis.
-_AXIS = re.compile(r"(?<![\w/])[+\-−]?(?:[XYZ][+\-−]?|[xyz](?=[ -]?(?:axis|achse)))(?![\w/])")
+_AXIS = re.compile(
+    r"(?<![\w/])[+\-−]?(?:[XYZ][+\-−]?|[xyz](?=[ -]?(?:axis|achse)))(?![\w/])"
+    r"|(?<![A-Za-z0-9/])[+\-−]?[XYZ](?=[軸轴축])"
+)
 # Regular expression for an axis with the digit 0, as in "theta Y0 cw", which may say that angles
 # begin at this axis.
 _AXIS_ZERO = re.compile(r"(?<![\w/.])[+\-−]?[XYZ]0(?![\w.,/])", re.IGNORECASE)
@@ -374,10 +379,10 @@ def _zero_in(text: str) -> str:
 
     The result is an empty string if the text names no such axis.
     """
-    match = _ZERO.search(text) or _ZERO_BEHIND.search(text)
+    match = _ZERO.search(text) or _ZERO_BEHIND.search(text) or _ZERO_BEFORE_FROM.search(text)
     if match is None:
         return ""
-    signs = {match["sign"], match["behind"] or ""}
+    signs = {match["sign"], match["behind"] or "", match.groupdict().get("negative") or ""}
     if signs <= {"", "+"}:
         return f"+{match['axis'].upper()}"
     return f"-{match['axis'].upper()}"

@@ -160,6 +160,22 @@ def short_zero_cases() -> dict[str, FieldCase]:
             field.texts(f"{header}|Reading [um]", field.turned(90.0, -1), separator="|"),
             told="angle: from +Y, CW",
         )
+    lines = (
+        "角度の基準,+Y軸から時計回り",
+        "角度从+Y轴起顺时针",
+        "각도: +Y축부터 시계방향",
+        "angulo_deg: desde +Y, sentido horario",
+        "Referência angular;eixo +Y, sentido horário",
+        "Vinkel fra +Y, med klokka",
+        "Hoek vanaf +Y, met de klok mee",
+    )
+    for number, line in enumerate(lines):
+        cases[f"zero_in_language_{number}"] = FieldCase(
+            "zero of angles in words",
+            f"a line '{line}'",
+            field.texts(HEADER, field.turned(90.0, -1), above=line),
+            told="angle: from +Y, CW",
+        )
     return cases
 
 

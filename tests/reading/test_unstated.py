@@ -350,3 +350,28 @@ def test_a_part_of_a_line_that_nothing_was_taken_from_is_told(tmp_path: Path) ->
 def test_parts_of_a_line_that_are_used_are_not_told(tmp_path: Path) -> None:
     notes = notes_of(tmp_path, ["Radius 150 mm - clockwise run"])
     assert "texts not used" not in notes
+
+
+@pytest.mark.parametrize(
+    ("line", "convention"),
+    [
+        ("角度の基準,+Y軸から時計回り", "from +Y, CW (line 1)"),
+        ("角度: X軸の負方向から反時計回り", "from -X, CCW (line 1)"),
+        ("角度从+Y轴起顺时针", "from +Y, CW (line 1)"),
+        ("각도: +Y축부터 시계방향", "from +Y, CW (line 1)"),
+        ("angulo_deg: desde +Y, sentido horario", "from +Y, CW (line 1)"),
+        ("Referência angular;eixo -X, sentido horário", "from -X, CW (line 1)"),
+        ("Vinkel fra +Y, mot klokka", "from +Y, CCW (line 1)"),
+        ("Winkel 0° liegt auf -Y, positiv im Uhrzeigersinn", "from -Y, CW (line 1)"),
+    ],
+)
+def test_the_convention_of_angles_is_read_in_many_languages(
+    tmp_path: Path, line: str, convention: str
+) -> None:
+    notes = notes_of(tmp_path, [line])
+    assert notes["angle"] == convention
+
+
+def test_a_sense_of_angles_is_no_direction_of_travel(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["angulo_deg: desde +X, sentido horario"])
+    assert notes["direction"].startswith("not stated")
