@@ -61,8 +61,8 @@ class Degeneracy:
     #: to, or an empty string if the pivot is a parameter.
     term: str
     #: change of each coefficient of the degeneracy, by its name, in internal units (mm, N, rad).
-    #: Together, these changes cancel in every reading. Nuisance coefficients come before
-    #: parameters.
+    #: Together, these changes cancel in every reading. Nuisance coefficients (of effects not of
+    #: interest) come before parameters.
     combination: Mapping[str, float]
     #: parameters of interest that contribute notably to the degeneracy: the effect of each on the
     #: readings is more than 2 % of the largest effect of any coefficient in ``combination``
@@ -70,8 +70,9 @@ class Degeneracy:
     #: internal units (mm, N, rad) of the parameters whose effects cancel in the degeneracy; the
     #: keys are names of parameters
     units: Mapping[str, str]
-    #: whether the model has a term for every nuisance coefficient in ``combination``. If a term is
-    #: missing, its effect is not included in the credible intervals of the parameters.
+    #: whether the model has a term for every nuisance coefficient (of an effect not of interest) in
+    #: ``combination``. If a term is missing, its effect is not included in the credible intervals
+    #: of the parameters.
     modelled: bool
     #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
     #: by a certificate or has been set by the user; false if one of them has its default value

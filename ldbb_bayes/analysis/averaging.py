@@ -360,8 +360,9 @@ def _free_coordinates(beta: Array, phi: Array) -> Array:
     """Return the draws of those parameters β and hyper-parameters φ that are not constant.
 
     A parameter or hyper-parameter is omitted if it has the same value in all draws. ``beta`` holds
-    the draws of β, shape (chains, draws, p), and ``phi`` those of φ, shape (chains, draws, h). The
-    result has the shape (chains, draws, k), where k is at most p + h.
+    the draws of the p parameters β, shape (chains, draws, p), and ``phi`` those of the h
+    hyper-parameters φ, shape (chains, draws, h). The result has the shape (chains, draws, k), where
+    k is at most p + h.
     """
     coordinates = np.concatenate([beta, phi], axis=2)
     return coordinates[:, :, np.ptp(coordinates, axis=(0, 1)) > 0.0]
@@ -392,7 +393,7 @@ def _averaged_prior(
 
 
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
-    """Return the models with their probabilities, for the record of the averaged posterior.
+    """Return the models with their probabilities, for the dictionary in an averaged posterior.
 
     A model is described by its name, the alternative explanations that it includes, its log
     evidence and its posterior probability. Models with the same name differ in these explanations.

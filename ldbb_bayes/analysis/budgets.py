@@ -52,8 +52,8 @@ __all__ = ["Budget", "Contribution", "budget_uncertainty"]
 
 Kind = Literal["A", "B"]
 
-# A nuisance coefficient whose share of a parameter's variance is below this number has no separate
-# line in the uncertainty budget of the parameter.
+# A nuisance coefficient (of an effect not of interest) whose share of a parameter's variance is
+# below this number has no separate line in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
 # The shares of all sources in the variance of a parameter are averaged over at most this number of
 # posterior draws of the hyper-parameters. The draws are evenly spaced among all draws.
@@ -64,9 +64,9 @@ _MOST_AVERAGED = 16
 class Contribution:
     """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
-    #: name of the source of uncertainty: a nuisance coefficient, a kind of noise in the readings,
-    #: ``Parameters`` for the priors of the parameters, or "other …" for all coefficients of one
-    #: model term whose shares are small
+    #: name of the source of uncertainty: a nuisance coefficient (of an effect not of interest), a
+    #: kind of noise in the readings, ``Parameters`` for the priors of the parameters, or "other …"
+    #: for all coefficients of one model term whose shares are small
     source: str
     term: str  #: model term, such as ``Mount``, that the source of uncertainty belongs to
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
@@ -357,11 +357,11 @@ def _average_shares(
 ) -> dict[tuple[str, str], Array]:
     """Return the shares of all sources, averaged over ``count`` draws of the hyper-parameters φ.
 
-    ``phi``, shape (draws, h), are posterior draws of φ; ``covariance``, shape (p, p), is the
-    covariance of the p parameters in units of their prior standard deviations. `Information.shares`
-    states which share of the variances in this covariance each source causes. A key of the result
-    consists of the name of a source and the name of its model term. The value, shape (p,), holds
-    the share of each parameter's variance that the source causes.
+    ``phi``, shape (draws, h), are posterior draws of the h hyper-parameters φ; ``covariance``,
+    shape (p, p), is the covariance of the p parameters in units of their prior standard deviations.
+    `Information.shares` states which share of the variances in this covariance each source causes.
+    A key of the result consists of the name of a source and the name of its model term. The value,
+    shape (p,), holds the share of each parameter's variance that the source causes.
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -438,9 +438,9 @@ def _coefficient_line(key: _SourceKey, portion: _SourceShare, u: float) -> Contr
     information = portion.budget.information
     place = information.interest[portion.row]
     column = information.names.index(key.source)
-    # If the true value of the nuisance coefficient is larger than its prior mean, the estimate of
-    # the parameter has an error. The sign of this error is opposite to the sign of the posterior
-    # covariance of coefficient and parameter.
+    # If the true value of the nuisance coefficient (of an effect not of interest) is larger than
+    # its prior mean, the estimate of the parameter has an error. The sign of this error is opposite
+    # to the sign of the posterior covariance of coefficient and parameter.
     sign = -float(np.sign(portion.budget.covariance[place, column]))
     source_u = float(information.scale[column])
     unit = Term.owner(key.source).unit_of(key.source).inside

@@ -164,7 +164,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     """Return the posterior of one campaign's coefficients, given its hyper-parameters.
 
     Coefficients are the parameters, and the nuisance coefficients that act in several tests.
-    ``phi`` are the hyper-parameters, shape (h,), with lengths in mm.
+    ``phi`` are the h hyper-parameters, shape (h,), with lengths in mm.
     """
     information = information_of(bound, phi)
     # The error of the bar's length is common to both campaigns only if the radius is the same in
@@ -311,7 +311,7 @@ def worst_conflict(
 def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
     """Return the posterior mean of parameters and shared nuisance coefficients, given ``phi``.
 
-    ``phi`` are the hyper-parameters, shape (h,), with lengths in mm. Shared nuisance coefficients
+    ``phi`` are the h hyper-parameters, shape (h,), with lengths in mm. Shared nuisance coefficients
     act in several tests. The means have the order of `information_of`: parameters first.
     """
     _, parameters = bound.given(phi[None])

@@ -253,11 +253,11 @@ class Comparison(Result):
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about the random
     #: differences between circles. The first entry is for the assumption that the models make. The
-    #: last entry is for models without nuisance terms, in which circles differ at random by white
-    #: noise alone. If ``explanations`` is not None, there are other effects, such as a nonlinear
-    #: mount, that change the readings like a change of compliance with force (alternative
-    #: explanations). The second entry is then an average over models with such effects, and the
-    #: third entry is for models without them.
+    #: last entry is for models without nuisance terms (effects not of interest), in which circles
+    #: differ at random by white noise alone. If ``explanations`` is not None, there are other
+    #: effects, such as a nonlinear mount, that change the readings like a change of compliance with
+    #: force (alternative explanations). The second entry is then an average over models with such
+    #: effects, and the third entry is for models without them.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if compliance is constant in all compared models, or if only evidences were computed

@@ -152,7 +152,7 @@ def _compare_one_instrument(
     The posterior of each difference is taken to be normal.
 
     ``bounds`` are the models of the two campaigns. ``phi`` holds, for each campaign, the posterior
-    mean of the hyper-parameters, shape (h,). ``rows`` holds, for each campaign, the matrix that
+    mean of the h hyper-parameters, shape (h,). ``rows`` holds, for each campaign, the matrix that
     maps the p parameters of the campaign to the n compared parameters, shape (n, p). ``levels``,
     shape (2,), are the probabilities below the lower and the upper end of the credible interval of
     each difference.

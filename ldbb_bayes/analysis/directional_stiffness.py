@@ -155,11 +155,14 @@ class PlaneStiffness(Result):
     plane: str
     radius_mm: float  #: radius of the first circle tested in the plane [mm]
     force_N: float  #: force of the bar [N]
-    angle_deg: Numbers  #: angles θ of the bar, shape (n,) [°]
-    compliance: Numbers  #: posterior mean of the compliance along the bar, shape (n,) [mm/N]
-    #: lower ends of the credible intervals of ``compliance``, shape (n,) [mm/N]
+    angle_deg: Numbers  #: n angles θ of the bar, shape (n,) [°]
+    #: posterior mean of the compliance along the bar at n angles of the bar, shape (n,) [mm/N]
+    compliance: Numbers
+    #: lower ends of the credible intervals of ``compliance``, the compliance along the bar at n
+    #: angles, shape (n,) [mm/N]
     compliance_low: Numbers
-    #: upper ends of the credible intervals of ``compliance``, shape (n,) [mm/N]
+    #: upper ends of the credible intervals of ``compliance``, the compliance along the bar at n
+    #: angles, shape (n,) [mm/N]
     compliance_high: Numbers
     least: StatedValue  #: least stiffness along the bar on the circle, k_min
     greatest: StatedValue  #: greatest stiffness along the bar on the circle, k_max

@@ -171,7 +171,7 @@ def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
 
 
 def _trace(test: CircularTest) -> Array:
-    """Return the angles [rad] and readings [µm] of a test, shape (2, n)."""
+    """Return the angles [rad] of the n readings of a test, and the readings [µm], shape (2, n)."""
     return np.array([test.angles_rad(), test.reading_um], dtype=float)
 
 

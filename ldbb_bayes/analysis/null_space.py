@@ -35,7 +35,8 @@ _LEAST_PIVOT_LENGTH = 0.05
 # by the effects of others: singular values below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
 # Number of decimals to which the lengths of the rows of the null space's basis are rounded before
-# they are compared. Rounding errors then do not decide which coefficient becomes a pivot.
+# they are compared. Rounding errors then do not decide which coefficient becomes a pivot (a
+# coefficient whose effect others cancel).
 _LENGTH_DECIMALS = 6
 
 
@@ -163,10 +164,10 @@ class NullSpace:
         """Return a combination in which few coefficients cancel the effect of a target coefficient.
 
         ``target`` is the index of the target coefficient. ``solved``, shape (m,), is the
-        combination in which all other coefficients (the imitators) help to cancel the effect of the
-        target on the readings. The result is the same combination without the imitators that have
-        the smallest effects, if the remaining imitators suffice. Return None if ``solved`` does not
-        cancel the effect of the target.
+        combination of the m coefficients in which all other coefficients (the imitators) help to
+        cancel the effect of the target on the readings. The result is the same combination without
+        the imitators that have the smallest effects, if the remaining imitators suffice. Return
+        None if ``solved`` does not cancel the effect of the target.
         """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]

@@ -210,7 +210,8 @@ def ready_made_terms(bound: BoundModel) -> dict[type[Term], Term]:
 def _ready_made_model(bound: BoundModel) -> HybridModel:
     """Return the ready-made model, such as ``HybridModel.first``, from which a model was made.
 
-    The ready-made model ``paper`` has no nuisances; ``HybridModel.first`` is returned in its place.
+    The ready-made model ``paper`` has no nuisance terms (effects not of interest);
+    ``HybridModel.first`` is returned in its place.
     """
     return _ready_made_model_named(bound.model.preset, bound.model.degree)
 
@@ -228,7 +229,7 @@ def _ready_made_model_named(preset: str, degree: int) -> HybridModel:
 
 
 def term_named(bound: BoundModel, owner: str) -> Term | None:
-    """Return the nuisance term of a model whose class has the name ``owner``.
+    """Return the model term, of an effect not of interest, whose class has the name ``owner``.
 
     Return None if the model ``bound`` has no such term.
     """

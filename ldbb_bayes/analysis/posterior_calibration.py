@@ -141,8 +141,8 @@ class _EnlargedCampaigns(NamedTuple):
     """Settings of all replicates, in which a campaign is enlarged by simulated readings.
 
     ``campaign`` is the measured campaign. ``beta``, shape (replicates, p), and ``phi``, shape
-    (replicates, h), are posterior draws of the parameters and of the hyper-parameters. One draw of
-    both gives the true values of a replicate, from which its readings are simulated. The true
+    (replicates, h), are posterior draws of the p parameters and of the h hyper-parameters. One draw
+    of both gives the true values of a replicate, from which its readings are simulated. The true
     values are ranked among ``draws`` posterior draws of the enlarged campaign.
     """
 

@@ -24,8 +24,8 @@ __all__ = [
 # Type of a function that takes a model and returns a copy of the model with another assumption, for
 # example about the random differences between circles.
 Change = Callable[[HybridModel], HybridModel]
-# Label of the comparison in which all nuisance terms of the models are left out, so that the
-# readings scatter by white noise only, and compliances may be negative.
+# Label of the comparison in which all nuisance terms of the models (effects not of interest) are
+# left out, so that the readings scatter by white noise only, and compliances may be negative.
 WHITE_NOISE = "white noise only, no truncation"
 # Label of the comparison in which the models keep their assumptions about the random differences
 # between circles.
@@ -81,9 +81,9 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     """Return assumptions about the random differences between circles; the keys are labels.
 
     Each assumption is a function that takes a model and returns a changed copy. The first function
-    leaves the model unchanged. The last function leaves out all nuisance terms, so that only white
-    noise remains, and allows negative compliances. Every other function changes one model term; it
-    is omitted if it changes none of ``models``.
+    leaves the model unchanged. The last function leaves out all nuisance terms (effects not of
+    interest), so that only white noise remains, and allows negative compliances. Every other
+    function changes one model term; it is omitted if it changes none of ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -95,7 +95,7 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
 
 
 def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
-    """Return the model's nuisance term of the class ``kind``; None if the model has none."""
+    """Return the nuisance term (effect not of interest) of the class ``kind``, or None."""
     for term in model.nuisances:
         if isinstance(term, kind):
             return term
@@ -130,7 +130,7 @@ def _change_to(alternative: _Alternative) -> Change:
 def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
     """Return a copy of ``model`` with white noise only, in which compliances may be negative.
 
-    All nuisance terms of the model are left out.
+    All nuisance terms of the model (effects not of interest) are left out.
     """
     return model.without("truncation", *(kind.key() for kind in Term.kinds.values()))
 

@@ -89,7 +89,7 @@ class TriedCures:
     def __init__(self, bound: BoundModel, phi: Array) -> None:
         """Store a campaign's model and hyper-parameters, before any remedy is tried.
 
-        ``bound`` is the model of the campaign or plan, and ``phi``, shape (h,), are the
+        ``bound`` is the model of the campaign or plan, and ``phi``, shape (h,), are the h
         hyper-parameters, with lengths in mm.
         """
         self.bound = bound

@@ -107,8 +107,9 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
-    # In the posterior density ``density``, the nuisance coefficients come first and the parameters
-    # last. The weights of the coefficients in each linear combination are put in the same order.
+    # In the posterior density ``density``, the nuisance coefficients (of effects not of interest)
+    # come first and the parameters last. The weights of the coefficients in each linear combination
+    # are put in the same order.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre

@@ -94,10 +94,10 @@ __all__ = [
 # A parameter β is prior-limited if its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this limit. The posterior sd of β is then more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# A nuisance effect biases the least-squares estimate of a parameter. If this bias is below this
-# fraction of the parameter's prior standard deviation, it is only a rounding error and is set to
-# zero. With a flat prior, a typical size of the parameter is used instead of the prior standard
-# deviation.
+# A nuisance effect (modelled, but not of interest) biases the least-squares estimate of a
+# parameter. If this bias is below this fraction of the parameter's prior standard deviation, it is
+# only a rounding error and is set to zero. With a flat prior, a typical size of the parameter is
+# used instead of the prior standard deviation.
 _ROUNDING = 1e-12
 
 
@@ -465,7 +465,7 @@ def _averaged_over_scales(
 
     The quantities are the parameters of ``bound``, and the changes of compliances with force
     (``changes``). The shares of the sources in the variances are computed from ``information``, at
-    the mean of the hyper-parameters. The variances are averaged over the values ``phi`` of the
+    the mean of the hyper-parameters. The variances are averaged over the w values ``phi`` of the h
     hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
     """
     weights = _weights_of_quantities(information, changes)

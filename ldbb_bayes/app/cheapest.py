@@ -1,4 +1,4 @@
-"""Search for the cheapest campaign that reaches the goals typed on the browser page."""
+"""Search for the cheapest campaign that reaches the uncertainty goals typed on the browser page."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ class SearchField(NamedTuple):
 def _search_fields() -> tuple[SearchField, ...]:
     """Return the entry fields for costs, certificates and the probability of meeting the goals.
 
-    The defaults are those of the command ``design``.
+    A goal is an upper limit of a parameter's uncertainty. The defaults are those of the command
+    ``design``.
     """
     costs = Costs()
     fields = []

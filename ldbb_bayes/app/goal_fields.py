@@ -14,12 +14,13 @@ __all__ = ["GOAL_PREFIX", "goal_texts", "with_goals"]
 
 # Beginning of the name of every entry field for a goal; the name of the parameter follows.
 GOAL_PREFIX = "goal_"
-# Number of characters of a goal's text that are read; further characters are ignored.
+# Number of characters that are read of a text typed as a goal for an uncertainty; further
+# characters are ignored.
 _LONGEST_TEXT = 40
 
 
 def goal_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts typed as goals; empty fields are left out.
+    """Return the texts typed as goals for uncertainties; empty fields are left out.
 
     Parameters
     ----------

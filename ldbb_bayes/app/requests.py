@@ -36,7 +36,7 @@ from ldbb_bayes.report.message_translation import in_language
 __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
 LARGEST_SESSION = 4 * 2**26  # largest total size of the files of one browser tab [bytes]
-LARGEST_FORM = 2**17  # largest total size of the entries of a form on the page [bytes]
+LARGEST_FORM = 2**17  # largest total size of the entries of a form on the browser page [bytes]
 _LONGEST_ENTRY = 20_000  # largest length of one entry that a user types on the page [characters]
 _LONGEST_NAME = 120  # largest length of the name of a stored file [bytes]
 # Content security policy (an HTTP header) for the page of a report. With this policy, the browser
@@ -63,7 +63,7 @@ Answer = Callable[[SessionRegistry, Session, Request], Awaitable[Response]]
 
 
 def refused(message: str, status: int) -> Response:
-    """Return an HTTP response for a request that is refused. The page shows the reason.
+    """Return an HTTP response for a request that is refused. The browser page shows the reason.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ async def _show_forecast(registry: SessionRegistry, session: Session, request: R
 
 
 async def _search(registry: SessionRegistry, session: Session, request: Request) -> Response:
-    """Start a search for the cheapest campaign that reaches the goals typed on the page.
+    """Start a search for the cheapest campaign that reaches the uncertainty goals of the user.
 
     The request contains the texts of the entry fields for goals and costs. If a text cannot be
     used, the response states the reason and the name of the entry field.

@@ -1,4 +1,4 @@
-"""A session of the page: one browser tab with its files, its entries and its computations."""
+"""A session of the browser page: one tab with its files, its typed entries and its computations."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Session:
 
     key: str  #: Random text that identifies the session (browser tab) in URL paths.
     folder: Path  #: Folder of the files of the session (browser tab).
-    language: str  #: Language of the page, en or de.
+    language: str  #: Language of the browser page, en or de.
     #: Texts that the user typed on the page; the keys are the names of the entry fields.
     choices: dict[str, str] = field(default_factory=dict)
     #: Names of the entry fields whose texts could not be used when the files were last read.
@@ -45,7 +45,8 @@ class Session:
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)
-    #: Texts of the goals and costs with which the cheapest campaign was last searched for.
+    #: Texts of the goals for uncertainties, and of the costs, with which the cheapest campaign was
+    #: last searched for.
     searched: dict[str, Any] = field(default_factory=dict)
     #: Time of the last request from the session (browser tab), on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
@@ -61,8 +62,8 @@ class Session:
     #: Computation of the fit. Its outcome holds the warnings of the report and the sentence on
     #: whether the results can be used. If the fit is refused, the outcome states the reason.
     fit: Computation = field(init=False)
-    #: Search for the cheapest campaign. Its outcome holds the tables and sentences that the page
-    #: shows. If the search is refused, the outcome states the reason.
+    #: Search for the cheapest campaign. Its outcome holds the tables and sentences that the browser
+    #: page shows. If the search is refused, the outcome states the reason.
     search: Computation = field(init=False)
 
     def __post_init__(self) -> None:

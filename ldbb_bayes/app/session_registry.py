@@ -21,12 +21,13 @@ __all__ = ["SessionRegistry"]
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
 # A page is silent if it has sent no request for this time [s]. The computation of a silent page is
-# stopped if another computation of the same kind is waiting for a page that is not silent.
+# stopped if another computation of the same kind (fit or search) is waiting for a page that is not
+# silent.
 ABANDONED_S = 150.0
 
 
 def _one_of_each_kind() -> dict[str, asyncio.Semaphore]:
-    """Return locks that let one fit and one search run at a time; the keys are the kinds."""
+    """Return locks that let one fit and one search run at a time; the keys are fit and search."""
     return {"fit": asyncio.Semaphore(1), "search": asyncio.Semaphore(1)}
 
 

@@ -255,7 +255,7 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
 
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
-    """Return what the page shows about the form error of one ball: its grade or its sphericity.
+    """Return what the browser page shows about one ball's form error: its grade or sphericity.
 
     ``assumed`` is the form uncertainty that the fit assumes for the ball. ``ball_name`` is work or
     tool. The entry also states whether a calibration certificate states the uncertainty.
@@ -278,7 +278,7 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 
 
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
-    """Return what the page shows about one uncertainty of the instrument: description and ± U.
+    """Return what the browser page shows about one uncertainty of the instrument: text and ± U.
 
     U is twice the prior standard deviation. ``part`` is the part of the instrument. The entry also
     states whether a calibration certificate states the uncertainty.

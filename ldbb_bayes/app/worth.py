@@ -17,7 +17,7 @@ from ldbb_bayes.units import display_name, display_unit, two_digits
 
 __all__ = ["effects_of_certificates", "uncertainty_change"]
 
-# largest number of parameters whose uncertainties the page shows for a new certificate
+# largest number of parameters whose uncertainties the browser page shows for a new certificate
 _MOST_EFFECTS = 4
 # A new certificate reduces the expanded uncertainties U of parameters. The page shows a parameter
 # only if its U is reduced by at least this fraction.

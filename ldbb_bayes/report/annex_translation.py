@@ -36,7 +36,7 @@ _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
 # of a version number, such as ``0.3`` in ``0.3.0``.
 _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\d|\.\d)")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
-# key of the annex's section that lists technical terms in alphabetical order
+# key of the section that lists technical terms in alphabetical order, in the annex of a report
 _GLOSSARY = "glossary"
 # A text that is not in the catalogue of translations is split at one of these separators, and its
 # pieces are translated separately. The separators are tried in this order: those that usually leave

@@ -101,7 +101,7 @@ class Document(Shown):
 
     @property
     def pictures(self) -> Iterator[Picture]:
-        """All figures of the report, in their order on the page."""
+        """All figures of the report, in their order on the HTML page."""
         for block in self._blocks():
             if isinstance(block, Pair):
                 yield block.picture
@@ -418,7 +418,7 @@ def write_report(
 
 
 def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) -> None:
-    """Raise an error if a report without annex is to print the annex, or to compare campaigns."""
+    """Raise an error if a report without annex shall print the annex, or compare campaigns."""
     require(
         not annex,
         "annex (--annex) must not go with sheets_only (--sheets-only), got both. The annex is"

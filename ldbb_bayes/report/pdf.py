@@ -27,9 +27,9 @@ __all__ = ["fit_to_page", "pdf_of"]
 _WIDTH = 182.0  # width of the printed area of an A4 page [mm]
 _LEFT = 14.0  # left margin of an A4 page [mm]
 _TOP = 14.0  # top margin of an A4 page [mm]
-# Lowest position at which the content of a sheet may end [mm from the top of the page]. The space
-# below this position is a reserve, because lines of text are slightly higher if a browser prints
-# the sheet.
+# Lowest position at which the content of a sheet of the test certificate may end [mm from the top
+# of the page]. The space below this position is a reserve, because lines of text are slightly
+# higher if a browser prints the sheet.
 _BOTTOM = 272.0
 # Highest position at which the fields for signatures may begin [mm from the top of the page].
 _SIGNATURES = 256.0
@@ -43,30 +43,32 @@ _BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a lis
 _DPI = 300.0
 _MM_PER_INCH = 25.4
 _LINE_HEIGHT = 0.46  # height of a line of text, divided by the font size [mm per point]
-_INK = 0  # grey level of text on a page, from 0 (black) to 255 (white)
+_INK = 0  # grey level of text on a page of the certificate, from 0 (black) to 255 (white)
 # grey level of notes, captions and names of form fields, from 0 (black) to 255 (white)
 _SOFT_INK = 85
 # grey level of the ruled lines of tables and form fields, from 0 (black) to 255 (white)
 _RULE = 150
 # Grey levels, from 0 (black) to 255 (white), of the background and the text of the certificate's
-# banner. The banner says whether the results can be used; the keys are the kinds of banners.
+# banner. The banner says whether the results can be used; the keys are "usable", "reserved" (with
+# reservations) and "unusable".
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
-# largest number of times that the font size is reduced to make a sheet fit its page
+# largest number of times that the font size is reduced to make a sheet of the test certificate fit
+# its page
 _MOST_ATTEMPTS = 8
 # The height of a text is proportional to this power of the font size. With a larger font, each line
 # is higher, and the text has more lines.
 _POWER_OF_TEXT = 2.0
 # The height of a figure is proportional to this power of the font size.
 _POWER_OF_FIGURES = 1.0
-# Whenever the font size of a sheet is reduced, the new size is chosen to leave this height empty at
-# the bottom of the page [mm]. The sheet then usually fits even if the lines are broken differently
-# than expected.
+# Whenever the font size of a sheet of the test certificate is reduced, the new size is chosen to
+# leave this height empty at the bottom of the page [mm]. The sheet then usually fits even if the
+# lines are broken differently than expected.
 _SPARE_HEIGHT = 1.0
 
 
 def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
-    """Return the bytes of a PDF file with one page per sheet and with embedded fonts.
+    """Return a PDF file as bytes, with one page per certificate sheet and embedded fonts.
 
     Parameters
     ----------
@@ -90,7 +92,7 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 
 
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
-    """Return a copy of a sheet whose font size is small enough for the sheet to fit on one page.
+    """Return a copy of a certificate's sheet with a font so small that it fits on one page.
 
     The font size is reduced at most 8 times. After that, a very long sheet may still exceed its
     page.
@@ -120,7 +122,7 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
 
 
 def _power_of_height(height_ratio: float, size_ratio: float) -> float:
-    """Return the power p with which the height of a sheet depends on the font size.
+    """Return the power p with which the height of a certificate's sheet depends on the font size.
 
     The height is assumed to be proportional to size^p, where size is the font size. The power is
     computed from the last reduction of the font size: ``height_ratio`` is the new height of the
@@ -151,7 +153,7 @@ def _document() -> Iterator[FPDF]:
 
 
 def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
-    """Add a page with a sheet, and return the position at which the sheet ends [mm from the top].
+    """Add a page with a certificate's sheet, and return where the sheet ends [mm from the top].
 
     If ``pictures`` is false, the places of figures are left empty.
     """
@@ -314,7 +316,7 @@ def _draw_field_row(
 
 
 def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
-    """Draw a table with its caption on a page. ``scale`` is the relative font size."""
+    """Draw a table with its caption in the PDF file. ``scale`` is the relative font size."""
     if table.caption:
         _write(pdf, table.caption, 9.0 * scale, bold=True)
         pdf.set_y(pdf.y + 0.8 * scale)
@@ -338,7 +340,7 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
 
 
 def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
-    """Return the widths of a table's columns [mm], which add up to the full width of a sheet.
+    """Return the widths of a table's columns [mm], which add up to the full width of a certificate.
 
     ``rows`` holds the texts of the cells; the first row has the column headings. Each column except
     the first and the last is as wide as its longest text. The first and the last column share the

@@ -132,7 +132,7 @@ def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
 
 
 def _inseparable(circle: StatedQuantity, words: Words) -> str:
-    """Return a sentence on the effects that cannot be separated from a circular deviation.
+    """Return a sentence on the effects that readings cannot separate from a circular deviation.
 
     ``circle`` is the circular deviation. The sentence is empty if there are no such effects.
     """

@@ -467,8 +467,9 @@ _SECTION_WRITERS = (
     method,
     glossary,
 )
-#: Title of every section of the annex, and the function that yields its content. The keys are the
-#: anchors (ids) of the sections, in the order of the page.
+#: Title of every section of the annex (the part of a report after the certificate), and the
+#: function that yields its content. The keys are the anchors (ids) of the sections, in the order of
+#: the page.
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _SECTION_WRITERS
 }

@@ -128,7 +128,7 @@ def _signatures(words: Words) -> Fields:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence that names the model from which the estimates on the sheets come.
+    """Return a sentence that names the model from which the estimates on a certificate come.
 
     If the estimates are averages over models, the sentence states the probability of each model.
     """

@@ -101,7 +101,7 @@ def _passages_of_hybrid_model(model: HybridModel) -> tuple[Passage, ...]:
     """Return a table of a model's terms: effects other than compliances and geometric errors.
 
     Each row has the name and the settings of a term. The caption states the degree of compliance as
-    a function of force, and the kind of the priors.
+    a function of force, and whether the priors are flat.
     """
     prior = "proper"
     if model.prior.flat:

@@ -1194,9 +1194,10 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
 
 
 def _holder_in_words(name: str) -> str:
-    """Return the name, in words, of the source of variance that prevents a goal from being reached.
+    """Return the name, in words, of the source of variance that keeps a goal out of reach.
 
-    The name has a capital first letter, because it begins a sentence.
+    The goal is an upper limit of a parameter's uncertainty. The name has a capital first letter,
+    because it begins a sentence.
     """
     words = _source_in_table(name)
     return words[:1].upper() + words[1:]

@@ -150,7 +150,7 @@ class GoalState:
     aim: UncertaintyAim
 
     def is_met(self) -> Array:
-        """Return whether the goal is met, for each posterior draw of its parameter, shape (n,).
+        """Return whether the goal is met, for each of n posterior draws of its parameter.
 
         A goal limits the expanded uncertainty U of a parameter. Each draw is taken as the true
         value of the parameter, and U is the present uncertainty. The result differs between draws
@@ -202,7 +202,7 @@ def goal_states(
 
     The result also states, for each goal, the standard uncertainty that is needed to meet the goal.
     The keys of the result are the names of the goals' parameters. ``known`` is the posterior given
-    the circles run so far. ``covariance``, shape (K, p, p), are the present covariances of the
+    the circles run so far. ``covariance``, shape (K, p, p), are the present covariances of the p
     parameters at K values of the hyper-parameters. ``confidence`` is the minimum probability at
     which a goal counts as reached.
     """

@@ -133,7 +133,7 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
 
 
 def _matrices_with(axes: Array, values: Array) -> Array:
-    """Return symmetric matrices with given eigenvectors and eigenvalues, shape (K, h, h).
+    """Return K symmetric matrices with given eigenvectors and eigenvalues, shape (K, h, h).
 
     The columns of ``axes``, shape (K, h, h), are the eigenvectors; ``values``, shape (K, h), are
     the eigenvalues.

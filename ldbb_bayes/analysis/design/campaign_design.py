@@ -209,7 +209,7 @@ class Design(Forecast):
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
     #: one row per candidate test. The columns are force_N, those named in `columns`, and
-    #: sensitivity. The sensitivity is the derivative of the criterion with respect to the
+    #: sensitivity. The sensitivity is the derivative of the design criterion with respect to the
     #: candidate's share of all runs. It is computed for the best shares.
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
     #: the recommended tests, the tests that they were chosen from, and the model for the analysis;
@@ -551,9 +551,10 @@ def design(
 
 
 def _refuse_beside_goals(names: Sequence[str]) -> None:
-    """Raise an `InputError` if the caller gave arguments that cannot be combined with goals.
+    """Raise an `InputError` if arguments were given that cannot be combined with goals.
 
-    ``names`` are the names of these arguments. Nothing is raised if ``names`` is empty.
+    Goals are upper limits of uncertainties. ``names`` are the names of these arguments. Nothing is
+    raised if ``names`` is empty.
     """
     require(
         not names,
@@ -707,8 +708,9 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
 def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
     """Return the certificate that states whether the shares of the candidate tests are the best.
 
-    ``optimum`` holds the shares, the sensitivities of the candidates and their bound. The shares
-    are the best if no sensitivity exceeds the bound by more than 0.01 %.
+    ``optimum`` holds the shares, the sensitivities of the candidates (derivatives of the design
+    criterion) and their bound. The shares are the best if no sensitivity exceeds the bound by more
+    than 0.01 %.
     """
     highest = float(optimum.sensitivity.max())
     return Certificate(

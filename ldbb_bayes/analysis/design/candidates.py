@@ -162,8 +162,9 @@ def _tests_by_kind(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((_kind_of(test, direction, uses_radius), test))
     possible += [(_kind_of(test, None, uses_radius), test) for test in compared_tests]
-    # If a dictionary gets a key several times, the last value remains. The list of kinds and tests
-    # is reversed, so that the first test of each kind remains in the dictionary.
+    # If a dictionary gets a key several times, the last value remains. The list of the kinds of
+    # tests (plane, set-up, centre, radius, direction) and of the tests is reversed, so that the
+    # first test of each kind remains in the dictionary.
     return dict(reversed(possible))
 
 

@@ -36,29 +36,31 @@ __all__ = [
 _MOST_CIRCLES = 40
 # Number of circles of a trial campaign in each family. From the family's best campaign of this
 # size, the search estimates how many circles the family needs: it multiplies the number of circles
-# of each candidate test by the smallest factor with which the goals are reached.
+# of each candidate test by the smallest factor with which the goals for uncertainties are reached.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this fraction of the estimated number of circles
-# with which the goals are reached.
+# with which the goals for uncertainties are reached.
 _BEGIN_SHARE = 0.85
 # Number of bisection steps in a search for the factor by which the number of circles of each
-# candidate test in a trial campaign must be multiplied, so that the goals are just reached.
+# candidate test in a trial campaign must be multiplied, so that the goals for uncertainties are
+# just reached.
 _HALVINGS = 10
-# Before a slow, full forecast of a campaign is made, its result is estimated from a quick forecast.
-# The full forecast is made only if ln(u/u*) is at most this number for all goals. u is the estimate
-# of the standard uncertainty; u* is the largest standard uncertainty that the goal permits.
+# Before a slow, full forecast of a campaign is made, its result is estimated from a quick forecast
+# (with known hyper-parameters). The full forecast is made only if ln(u/u*) is at most this number
+# for all goals. u is the estimate of the standard uncertainty; u* is the largest standard
+# uncertainty that the goal permits.
 _NEAR = 0.03
 # Largest number of full forecasts for campaigns with the same pairs of ball angles, radii and
 # certificates.
 _MOST_FORECASTS = 8
-# After the search has found a campaign that reaches the goals, it tries the campaign with one
-# circle fewer. A preliminary forecast with this number of possible machines is fast, and shows
-# whether the full forecast is worthwhile.
+# After the search has found a campaign that reaches the goals for uncertainties, it tries the
+# campaign with one circle fewer. A preliminary forecast with this number of possible machines is
+# fast, and shows whether the full forecast is worthwhile.
 _FEW_MACHINES = 16
 # Limit for the total computing effort of the full forecasts. The effort of a forecast is the square
 # of its number of circles; forecasts of campaigns with the largest number of circles do not count.
-# Once a campaign that reaches the goals has been found, the search ends when the total effort
-# exceeds this limit.
+# Once a campaign that reaches the goals for uncertainties has been found, the search ends when the
+# total effort exceeds this limit.
 _MOST_EFFORT = 700
 
 
@@ -87,14 +89,15 @@ class FoundCampaign:
 
 @dataclass(frozen=True, eq=False)
 class CheapestCampaigns:
-    """Campaigns that reach all goals; if there are none, the campaign that comes nearest."""
+    """Campaigns that reach all uncertainty goals; if none does, the campaign nearest to them."""
 
-    campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: campaign that comes nearest to the goals, if no campaign reaches them. The campaigns of a
-    #: family have the same ball angles, radii and certificates. The largest campaigns of all
-    #: families are compared, and the one that meets all goals on the largest share of the possible
-    #: machines is chosen. None if one of these campaigns reaches the goals, or if no full forecast
-    #: was made.
+    #: the campaigns that reach all goals for uncertainties, the cheapest first
+    campaigns: tuple[FoundCampaign, ...]
+    #: campaign that comes nearest to the goals for uncertainties, if no campaign reaches them. The
+    #: campaigns of a family have the same ball angles, radii and certificates. The largest
+    #: campaigns of all families are compared, and the one that meets all goals on the largest share
+    #: of the possible machines is chosen. None if one of these campaigns reaches the goals, or if
+    #: no full forecast was made.
     nearest: FoundCampaign | None
 
 
@@ -153,16 +156,18 @@ class _Progress:
     #: (candidates,)
     counts: Array
     #: ln(u/v) for the campaign with the largest number of circles allowed. u is the uncertainty of
-    #: a goal's parameter by the full forecast, and v its uncertainty by the quick forecast of the
-    #: same campaign. Zero if u is smaller than v.
+    #: a goal's parameter by the full forecast, and v its uncertainty by the quick forecast (with
+    #: known hyper-parameters) of the same campaign. Zero if u is smaller than v.
     lasting_inflation: float = 0.0
     #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
     #: circles; u is the uncertainty of a goal's parameter in the full forecast, and v its
-    #: uncertainty in the quick forecast. None before the first full forecast.
+    #: uncertainty in the quick forecast (with known hyper-parameters). None before the first full
+    #: forecast.
     inflation: float | None = None
     #: number of campaigns, in one family of campaigns, for which a full forecast was made
     forecasts: int = 0
-    #: number of circles of the largest campaign whose full forecast missed the goals
+    #: number of circles of the largest campaign whose full forecast (with hyper-parameters that the
+    #: analysis must estimate) missed the goals for uncertainties
     last_failed: int = 0
     #: whether the search in this family of campaigns has already estimated the number of circles
     #: that the goals need
@@ -193,7 +198,7 @@ def find_cheapest(
     *,
     on_campaign: Callable[[], object],
 ) -> CheapestCampaigns:
-    """Return the cheapest campaigns that reach all goals, one from each family.
+    """Return the cheapest campaigns that reach all uncertainty goals, one from each family.
 
     If fewer than ``number`` families reach the goals, further campaigns are added. They belong to
     the family of the cheapest campaign, but have more circles.
@@ -234,8 +239,8 @@ def find_cheapest(
         entry = heapq.heappop(queue)
         progress = entry.progress
         # The queue holds the families of campaigns that are still searched. A family goes back into
-        # the queue unless the search has found a campaign of the family that meets the goals, or
-        # has shown that there is none.
+        # the queue unless the search has found a campaign of the family that meets the goals for
+        # uncertainties, or has shown that there is none.
         if not progress.started:
             goes_on = search.start(progress)
         else:
@@ -262,8 +267,8 @@ def _with_more_circles(
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
     They belong to the same family as ``campaign``. They cost more, but are more likely to meet the
-    goals. Campaigns that exceed the longest machine time are left out. ``on_campaign`` is called
-    whenever a campaign is found.
+    goals for uncertainties. Campaigns that exceed the longest machine time are left out.
+    ``on_campaign`` is called whenever a campaign is found.
     """
     longer = []
     for added in range(1, number + 1):
@@ -294,17 +299,19 @@ class _Search:
         self._probability = probability
         # Smallest value, in all families of campaigns searched so far, of the coefficient that is
         # stored as `_Progress.inflation`. It states by how much uncertainties are larger in a full
-        # forecast than in a quick forecast, and is used for a family without a full forecast.
+        # forecast than in a quick forecast (with known hyper-parameters), and is used for a family
+        # without a full forecast.
         self._inflation = np.inf
-        #: whether, with the largest number of circles allowed, all goals are reached in at least
-        #: one family of campaigns (same ball angles, radii and certificates)
+        #: whether, with the largest number of circles allowed, all goals for uncertainties are
+        #: reached in at least one family of campaigns (same ball angles, radii and certificates)
         self.is_reachable = False
-        #: campaign that comes nearest to the goals without reaching them: it meets all goals on a
-        #: larger share of the possible machines than any other. Only the campaign with the largest
-        #: number of circles is considered in each family.
+        #: campaign that comes nearest to the goals for uncertainties without reaching them: it
+        #: meets all goals on a larger share of the possible machines than any other. Only the
+        #: campaign with the largest number of circles is considered in each family.
         self.nearest: FoundCampaign | None = None
-        #: computing effort so far: sum of n² over all full forecasts of campaigns of n circles,
-        #: without the forecasts of the largest campaigns of the families
+        #: computing effort of the search so far: sum of n² over all full forecasts (with unknown
+        #: hyper-parameters) of campaigns of n circles, without the forecasts of the largest
+        #: campaigns of the families
         self.effort = 0
 
     def start(self, progress: _Progress) -> bool:
@@ -347,14 +354,14 @@ class _Search:
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
         """Store a campaign as ``nearest`` if it is better than the campaign stored before.
 
-        The better campaign is the one that reaches all goals on a larger share of the possible
-        machines.
+        The better campaign is the one that reaches all goals for uncertainties on a larger share of
+        the possible machines.
         """
         if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
             self.nearest = campaign
 
     def _share_met(self, campaign: FoundCampaign) -> float:
-        """Return the share of the possible machines on which a campaign reaches all goals."""
+        """Return the share of machines on which a campaign reaches all uncertainty goals."""
         return shares_of_machines(campaign.stated, self._goals)[""]
 
     def _is_met(self, campaign: FoundCampaign) -> bool:
@@ -362,7 +369,7 @@ class _Search:
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
-        """Return a campaign of a family that meets the goals; None if the attempt fails.
+        """Return a campaign of a family that meets the uncertainty goals, or None if this fails.
 
         A family is all campaigns with the same clockings (pairs of ball angles), radii and
         certificates. ``progress`` holds the family and the number of circles to try. The campaign
@@ -395,8 +402,8 @@ class _Search:
         """Return a campaign with its full forecast, and update ``progress``.
 
         The function stores in ``progress`` by which factor the uncertainties of the full forecast
-        exceed those of the quick forecast. ``counts`` is the campaign's number of circles of every
-        candidate test.
+        exceed those of the quick forecast, which takes the hyper-parameters as known. ``counts`` is
+        the campaign's number of circles of every candidate test.
         """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
@@ -405,7 +412,7 @@ class _Search:
         return campaign
 
     def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
-        """Return a campaign that meets the goals with fewer circles than ``campaign``, if possible.
+        """Return ``campaign``, or a campaign with fewer circles that also meets the goals.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
         records how far the search has come in the family of ``campaign``, that is, among the
@@ -430,9 +437,10 @@ class _Search:
     def _store_inflation(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
         """Store by how much the uncertainties of a full forecast exceed those of a quick forecast.
 
-        The ratio of the uncertainties is computed from both forecasts of ``campaign``. The
-        coefficient in the formula for this ratio is stored as ``progress.inflation``. ``counts``
-        holds, for each candidate test, how many of the campaign's circles are runs of this test.
+        The quick forecast takes the hyper-parameters as known. The ratio of the uncertainties is
+        computed from both forecasts of ``campaign``. The coefficient in the formula for this ratio
+        is stored as ``progress.inflation``. ``counts`` holds, for each candidate test, how many of
+        the campaign's circles are runs of this test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)

@@ -172,9 +172,9 @@ class _LogBayesFactorDistribution:
     # ln det C, where C is the posterior covariance of the slopes (changes of compliance with
     # force), for each of K values of the hyper-parameters, shape (K,)
     log_volume: Array
-    # quasi-random samples of a standard normal distribution, shape (K, samples, s − 1). From them,
-    # s − 1 of the s independent components z of the posterior mean of s slopes (changes of
-    # compliance with force) are computed.
+    # quasi-random samples of a standard normal distribution for K values of the hyper-parameters,
+    # shape (K, samples, s − 1). From them, s − 1 of the s independent components z of the posterior
+    # mean of s slopes (changes of compliance with force) are computed.
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:

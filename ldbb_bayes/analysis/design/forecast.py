@@ -184,7 +184,7 @@ class StatedByMachines:
     """Standard uncertainties that analyses of planned tests would state for n possible machines."""
 
     names: tuple[str, ...]  #: names of the p parameters of the model
-    beta: Array  #: parameters of the n possible machines, shape (n, p), in mm, N and rad
+    beta: Array  #: p parameters of each of n possible machines, shape (n, p), in mm, N and rad
     #: standard uncertainties of the p parameters that the analysis would state on each of the n
     #: machines, shape (n, p), in mm, N and rad
     u: Array
@@ -514,10 +514,10 @@ def _draw_posterior_means(
     values. The posterior means for all n values belong to the same readings. They are therefore
     drawn with the same random numbers.
 
-    ``is_possible``, shape (K,), is true for the states that are used. ``covariance``, shape
-    (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are the
-    prior standard deviations. The result has the shape (repetitions, possible states, n, p). All
-    quantities are in internal units (mm, N, rad).
+    ``is_possible``, shape (K,), is true for those of the K states that are used. ``covariance``,
+    shape (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are
+    the prior standard deviations. The result has the shape (repetitions, possible states, n, p).
+    All quantities are in internal units (mm, N, rad).
     """
     covariance = covariance / np.outer(scale, scale)
     prior_mean = states.before.mean[is_possible]

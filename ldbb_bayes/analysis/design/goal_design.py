@@ -99,12 +99,14 @@ class GoalForecast(Result):
     #: expanded uncertainty (k = 2) of the goal's parameter after the campaign that is not exceeded
     #: on 90 % of the possible machines
     likely_U: float
-    probability: float  #: share of the possible machines on which the campaign meets the goal
+    #: share of the possible machines on which the campaign meets the goal for the parameter's
+    #: uncertainty
+    probability: float
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPlan(Result):
-    """A campaign that reaches the goals: its circles, its certificates and its costs."""
+    """A campaign that reaches the uncertainty goals: its circles, certificates and costs."""
 
     #: tests of the campaign, one row per different test: force_N, further settings, and count, the
     #: number of times to run the test
@@ -114,7 +116,8 @@ class GoalPlan(Result):
     minutes: float  #: machine time of the campaign [min]
     #: price of the campaign's machine time and certificates, in the unit of money of `Costs`
     price: float
-    probability: float  #: share of the possible machines on which the campaign meets all goals
+    #: share of the possible machines on which the campaign meets all goals for uncertainties
+    probability: float
     #: forecasts for the goals that the campaign is to reach; the keys are the parameters
     goals: dict[str, GoalForecast]
     #: expected uncertainty of every parameter after the campaign, by name
@@ -152,8 +155,8 @@ class CustomaryPlan(Result):
     name: str  #: kind of the customary campaign, such as "equal steps"
     #: the customary campaign (a campaign as it is usually run), with its costs and forecasts
     customary: GoalPlan
-    #: the campaign that is best for the goals among those with as many circles as the customary
-    #: campaign
+    #: the campaign that comes nearest to the goals for uncertainties, among those with as many
+    #: circles as the customary campaign
     ours: GoalPlan
 
 
@@ -177,9 +180,9 @@ class GoalDesign(Result):
     #: minimum share of the possible machines on which all goals for uncertainties are to be met
     probability: float
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
-    #: campaigns that reach the goals, the cheapest first. Goals that are already met, and goals in
-    #: ``unreachable``, are left out. Empty if all goals are already met, or if no campaign reaches
-    #: the goals, for example because the machine time is too short.
+    #: campaigns that reach the goals for uncertainties, the cheapest first. Goals that are already
+    #: met, and goals in ``unreachable``, are left out. Empty if all goals are already met, or if no
+    #: campaign reaches the goals, for example because the machine time is too short.
     plans: tuple[GoalPlan, ...]
     #: goals that no number of circles can reach with the certificates that the instrument has, each
     #: with the reason; the keys are the names of the parameters
@@ -200,17 +203,17 @@ class GoalDesign(Result):
 
     @property
     def all_met(self) -> bool:
-        """Whether all goals are already met by the campaign from which the design starts."""
+        """Whether all uncertainty goals are met by the campaign that the design starts from."""
         return all(stated.met_by_pilot for stated in self.goals.values())
 
     @property
     def all_reached(self) -> bool:
-        """Whether every goal is already met, or will be met by the cheapest campaign."""
+        """Whether every uncertainty goal is met already, or will be by the cheapest campaign."""
         return self.all_met or bool(self.plans and not self.unreachable)
 
     @property
     def too_long(self) -> bool:
-        """Whether a longer machine time might allow a campaign to reach the goals."""
+        """Whether a longer machine time might allow a campaign to reach the uncertainty goals."""
         is_reachable = len(self.unreachable) < len(self.goals)
         is_limited = self.costs.hours is not None
         return not self.plans and is_reachable and is_limited and not self.near_misses
@@ -340,7 +343,7 @@ def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, Sta
     else:
         # Gaussian densities of the parameters given the readings of the pilot (the campaign that
         # the design starts from), one for each value of the hyper-parameters: arrays ``mean`` and
-        # ``sd`` of shape (values, p).
+        # ``sd`` of shape (values, p) for p parameters.
         after_pilot = states_before(
             space.model, pilot, len(states.phi), space.seed, augment=True
         ).before
@@ -444,9 +447,9 @@ def _near_misses(
     """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
 
     ``nearest`` has the largest number of circles allowed and, of all such campaigns, comes nearest
-    to meeting the goals. A goal is returned if the share of the possible machines on which it is
-    met is below ``probability``. If ``nearest`` meets each goal on enough machines, but not all
-    goals together, all goals are returned.
+    to meeting the goals. A goal is an upper limit of a parameter's uncertainty. It is returned if
+    the share of the possible machines on which it is met is below ``probability``. If ``nearest``
+    meets each goal on enough machines, but not all goals together, all goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]
@@ -465,7 +468,7 @@ def _near_misses(
 def _plans_of(
     campaigns: Sequence[FoundCampaign], goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[GoalPlan, ...]:
-    """Return a plan for every campaign, with its costs and its forecast for every goal.
+    """Return a plan for every campaign, with its costs and its forecast for every uncertainty goal.
 
     ``steps`` reports the progress: one step is counted after each campaign.
     """
@@ -478,7 +481,7 @@ def _plans_of(
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
-    """Return a campaign with its costs and with the forecast for every goal."""
+    """Return a campaign with its costs and with the forecast for every uncertainty goal."""
     family = campaign.family
     shares = shares_of_machines(campaign.stated, goals)
     expected = forecast_plan(family.space.model, campaign.plan).expected

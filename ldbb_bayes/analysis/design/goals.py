@@ -23,7 +23,8 @@ __all__ = ["COVERAGE_FACTOR", "USUAL_PROBABILITY", "Goal", "goals_in"]
 
 # Coverage factor k of the expanded uncertainty U = k u that a goal limits (GUM, 6.3.3).
 COVERAGE_FACTOR = 2.0
-# Share of the possible machines on which all goals are to be met, if the user states no other.
+# Share of the possible machines on which all goals for uncertainties are to be met, if the user
+# states no other share.
 USUAL_PROBABILITY = 0.9
 # Regular expression for a goal in percent of the parameter's value, such as "5 %".
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
@@ -36,7 +37,8 @@ _SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
 class Goal(Result):
     """Largest expanded uncertainty U (k = 2) that a parameter may have: U ≤ limit.
 
-    Exactly one of ``absolute`` and ``share`` is a number; the other is None.
+    Either ``absolute`` states the limit in the parameter's unit, or ``share`` states it as a
+    fraction of the parameter's value; the other one is None.
 
     Examples
     --------

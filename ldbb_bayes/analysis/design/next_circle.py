@@ -124,7 +124,7 @@ class NextCircle(Result):
     goals: dict[str, GoalSoFar]
     #: probability that all goals for uncertainties are already met; 1 if there are none
     goals_probability: float
-    #: decision between constant and linear compliance; None if compliance in the model is constant
+    #: decision between constant and linear compliance; None if compliance is constant in the model
     model: ModelSoFar | None
     model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
     #: decisions whether quantities conform with their tolerances; the keys are the names of the
@@ -230,8 +230,8 @@ def next_circle(
         augment=True,
         seed=seed,
     )
-    # The computation of model evidences takes a long time. Read the goals first, so that an invalid
-    # goal is refused at once.
+    # The computation of model evidences takes a long time. Read the goals for uncertainties first,
+    # so that an invalid goal is refused at once.
     read_goals = _read_goals(goals, space)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)

@@ -138,7 +138,7 @@ class Objective(Shown):
         return np.asarray(self.prior + np.swapaxes(stacked, -1, -2) @ stacked)
 
     def _values(self, precision: Array) -> Array:
-        """Return the criterion Φ for each of n precision matrices, shape (n,).
+        """Return the design criterion Φ for each of n precision matrices, shape (n,).
 
         ``precision`` has the shape (n, p, p) for p parameters. The criterion is −inf where the
         matrix is singular.

@@ -34,7 +34,7 @@ _ALL_CERTIFICATES = "all certificates together"
 
 @dataclass(frozen=True)
 class Obstacle(Result):
-    """Reason why no number of circles reaches a goal, and the certificate that would help most."""
+    """Reason why no number of circles reaches an uncertainty goal, and a helpful certificate."""
 
     #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
     #: circles, in the unit of the parameter
@@ -51,8 +51,8 @@ class Obstacle(Result):
     #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
     #: circles if the instrument had the calibration certificate ``certificate``
     U_with_certificate: float
-    #: whether the goal could be reached if the instrument had the calibration certificate
-    #: ``certificate``
+    #: whether the goal for the parameter's uncertainty could be reached if the instrument had the
+    #: calibration certificate ``certificate``
     reached: bool
 
 

@@ -80,7 +80,8 @@ class QuickForecast:
         """Prepare forecasts for campaigns that consist of the candidate tests of ``objective``.
 
         ``relative_limits``, shape (K, goals), are the largest standard uncertainties that the goals
-        permit, in units of the prior standard deviations of the goals' parameters.
+        permit, in units of the prior standard deviations of the goals' parameters, at K values of
+        the hyper-parameters.
         """
         self._rows = objective.rows
         self._prior = objective.prior
@@ -118,7 +119,7 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Search the campaign of ``circles`` circles that comes closest to the goals.
+        """Search the campaign of ``circles`` circles that comes closest to the uncertainty goals.
 
         Circles are added one by one; each time, the circle is added that makes the distance from
         the goals smallest. Then one circle of each candidate test in the campaign is exchanged for

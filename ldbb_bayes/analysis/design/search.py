@@ -43,10 +43,12 @@ _FEW_CANDIDATES = 64
 # the number of runs of the candidate.
 _TRIED_CANDIDATES = 12
 # At the end of a thorough search, two groups of this size are tried as replacements for each test
-# of a design: the candidates with the largest sensitivities, and random candidates.
+# of a design: the candidates with the largest sensitivities (derivatives of the design criterion),
+# and random candidates.
 _TRIED_AT_THE_END = 128
-# Candidate tests are selected by their average sensitivity over the values of the hyper-parameters.
-# To save time, only one in ``_HYPER_STEP`` values is used for this average.
+# Candidate tests are selected by their sensitivity (derivative of the design criterion with respect
+# to the number of runs), averaged over the values of the hyper-parameters. To save time, only one
+# in ``_HYPER_STEP`` values is used for this average.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The share of a candidate test is its number of runs
 # divided by the number of all runs. The first design has the best shares, rounded to whole numbers
@@ -54,9 +56,9 @@ _HYPER_STEP = 4
 # probabilities in every third of these designs, else with the best shares as probabilities.
 _STARTS = 6
 # Tolerance of the search for the best shares. The share of a candidate test is its number of runs
-# divided by the number of all runs. Its sensitivity is the derivative of the criterion with respect
-# to its share. The search ends when the largest sensitivity exceeds the mean of the sensitivities,
-# weighted by the shares, by at most this fraction of the mean.
+# divided by the number of all runs. Its sensitivity is the derivative of the design criterion with
+# respect to its share. The search ends when the largest sensitivity exceeds the mean of the
+# sensitivities, weighted by the shares, by at most this fraction of the mean.
 _SHARES_TOLERANCE = 1e-5
 # Largest number of restarts of the search from randomly changed designs. There are fewer restarts
 # if their cost would otherwise exceed ``_RESTART_COST``. The cost is the product of the number of
@@ -249,8 +251,8 @@ class Search:
 
         A candidate is a test that could be run. The number of all runs is ``tests``; the share of a
         candidate is its number of runs divided by ``tests``. The sensitivity of a candidate is the
-        derivative of the criterion with respect to its share. The result is computed only once for
-        each number of tests.
+        derivative of the design criterion with respect to its share. The result is computed only
+        once for each number of tests.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)

@@ -46,20 +46,20 @@ _ZERO_SHARE = 1e-10
 # number divided by the number of candidates whose shares are optimized. All shares are then divided
 # by their sum.
 _STARTING_SHARE = 0.02
-# Value of the loss function (negative design criterion) for the solver SLSQP if tests with the
-# given shares do not determine all parameters.
+# Value of the loss function (negative design criterion) for the solver SLSQP if the candidate
+# tests, run in the given shares, do not determine all parameters.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP for the best shares of tests. The first round uses
-# ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most ``_TOLERANCE_PER_EXCESS`` times
-# `Optimum.excess`, which measures how far the shares are from the best shares. No tolerance is
-# smaller than ``_TIGHT_TOLERANCE``.
+# Tolerances of the solver SLSQP for the best shares of the candidate tests in all runs. The first
+# round uses ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most
+# ``_TOLERANCE_PER_EXCESS`` times `Optimum.excess`, which measures how far the shares are from the
+# best shares. No tolerance is smaller than ``_TIGHT_TOLERANCE``.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
 # The best shares of tests are computed in rounds. The last round is the one that makes no progress,
 # even if the tolerance of the result is not reached. A round makes no progress if no candidate can
-# be added and if the criterion increases by at most this fraction of `Optimum.bound`, although the
-# solver has its smallest tolerance.
+# be added and if the design criterion increases by at most this fraction of `Optimum.bound`,
+# although the solver has its smallest tolerance.
 _NO_GAIN = 1e-13
 
 
@@ -102,8 +102,8 @@ class Optimum(Shown):
     #: derivative of the design criterion with respect to the number of tests of each candidate
     #: test, times the number of all tests, shape (candidates,)
     sensitivity: Array
-    #: mean of ``sensitivity`` weighted by ``share``; if the shares are the best, no sensitivity
-    #: exceeds this mean
+    #: mean of the derivatives ``sensitivity`` of the design criterion, weighted by ``share``; if
+    #: the shares are the best, no derivative exceeds this mean
     bound: float
 
     @property
@@ -119,7 +119,7 @@ class Optimum(Shown):
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Return the criterion and the sensitivities of given shares of N tests.
+    """Return the design criterion and the sensitivities of given shares of N tests.
 
     A candidate is a test that could be run, once or several times. Its share is its number of runs
     divided by N, the number of all runs.
@@ -147,14 +147,15 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """Return the shares (fractions) of N tests among candidates that maximise the criterion.
+    """Return the shares (fractions) of N tests among candidates with the largest criterion Φ.
 
-    A candidate is a test that could be run, once or several times. Its sensitivity is N times the
-    derivative of the criterion with respect to its number of tests. The bound is the mean of the
-    sensitivities, weighted by the shares. The algorithm optimizes the shares of a few active
-    candidates, then adds candidates whose sensitivity exceeds the bound. These two steps are
-    repeated, at most 400 times. They end when the largest sensitivity exceeds the bound by no more
-    than the relative tolerance, or when the criterion no longer increases.
+    The criterion Φ is the figure of merit of a design. A candidate is a test that could be run,
+    once or several times. Its sensitivity is N times the derivative of the criterion with respect
+    to its number of tests. The bound is the mean of the sensitivities, weighted by the shares. The
+    algorithm optimizes the shares of a few active candidates, then adds candidates whose
+    sensitivity exceeds the bound. These two steps are repeated, at most 400 times. They end when
+    the largest sensitivity exceeds the bound by no more than the relative tolerance, or when the
+    criterion no longer increases.
 
     Parameters
     ----------
@@ -231,11 +232,11 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
     """Return the shares of a few candidates that maximise the criterion, shape (candidates,).
 
-    ``objective`` gives the criterion as a function of the numbers of tests of these candidates,
-    and ``tests`` is the number of all tests. Shares are not negative and sum to one. The solver
-    SLSQP starts from the shares ``start``, shape (candidates,). For the solver, the criterion is
-    divided by a typical value of its derivatives with respect to the shares; ``tolerance`` is the
-    solver's tolerance for this ratio.
+    ``objective`` gives the design criterion as a function of the numbers of tests of these
+    candidates, and ``tests`` is the number of all tests. Shares are not negative and sum to one.
+    The solver SLSQP starts from the shares ``start``, shape (candidates,). For the solver, the
+    criterion is divided by a typical value of its derivatives with respect to the shares;
+    ``tolerance`` is the solver's tolerance for this ratio.
     """
     n = objective.candidates
     if n == 1:
