@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.cited_lines import quoted_line
+from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
 from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.companion_files import (
     holds_temperatures,
@@ -247,6 +247,11 @@ def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
         reason = "the table goes on below them"
         remedy = "a file for each table, if there are several"
         log.add(sheet.place, "repeated headers", headers, reason, remedy)
+    if sheet.line_of_angles:
+        value = "the table is turned: its rows are read as columns"
+        reason = CitedLine(f"line {sheet.line_of_angles} holds the angles", sheet.line_of_angles)
+        remedy = "a column for each circle"
+        log.add(sheet.place, "table on its side", value, reason, remedy)
     if sheet.factor:
         remedy = "write the numbers without a factor (format long g)"
         value = f"{float(sheet.factor):g} in all columns"

@@ -31,6 +31,7 @@ from ldbb_bayes.reading.page_marks import without_page_marks
 from ldbb_bayes.reading.quoted_texts import with_names_of_dump, without_quote_marks
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import split_tables
+from ldbb_bayes.reading.transposed_tables import with_circles_in_columns
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
 
 __all__ = ["read_sheets"]
@@ -133,7 +134,8 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
 
 def _tables_below_each_other(sheet: Sheet) -> list[Sheet]:
     """Return the tables that stand below each other in a sheet, each as a separate sheet."""
-    return split_tables(with_loads_between(with_index_names(sheet)))
+    upright = with_circles_in_columns(sheet)
+    return split_tables(with_loads_between(with_index_names(upright)))
 
 
 def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:

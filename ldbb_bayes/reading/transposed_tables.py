@@ -1,19 +1,27 @@
-"""Tables with one row for each circle, and with the angles in a row instead of a column."""
+"""Tables with one row for each circle, and with the angles in a row instead of a column.
+
+If the rows name the angle and the loads, the table is read; for any other such table, an error
+says how to turn it.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.numerals import number_in_text
+from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.names import load_in_name
+from ldbb_bayes.reading.numerals import looks_like_number, number_in_text
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.results import Array
 
-__all__ = ["check_not_transposed"]
+__all__ = ["check_not_transposed", "with_circles_in_columns"]
 
 # Regular expression for an angle in a row of angles: 5, 5°, 5 deg or a005.
 _ANGLE = re.compile(
@@ -27,6 +35,90 @@ _FEWEST_ANGLES = 18
 _RANGES = ((180.0, 405.0), (3.0, 6.4))
 # Angles are evenly spaced if their steps agree within this fraction of a step.
 _EVEN_SHARE = 0.02
+
+
+def with_circles_in_columns(sheet: Sheet) -> Sheet:
+    """Return a sheet in which each circle has a column, if each circle had a row in the file.
+
+    The first cell of a row must name the angle, and the other cells of this row must be angles over
+    at least half a circle. There must be several rows below, and each of them must begin with its
+    load, such as ``36 N``. These rows become columns with their loads as headers; the lines above
+    them are not changed. Any other sheet is returned unchanged.
+
+    Raises
+    ------
+    InputError
+        If a row of angles begins with the name of the angle, but a row below it does not begin with
+        a load, and the first cells of these rows are no angles either.
+    """
+    for k, row in enumerate(sheet.rows[:LONGEST_OVERVIEW]):
+        if not _names_row_of_angles(row.cells):
+            continue
+        rows_below = sheet.rows[k + 1 :]
+        labels = [sheet.cells_as_written(below)[0] for below in rows_below]
+        if len(labels) > 1 and all(_is_load(label) for label in labels):
+            return _with_rows_as_columns(sheet, k, labels)
+        if not _cover_a_circle(_angles_in(labels)):
+            check_not_transposed(sheet)
+    return sheet
+
+
+def _names_row_of_angles(cells: Sequence[str]) -> bool:
+    """Return whether a row holds the name of the angle, and then only the angles of a circle."""
+    if not cells or not has_role(unit_of(cells[0]).name, "angle"):
+        return False
+    angles = _angles_in(cells[1:])
+    return len(angles) == len(cells) - 1 and _cover_a_circle(angles)
+
+
+def _is_load(label: str) -> bool:
+    """Return whether the label of a row states a load with its unit, such as ``36 N``."""
+    return not looks_like_number(label) and load_in_name([label]) is not None
+
+
+def _with_rows_as_columns(sheet: Sheet, first: int, labels: Sequence[str]) -> Sheet:
+    """Return a sheet in which the rows of the table are its columns.
+
+    The line number of each new row is that of the row of angles plus the index of the angle,
+    counted from 1. ``first`` is the index of the row of angles, and ``labels`` are the first cells
+    of the rows below it.
+    """
+    turned = sheet.rows[first:]
+    line = turned[0].line
+    width = len(turned[0].cells)
+    rows = [Row(line, [turned[0].cells[0], *labels])]
+    for column in range(1, width):
+        cells = [row.cells[column] if column < len(row.cells) else "" for row in turned]
+        rows.append(Row(line + column, cells))
+    return replace(
+        sheet,
+        rows=[*sheet.rows[:first], *rows],
+        cell_units=_turned_units(sheet.cell_units, turned),
+        format_units=_turned_units(sheet.format_units, turned),
+        formulas_without_value=_turned_units(
+            dict.fromkeys(sheet.formulas_without_value, ""), turned
+        ),
+        line_of_angles=line,
+    )
+
+
+def _turned_units(
+    units: Mapping[tuple[int, int], str], turned: Sequence[Row]
+) -> dict[tuple[int, int], str]:
+    """Return the units of cells for a table whose rows become columns.
+
+    The keys of ``units`` are line numbers and indices of columns. ``turned`` are the rows of the
+    table; their first cells become headers, which keep their units as text.
+    """
+    first_line = turned[0].line
+    columns = {row.line: k for k, row in enumerate(turned)}
+    turned_units = {}
+    for (line, column), unit in units.items():
+        if line not in columns:
+            turned_units[line, column] = unit
+        elif column > 0:
+            turned_units[first_line + column, columns[line]] = unit
+    return turned_units
 
 
 def check_not_transposed(sheet: Sheet) -> None:

@@ -162,6 +162,19 @@ def wide_cases() -> dict[str, FieldCase]:
             refusal="Transpose the table: the angles in a column 'Angle [deg]'",
             mended=mended,
         )
+    for name, labels in {
+        "loads": ("100 N", "300 N", "600 N"),
+        "words": ("力 100 N", "力 300 N", "力 600 N"),
+    }.items():
+        rows = [f"角度 (°);{angles}"]
+        for label, circle in zip(labels, TRUTH, strict=True):
+            rows.append(";".join([label, *(f"{reading:.3f}" for reading in circle.reading_um)]))
+        cases[f"on_its_side_{name}"] = FieldCase(
+            "transposed tables",
+            f"a row for each circle that begins with its load, as in {labels[0]!r}",
+            {"all.csv": "\n".join(["单位: μm", *rows, ""]).encode()},
+            told="table on its side: the table is turned: its rows are read as columns (line 2",
+        )
     lines = (
         ";K1;K2;K3\nKraft [daN];10;30;60\nEbene;XY;XY;XY\nBahn;G3;G3;G3",
         "Ebene;XY;XY;XY\nDirection;CCW;CCW;CCW\nForce;100 N;300 N;600 N",
