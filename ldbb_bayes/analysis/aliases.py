@@ -26,8 +26,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Degeneracy", "degeneracies"]
 
-# Largest number of angles per test at which the effects of coefficients on the readings are
-# computed. This number suffices, because no effect has more than 12 waves per turn.
+# Largest number of angles per test at which the effects of the model's coefficients on the readings
+# are computed. This number suffices, because no effect has more than 12 waves per turn.
 _MOST_ANGLES = 240
 # Two angles of readings [rad] count as equal if they are equal after rounding to this number of
 # decimals.
@@ -208,7 +208,7 @@ def _describe_degeneracy(
 
 
 def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
-    """Return indices of coefficients, sorted by effect on the readings, the largest effect first.
+    """Return indices of model coefficients, sorted by effect on the readings, largest first.
 
     ``indices`` are the indices to sort. ``effect`` holds, for every coefficient, its largest effect
     on any reading.

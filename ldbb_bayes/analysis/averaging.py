@@ -295,7 +295,7 @@ def _draw_posteriors(
 def _draw_priors(
     weighted: _WeightedModels, draws: int, rng: np.random.Generator
 ) -> list[ModelDraws]:
-    """Return random draws from the prior of each model, the same number for every model.
+    """Return random draws from the prior of each averaged model, the same number for every model.
 
     ``weighted`` holds the models. ``draws`` is the number of draws from all models together; it is
     rounded up to a multiple of the number of models.

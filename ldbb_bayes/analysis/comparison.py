@@ -283,7 +283,8 @@ class Comparison(Result):
     #: assumption.
     tolerance: float
     #: largest error of any log evidence [nat], except of the rough log evidences with assumptions
-    #: that the readings clearly reject (see ``tolerance``)
+    #: about the random differences between circles that the readings clearly reject (see
+    #: ``tolerance``)
     largest_error: Finite
     #: number of model evidences whose error is infinite, because the weights of their quadrature
     #: are not reliable. The field keeps a name from an older version, because programs read this
@@ -331,7 +332,7 @@ class Comparison(Result):
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return by how much an assumption changes the log evidence [nat].
+        """Return by how much an assumption about circles changes the log evidence [nat].
 
         The assumption is about the random differences between circles. It is compared with the
         assumption that the models make. Under each assumption, there are two log evidences, one for
@@ -450,7 +451,8 @@ class _ComparisonPlan:
     leaves_tests_out: bool
     #: whether models are compared in which only some compliances change with force
     has_slope_subsets: bool
-    #: whether models of constant compliance are fitted to the tests at neighbouring forces
+    #: whether models of constant compliance are fitted to the tests at each pair of neighbouring
+    #: forces
     has_local_fits: bool
     #: whether slopes (changes of compliance with force) are compared with alternative explanations:
     #: other effects, such as a nonlinear mount, that change the readings in a similar way

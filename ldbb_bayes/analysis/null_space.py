@@ -18,10 +18,10 @@ __all__ = ["EXACT_SHARE", "NullSpace"]
 # effects of the coefficients are said to cancel only if the combination changes no reading by more
 # than this share of the largest change that the pivot alone would cause.
 EXACT_SHARE = 0.05
-# Limits that decide which coefficients are dropped from a combination whose effects cancel. A
-# coefficient is dropped if its effect on the readings is at most this share of the largest effect
-# of any coefficient in the combination. The limits are tried in this order, until the remaining
-# combination changes no reading noticeably.
+# Limits that decide which coefficients of the model are dropped from a combination whose effects
+# cancel. A coefficient is dropped if its effect on the readings is at most this share of the
+# largest effect of any coefficient in the combination. The limits are tried in this order, until
+# the remaining combination changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # Coefficients with small effects are dropped from a combination only if the remaining combination
 # changes no reading by more than this share of ``NullSpace.limit``, the largest change of a reading
@@ -31,8 +31,9 @@ _SPARSE_LIMIT_SHARE = 0.5
 # that is orthogonal to the rows chosen before is considered. A preferred row is chosen before all
 # other rows if the length of this part is above this number.
 _LEAST_PIVOT_LENGTH = 0.05
-# Relative cut-off for singular values when the effect of one coefficient on the readings is fitted
-# by the effects of others: singular values below this share of the largest count as zero.
+# Relative cut-off for singular values when the effect of one coefficient of the model on the
+# readings is fitted by the effects of others: singular values below this share of the largest count
+# as zero.
 _RANK_TOLERANCE = 1e-12
 # Number of decimals to which the lengths of the rows of the null space's basis are rounded before
 # they are compared. Rounding errors then do not decide which coefficient becomes a pivot (a
@@ -71,8 +72,8 @@ class NullSpace:
         #: standard deviation, shape (m,)
         self.largest = np.abs(scaled).max(axis=0)
         # Triangular factor R of the decomposition Q R of the matrix ``scaled``, which holds the
-        # effects of the coefficients on the readings. R has fewer rows than ``scaled``, but the
-        # same null space and the same singular values.
+        # effects of the model's coefficients on the readings. R has fewer rows than ``scaled``, but
+        # the same null space and the same singular values.
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
@@ -114,20 +115,21 @@ class NullSpace:
         return self._imitations(pivots, np.setdiff1d(columns, pivots))
 
     def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
-        """Return k orthonormal combinations of c coefficients that change no reading, shape (c, k).
+        """Return k orthonormal combinations of c model coefficients that change no reading, (c, k).
 
         ``columns`` are the indices of the c coefficients. A change of a reading by at most
         ``NullSpace.limit`` counts as no change.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
-        # The matrix of effects has one singular value for each coefficient. If there are fewer
-        # readings than coefficients, the singular values that NumPy does not return are zero.
+        # The matrix of effects on the readings has one singular value for each coefficient of the
+        # model. If there are fewer readings than coefficients, the singular values that NumPy does
+        # not return are zero.
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
-        # The right singular vectors are combinations of coefficients. The singular value of a
-        # combination is the root sum of squares of the changes that it causes in the n readings. If
-        # it exceeds √n times the limit ``self.limit``, some reading changes by more than the limit,
-        # and the combination is left out. Of the remaining combinations, those with the largest
-        # singular values are left out until no reading changes by more than the limit.
+        # The right singular vectors are combinations of coefficients of the model. The singular
+        # value of a combination is the root sum of squares of the changes that it causes in the n
+        # readings. If it exceeds √n times the limit ``self.limit``, some reading changes by more
+        # than the limit, and the combination is left out. Of the remaining combinations, those with
+        # the largest singular values are left out until no reading changes by more than the limit.
         basis = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
         while basis.shape[1] and np.abs(self.scaled[:, columns] @ basis).max() > self.limit:
             basis = basis[:, 1:]
@@ -143,10 +145,10 @@ class NullSpace:
         combination for each target: the target has the value one, and the imitators have the values
         that cancel its effect. A target is left out if the imitators cannot cancel its effect.
         """
-        # For each target coefficient, a least-squares problem finds how other coefficients, the
-        # imitators, can cancel its effect on the readings. The problems of all targets are solved
-        # in one call, because the matrix with the effects of the imitators is then factored only
-        # once.
+        # For each target coefficient of the model, a least-squares problem finds how other
+        # coefficients, the imitators, can cancel its effect on the readings. The problems of all
+        # targets are solved in one call, because the matrix with the effects of the imitators is
+        # then factored only once.
         solutions = np.linalg.lstsq(
             self._triangle[:, imitators], self._triangle[:, targets], rcond=_RANK_TOLERANCE
         )[0]

@@ -15,7 +15,7 @@ from ldbb_bayes.parallel import WorkerDiedError, process_executor
 __all__ = ["AnsweringProcess"]
 
 MOST_WAITING = 100  # largest number of requests that wait for an answer; more are refused
-ANSWER_S = 120.0  # longest time for the answer to one request of a page [s]
+ANSWER_S = 120.0  # longest time for the answer to one request of a browser page [s]
 _ATTEMPTS = 2  # largest number of attempts to answer a request; the last attempt uses a new process
 _LONGEST_MESSAGE = 300
 
@@ -94,7 +94,7 @@ class AnsweringProcess:
         return session.refusal("died")
 
     def stop(self) -> None:
-        """End the process that answers the requests of pages, even while it computes an answer."""
+        """End the process that answers the browser pages, even while it computes an answer."""
         # `process_executor` kills its processes at once if its ``with`` block is interrupted. If
         # the block ended without an interruption, the current answer would be finished first.
         interruption = KeyboardInterrupt()

@@ -37,7 +37,8 @@ __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
 LARGEST_SESSION = 4 * 2**26  # largest total size of the files of one browser tab [bytes]
 LARGEST_FORM = 2**17  # largest total size of the entries of a form on the browser page [bytes]
-_LONGEST_ENTRY = 20_000  # largest length of one entry that a user types on the page [characters]
+# largest length of one entry that a user types on the browser page [characters]
+_LONGEST_ENTRY = 20_000
 _LONGEST_NAME = 120  # largest length of the name of a stored file [bytes]
 # Content security policy (an HTTP header) for the page of a report. With this policy, the browser
 # applies the style that the page contains, but runs no script.
@@ -263,7 +264,7 @@ async def _take_choices(registry: SessionRegistry, session: Session, request: Re
         if sent["language"] in LANGUAGES and sent["language"] != session.language:
             session.language = sent["language"]
             # The user has changed the language. The new value of ``edition``, the number of the
-            # user's changes, tells the page that the report must be written again.
+            # user's changes, tells the browser page that the report must be written again.
             session.edition += 1
         return JSONResponse({})
     choices = {}
@@ -277,7 +278,7 @@ async def _take_choices(registry: SessionRegistry, session: Session, request: Re
 
 
 def _is_entry(text: object) -> bool:
-    """Return whether a value is a text that is short enough for an entry field of the page."""
+    """Return whether a value is a text short enough for an entry field of the browser page."""
     return isinstance(text, str) and len(text) < _LONGEST_ENTRY
 
 

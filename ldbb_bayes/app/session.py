@@ -148,16 +148,17 @@ class Session:
         }
 
     def word(self, key: str, **values: object) -> str:
-        """Return the text of an error message in the language of the page.
+        """Return the text of an error message in the language of the browser page.
 
         ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return an error message in the language of the page, as a dictionary for the template.
+        """Return an error message in the language of the browser page, for the page's template.
 
-        ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
+        The message is returned as a dictionary. ``key`` is the name under which its text is stored.
+        ``values`` are inserted into the text.
         """
         return {"refused": self.word(key, **values), "is_in_words_of_page": True}
 

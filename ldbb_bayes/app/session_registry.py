@@ -20,9 +20,9 @@ __all__ = ["SessionRegistry"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
-# A page is silent if it has sent no request for this time [s]. The computation of a silent page is
-# stopped if another computation of the same kind (fit or search) is waiting for a page that is not
-# silent.
+# A browser page is silent if it has sent no request for this time [s]. The computation of a silent
+# page is stopped if another computation of the same kind (fit or search) is waiting for a page that
+# is not silent.
 ABANDONED_S = 150.0
 
 
@@ -87,9 +87,9 @@ class SessionRegistry:
     def _stop_abandoned(self, kind: str) -> None:
         """Stop each computation of a silent page, if the computation of another page is waiting.
 
-        A page is silent if it has sent no request within the last 150 seconds. Computations are
-        stopped only if the page of the waiting computation is not silent. ``kind`` is the kind of
-        computation: fit or search.
+        A page is the browser page of one session. It is silent if it has sent no request within the
+        last 150 seconds. Computations are stopped only if the page of the waiting computation is
+        not silent. ``kind`` is the kind of computation: fit or search.
         """
         abandoned = []
         is_awaited = False

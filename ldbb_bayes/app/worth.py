@@ -19,8 +19,8 @@ __all__ = ["effects_of_certificates", "uncertainty_change"]
 
 # largest number of parameters whose uncertainties the browser page shows for a new certificate
 _MOST_EFFECTS = 4
-# A new certificate reduces the expanded uncertainties U of parameters. The page shows a parameter
-# only if its U is reduced by at least this fraction.
+# A new certificate reduces the expanded uncertainties U of parameters. The browser page shows a
+# parameter only if its U is reduced by at least this fraction.
 _SMALLEST_EFFECT = 0.05
 # Part of the instrument to which each attribute of the instrument belongs. The value of an
 # attribute is known from the calibration certificate of the part.

@@ -906,7 +906,7 @@ def certificate_words(certificate: str) -> str:
 def verdict_words(
     entry: ParameterIdentifiability | ChangeIdentifiability, *, shares: bool = True
 ) -> str:
-    """Return a string with the verdict on how far the readings determine a quantity.
+    """Return a string with the verdict on how far the readings determine a parameter or a change.
 
     Parameters
     ----------

@@ -77,7 +77,8 @@ class UncertaintyAim:
     #: square of the K standard uncertainties that w·β would have if the hyper-parameters were known
     #: to have one of K values.
     inflation: float
-    #: whether the circles run so far have already reached this aim of the campaign
+    #: whether the circles run so far have already reached this aim of the campaign (such as a goal
+    #: for an uncertainty)
     is_reached: bool
 
     def sd(self, covariance: Array) -> Array:
@@ -113,7 +114,8 @@ class SlopesAim:
     #: minimum absolute value of the log Bayes factor of linear over constant compliance [nat] at
     #: which one of the two models counts as the true one
     threshold: float
-    #: whether the circles run so far have already reached this aim of the campaign
+    #: whether the circles run so far have already reached this aim of the campaign (such as a goal
+    #: for an uncertainty)
     is_reached: bool
 
     def distance(self, covariance: Array) -> Array:

@@ -26,9 +26,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# A test has a matrix G with one column for each coefficient, and adds GᵀG to the information about
-# the coefficients. An element of G counts as a rounding error if it is below this fraction of the
-# largest element in the same column.
+# A test has a matrix G with one column for each coefficient of the model, and adds GᵀG to the
+# information about the coefficients. An element of G counts as a rounding error if it is below this
+# fraction of the largest element in the same column.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. These
 # forces span the range of force of the pilot (the campaign that a design starts from).
@@ -143,9 +143,9 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
 def _stack_blocks(blocks: Sequence[Array]) -> Array:
     """Return the matrices G of all tests as one array, with rounding errors set to zero.
 
-    ``blocks`` has one matrix G per test, with at most 25 rows and one column per coefficient. The
-    test adds GᵀG to the precision (inverse covariance) of the coefficients. The result has the
-    shape (tests, rows, coefficients). Zeros are appended to matrices with fewer rows.
+    ``blocks`` has one matrix G per test, with at most 25 rows and one column per coefficient of the
+    model. The test adds GᵀG to the precision (inverse covariance) of the coefficients. The result
+    has the shape (tests, rows, coefficients). Zeros are appended to matrices with fewer rows.
     """
     rows = max(len(block) for block in blocks)
     stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))

@@ -127,7 +127,7 @@ def discrimination_of(
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
     # Each eigenvalue in ``remaining`` belongs to a combination of the slopes (changes of compliance
     # with force). The eigenvalue is the share of the variance of this combination that remains
-    # after the tests.
+    # after the planned tests.
     remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))

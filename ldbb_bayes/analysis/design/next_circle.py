@@ -118,7 +118,9 @@ class NextCircle(Result):
     """
 
     circles: int  #: number of circles of the campaign that have been run so far
-    confidence: float  #: minimum probability at which an aim of the campaign counts as reached
+    #: minimum probability at which an aim of the campaign (such as a goal for an uncertainty)
+    #: counts as reached
+    confidence: float
     #: uncertainty of each parameter that has a goal, compared with the goal; the keys are the names
     #: of the parameters
     goals: dict[str, GoalSoFar]
@@ -130,9 +132,11 @@ class NextCircle(Result):
     #: decisions whether quantities conform with their tolerances; the keys are the names of the
     #: quantities
     tolerances: dict[str, ToleranceSoFar]
-    finished: bool  #: whether every aim of the campaign is reached; the campaign may then stop
-    #: number of further circles after which every aim is expected to be reached; None if 20 circles
-    #: are not enough
+    #: whether every aim of the campaign (such as a goal for an uncertainty) is reached; the
+    #: campaign may then stop
+    finished: bool
+    #: number of further circles after which every aim of the campaign is expected to be reached;
+    #: None if 20 circles are not enough
     more_circles: int | None
     #: table of the best next circles, the best first. The columns are force_N, the angles of the
     #: balls, the radius, other settings in which circles differ, and share: how much nearer the
@@ -408,7 +412,7 @@ def _covariances_after_very_many(objective: Objective) -> Array:
 
 
 def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
-    """Return the number of further circles after which every aim is expected to be reached.
+    """Return the number of further circles after which a campaign should reach all its aims.
 
     The circles are chosen one after another from the candidates of ``objective``. Each circle is
     the best choice after the circles chosen before. Return None if the aims are not reached after

@@ -22,7 +22,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
-_LINES = ("-", "--", ":")  # Matplotlib line styles of the models in a figure, used in turn
+_LINES = ("-", "--", ":")  # Matplotlib line styles of the compared models in a figure, used in turn
 # The axis of log Bayes factors may be broken, so that extreme values do not compress the others. It
 # is never broken between minus this value and plus this value [nat].
 _MIDDLE_NAT = 20.0
@@ -241,9 +241,10 @@ def _mark_break(axes: Axes, end: float) -> None:
 
 
 def _gain_words(gain: float | None) -> str:
-    """Return how well the readings support an assumption, as a string with sign, such as "+3.1".
+    """Return how much the readings favour an assumption, as a string with sign, such as "+3.1".
 
-    ``gain`` is a difference of two log evidences [nat]. The string is empty if ``gain`` is None.
+    ``gain`` is the log evidence under this assumption minus that under the assumption of the
+    compared models [nat]. The string is empty if ``gain`` is None.
     """
     if gain is None:
         return ""
