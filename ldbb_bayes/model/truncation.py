@@ -124,15 +124,39 @@ class Truncation:
         rows = self.rows * sd
         edge = -self.rows @ mean
         z = np.asarray(ndtri(level))
-        nonzero = (rows != 0.0).astype(float)
-        count, label = connected_components(nonzero.T @ nonzero > 0.0, directed=False)
-        for k in range(count):
-            block = np.flatnonzero(label == k)
-            block_rows = np.flatnonzero(nonzero[:, block].any(axis=1))
-            if block_rows.size:
-                constraints = rows[np.ix_(block_rows, block)]
-                z[:, block] = _quantile_inside(level[:, block], constraints, edge[block_rows])
+        for block in _blocks_of((rows != 0.0).tobytes(), len(sd)):
+            constraints = rows[np.ix_(block.rows, block.columns)]
+            z[:, block.columns] = _quantile_inside(
+                level[:, block.columns], constraints, edge[block.rows]
+            )
         return mean + z * sd
+
+
+class _Block(NamedTuple):
+    """Parameters that have constraints in common, directly or through other parameters."""
+
+    columns: NDArray[np.intp]  # indices of the parameters
+    rows: NDArray[np.intp]  # indices of the constraints on these parameters
+
+
+@lru_cache(maxsize=64)
+def _blocks_of(nonzero: bytes, p: int) -> tuple[_Block, ...]:
+    """Return the blocks of those parameters of p that have constraints.
+
+    ``nonzero`` states, for each of m constraints and p parameters, whether the constraint depends
+    on the parameter. The array, shape (m, p), is passed as bytes, because arguments of a cached
+    function must be hashable.
+    """
+    depends = np.frombuffer(nonzero, dtype=bool).reshape(-1, p)
+    has_common = depends.T.astype(float) @ depends > 0.0
+    count, label = connected_components(has_common, directed=False)
+    blocks = []
+    for k in range(count):
+        columns = np.flatnonzero(label == k)
+        rows = np.flatnonzero(depends[:, columns].any(axis=1))
+        if rows.size:
+            blocks.append(_Block(columns, rows))
+    return tuple(blocks)
 
 
 class _Limits(NamedTuple):
