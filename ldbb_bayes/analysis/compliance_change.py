@@ -1,7 +1,7 @@
 """Change of compliance with force: the curve C(F) at the smallest and the largest tested force.
 
-A slope such as C_XXX_1 may describe only a part of this change. The other part comes from the term
-`JointLoad` (nonlinear deflection of joints under load).
+A slope such as C_XXX_1 (a coefficient of the force) may describe only a part of this change. The
+other part comes from the term `JointLoad` (nonlinear deflection of joints under load).
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
             ends_N = np.array([force_N.min(), force_N.max()])
             # ``secants``, shape (2, 3), holds the effect of the joint's nonlinear deflection on the
             # compliance, at the smallest and at the largest force tested, per unit of each of the
-            # three coefficients of the axis.
+            # three coefficients of the term `JointLoad` for the axis.
             secants = term.secants(bound.setting, ends_N)
             weights[places] = secants[1] - secants[0]
     return weights

@@ -95,7 +95,7 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
 
 
 def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
-    """Return the nuisance term (effect not of interest) of the class ``kind``, or None."""
+    """Return a model's nuisance term (effect not of interest) of the class ``kind``, or None."""
     for term in model.nuisances:
         if isinstance(term, kind):
             return term

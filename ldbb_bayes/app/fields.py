@@ -109,7 +109,7 @@ def _type_of_entry(field_option: Option) -> Any:
 
 
 def _entry_field(name: str, group_name: str, field_option: Option) -> Field:
-    """Return the entry field for the option ``name``, with the kind and the values of its entry.
+    """Return the entry field for the command-line option ``name``, with its kind and values.
 
     ``group_name`` is the name of the group to which the option belongs.
     """

@@ -169,7 +169,7 @@ def file_name(sent: str) -> str:
     -------
     str
         Last element of the file path, in which special characters are replaced by underscores; an
-        empty string if nothing is left.
+        empty string if the path has no such element.
     """
     name = PureWindowsPath(PurePosixPath(sent).name).name
     name = re.sub(r"[^\w+\-.,()\[\] ]", "_", name).strip(" .")

@@ -184,7 +184,7 @@ def _coverage_factor(draws: Array, covariance: Array, probability: float) -> flo
 def _parameter_entries(
     posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: Array, interval: str
 ) -> list[dict[str, Any]]:
-    """Return one dictionary for each parameter, with the results that are written into the file.
+    """Return one dictionary for each parameter, with the results for the certificate file.
 
     ``entries`` are the results of the fit; the keys are names of parameters. ``interval`` is the
     key of the credible interval in each entry, such as ``ci95``. ``draws``, shape (parameters,

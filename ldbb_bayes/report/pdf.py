@@ -264,7 +264,7 @@ class _FieldColumn:
 
     @property
     def next_left(self) -> float:
-        """Left edge of the column of form fields to the right of this column [mm]."""
+        """Left edge, on a page, of the column of form fields to the right of this column [mm]."""
         return self.text_left + self.text_width + self.gap
 
 

@@ -103,8 +103,9 @@ def _assumed_form(findings: Findings, term: BallForm, words: Words) -> str:
     The string states the assumed sphericity, and U (k = 2) of the form errors with two and with
     three waves around the ball. U combines two contributions: the form error according to the
     assumed sphericity, and the form error extrapolated from higher orders. The extrapolation uses
-    the posterior draws of two hyper-parameters, tau and decay. If the posterior does not have them,
-    the string states only the sphericity. ``term`` is the model term of the balls' form.
+    the posterior draws of two hyper-parameters, tau (scale of the form errors) and decay (exponent
+    of their decrease with the number of waves). If the posterior does not have them, the string
+    states only the sphericity. ``term`` is the model term of the balls' form.
     """
     draws = findings.posterior["posterior"].dataset
     sphericity = words.number(f"{term.sphericity_um:g}")

@@ -162,7 +162,8 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 # expected after the design in equal steps. The ratios of two parameters count as equal if they
 # differ by less than this value.
 _EQUAL_RATIOS = 2e-3
-_MOST_CHECKS = 3  # largest number of checks or parameters that a sentence on a fit names
+# largest number of posterior predictive checks, or of parameters, that a sentence on a fit names
+_MOST_CHECKS = 3
 # Sentences say that the readings contradict non-negative compliances if ln p is below this value,
 # where p is the posterior probability that no compliance is negative. The value is ln 1e-6.
 _CONTRADICTED = -13.815510557964274

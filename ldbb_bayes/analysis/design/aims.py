@@ -30,8 +30,9 @@ __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 # this number. Because the number is not zero, a reached aim can still decide between two circles
 # that are equally good for all other aims.
 _REACHED = 1e-3
-# Lower limit of the expected log Bayes factor [nat] from which the distance from an aim is
-# computed. A smaller value is replaced by this limit, to avoid the logarithm of zero.
+# Lower limit of the expected log Bayes factor [nat] from which the distance from the aim to decide
+# between two models is computed. A smaller value is replaced by this limit, to avoid the logarithm
+# of zero.
 _LEAST_EVIDENCE = 1e-9
 
 

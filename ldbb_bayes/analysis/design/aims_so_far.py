@@ -144,9 +144,11 @@ class GoalState:
 
     goal: Goal
     unit: str  # unit of the goal's parameter, composed of mm, N and rad, such as mm/N
-    mean: float  # posterior mean of the goal's parameter
-    sd: float  # posterior standard deviation of the goal's parameter
-    draws: Array  # n random draws from the posterior of the goal's parameter, shape (n,)
+    mean: float  # posterior mean of the parameter whose uncertainty the goal limits
+    sd: float  # posterior standard deviation of the parameter whose uncertainty the goal limits
+    # n random draws from the posterior of the parameter whose uncertainty the goal limits, shape
+    # (n,)
+    draws: Array
     aim: UncertaintyAim
 
     def is_met(self) -> Array:

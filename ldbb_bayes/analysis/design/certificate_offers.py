@@ -34,8 +34,8 @@ _FIELDS_BY_BALLS = {
 }
 # Regular expression of the name of a certificate of balls with their grade, such as "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
-# Largest number of certificates that may be offered. The number is limited because every set of
-# certificates is tried.
+# Largest number of certificates whose prices may be given for a search for the cheapest campaign.
+# The number is limited because the search tries every set of certificates.
 _MOST_OFFERS = 5
 
 

@@ -1,4 +1,4 @@
-"""Search for the cheapest campaigns that reach given goals.
+"""Search for the cheapest campaigns that reach given goals for uncertainties.
 
 Campaigns of one family have the same clockings (pairs of ball angles), radii and certificates. The
 search goes through families and numbers of circles, the cheapest first. For each family and number
@@ -467,8 +467,8 @@ def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> f
 
     ``counts`` holds a campaign's number of circles of each candidate test. All these numbers are
     multiplied by the factor; the products need not be whole numbers. The goals are those of
-    ``family``. They count as met if the distance from the goals in the quick forecast is at most
-    ``distance``.
+    ``family``. They count as met if the distance from the goals in the quick forecast (with known
+    hyper-parameters) is at most ``distance``.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

@@ -57,8 +57,8 @@ _BELIEFS = 4
 # the forecast assumes that the hyper-parameters are known. Several means are drawn because the
 # posterior mean depends on the readings, which are not known yet.
 _MEANS_PER_STATE = 4
-# Share of the possible machines on which the standard uncertainty of a parameter is at most
-# `Expected.likely_sd`.
+# Share of the possible machines on which the standard uncertainty of a parameter is at most the
+# forecast value `Expected.likely_sd`.
 _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
@@ -575,7 +575,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     interest = first.interest
     size = len(first.names)
     # The matrix of derivatives of the readings has one row for each reading. A QR factorisation
-    # reduces the number of rows to the number of coefficients, without loss of information.
+    # reduces the number of rows to the number of coefficients of the model, without loss of
+    # information.
     row_list = []
     for information in informations_of(bound, phi):
         row_list.append(np.linalg.qr(information.rows(), mode="r"))

@@ -59,7 +59,8 @@ _DIRECTIONS: tuple[Direction, ...] = ("CW", "CCW")
 # Default number of forces to choose from, in equal steps over the range of force of the campaign
 # that the design starts from.
 _FORCE_LEVELS = 5
-# Largest number of campaigns in the result: the cheapest campaign, and the two next cheapest.
+# Largest number of campaigns in the result of a search for the cheapest campaign: the cheapest
+# campaign, and the two next cheapest.
 _SHOWN = 3
 # Number of customary campaigns with which the cheapest campaign is compared.
 _CUSTOMARY = 2
@@ -67,7 +68,7 @@ _CUSTOMARY = 2
 
 @dataclass(frozen=True)
 class StatedGoal(Result):
-    """A goal as the user stated it, and what is known about its parameter at present.
+    """A goal for an uncertainty as the user stated it, and what is known of its parameter now.
 
     The present knowledge comes from the campaign or plan that the design starts from.
     """
@@ -261,7 +262,7 @@ def design_for_goals(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> GoalDesign:
-    """Return the cheapest campaigns that reach the goals of the user.
+    """Return the cheapest campaigns that reach the user's goals for uncertainties.
 
     The arguments are the same as in `ldbb_bayes.design`; ``stated`` are the goals.
     """
@@ -371,7 +372,7 @@ def _search_campaigns(
     probability: float,
     steps: _Steps,
 ) -> GoalDesign:
-    """Return the cheapest campaigns that would reach all goals that are not yet met.
+    """Return the cheapest campaigns that would reach all uncertainty goals not met yet.
 
     ``needed`` are the goals that are not yet met. ``known`` are all goals, with the present
     estimates and uncertainties of their parameters. The keys of both dictionaries are the names of

@@ -26,7 +26,8 @@ COVERAGE_FACTOR = 2.0
 # Share of the possible machines on which all goals for uncertainties are to be met, if the user
 # states no other share.
 USUAL_PROBABILITY = 0.9
-# Regular expression for a goal in percent of the parameter's value, such as "5 %".
+# Regular expression for a goal (limit of an uncertainty) in percent of the parameter's value, such
+# as "5 %".
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
 # Regular expression for the signs ±, ≤ and <= that may stand before a goal. These signs are
 # ignored: every goal is an upper limit of U, and U extends equally to both sides of the estimate.

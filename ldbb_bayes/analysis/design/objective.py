@@ -59,7 +59,7 @@ class Objective(Shown):
         return int(self.rows.shape[1])
 
     def among(self, candidates: Array) -> Objective:
-        """Return the objective of a design that may use only some of the candidate tests.
+        """Return the objective (figure of merit) of a design with only some of the candidate tests.
 
         ``candidates`` are the indices of the candidate tests to keep.
         """

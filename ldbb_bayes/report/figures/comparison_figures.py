@@ -188,8 +188,9 @@ def _draw_axis_section(
 ) -> None:
     """Draw the log Bayes factors that lie in one section of a broken axis.
 
-    There is one row for each assumption. A mark is filled if the readings do not reject the
-    assumption. Error bars extend 1.96 numerical standard errors to each side.
+    There is one row for each assumption about the models (about their priors, or about the random
+    differences between circles). A mark is filled if the readings do not reject the assumption.
+    Error bars extend 1.96 numerical standard errors to each side.
     """
     rows = np.arange(len(assumptions))[::-1]
     value = np.array([assumption.log_bayes_factor for assumption in assumptions])

@@ -146,7 +146,7 @@ def _expected_in_figure(design: Design) -> dict[str, Any]:
 
 
 def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array:
-    """Return the expected standard uncertainties of all plans, shape (plans, parameters).
+    """Return the standard uncertainties expected after each plan of tests, (plans, parameters).
 
     The uncertainties are in the units that the figure shows, such as nm/N. ``expected_by_name``
     holds the expected uncertainty of each parameter that is drawn, with the parameter's internal
