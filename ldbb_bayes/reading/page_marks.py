@@ -52,20 +52,35 @@ def without_page_marks(text: str, separator: str) -> TextOfPages:
     numbers = [k for k, line in enumerate(lines) if _is_row_of_numbers(line, separator)]
     n_removed = 0
     for k, line in enumerate(lines):
-        mark = _PAGE_MARK.search(line[:LONGEST_TEXT])
-        if mark is None:
-            continue
-        rest = line[: mark.start()] + " " * len(mark[0]) + line[mark.end() :]
-        is_alone = not rest.strip(f" \t\f{separator}")
-        if separator != " " and not is_alone:
+        if _PAGE_MARK.search(line[:LONGEST_TEXT]) is None:
             continue
         is_between = bool(numbers) and numbers[0] < k < numbers[-1]
-        if is_alone or (is_between and not _states_something(rest)):
-            rest = ""
-        lines[k] = rest
-        if is_between and not rest:
+        lines[k] = _without_mark(line, separator, is_between)
+        if is_between and not lines[k]:
             n_removed += 1 + _remove_titles(lines, k, separator)
     return TextOfPages("\n".join(lines), n_removed)
+
+
+def _without_mark(line: str, separator: str, is_between: bool) -> str:
+    """Return a line without the number of a page; an empty text if the line is to be removed.
+
+    Parameters
+    ----------
+    line
+        Line with the number of a page.
+    separator
+        Character between the cells of the text.
+    is_between
+        Whether the line stands between rows of numbers.
+    """
+    rest = _PAGE_MARK.sub(lambda mark: " " * len(mark[0]), line, count=1)
+    if not rest.strip(f" \t\f{separator}"):
+        return ""
+    if separator != " ":
+        return line
+    if is_between and not _states_something(rest):
+        return ""
+    return rest
 
 
 def _is_row_of_numbers(line: str, separator: str) -> bool:

@@ -1,10 +1,12 @@
-"""Tables inside other texts: in a mail that quotes them, and in a dump of a database."""
+"""Tables inside other texts: in a mail that quotes them, and in texts of a database."""
 
 from __future__ import annotations
 
 import re
 
-__all__ = ["with_names_of_dump", "without_quote_marks"]
+from ldbb_bayes.reading.words import LONGEST_TEXT
+
+__all__ = ["with_names_of_dump", "without_queries", "without_quote_marks"]
 
 # Regular expression for the marks that a mail program writes before a quoted line.
 _QUOTE_MARKS = re.compile(r"\s*>[> ]*")
@@ -15,6 +17,12 @@ _FEWEST_QUOTED = 10
 # ends them.
 _COPY = re.compile(r"COPY \S+ \((?P<columns>[^)]+)\) FROM stdin;\s*")
 _END_OF_ROWS = re.compile(r"\\\.\s*")
+# Regular expression for a query of a database in one line, with the prompt of the program in front.
+_QUERY = re.compile(
+    r"\s*(?:\S*>\s*)?select\s.*?\sfrom\s+[^;]*?(?:\swhere\s+(?P<condition>[^;]*?))?"
+    r"(?:\sorder\s+by\s[^;]*)?;?\s*",
+    re.IGNORECASE,
+)
 
 
 def without_quote_marks(text: str) -> str:
@@ -51,4 +59,23 @@ def with_names_of_dump(text: str) -> str:
             continue
         is_row = is_row and _END_OF_ROWS.fullmatch(line) is None
         lines.append(line if is_row or not has_begun else "")
+    return "\n".join(lines)
+
+
+def without_queries(text: str) -> str:
+    """Return a text in which only the condition is left of each query of a database.
+
+    For example, the line ``db=> select angle, reading from circles where force=100;`` becomes
+    ``force=100``, which states the force of the table below it.
+    """
+    if "select" not in text.casefold():
+        return text
+    lines = []
+    for line in text.split("\n"):
+        query = _QUERY.fullmatch(line[:LONGEST_TEXT])
+        if query is None:
+            lines.append(line)
+            continue
+        condition = re.sub(r"\s+and\s+", "; ", query["condition"] or "", flags=re.IGNORECASE)
+        lines.append(re.sub(r"[\"']", "", condition))
     return "\n".join(lines)

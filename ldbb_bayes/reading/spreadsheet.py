@@ -28,7 +28,11 @@ from ldbb_bayes.reading.matlab_display import displays_of_matlab, is_matlab_disp
 from ldbb_bayes.reading.named_numbers import rows_of_named_numbers
 from ldbb_bayes.reading.octave import is_octave, sheets_of_octave
 from ldbb_bayes.reading.page_marks import without_page_marks
-from ldbb_bayes.reading.quoted_texts import with_names_of_dump, without_quote_marks
+from ldbb_bayes.reading.quoted_texts import (
+    with_names_of_dump,
+    without_queries,
+    without_quote_marks,
+)
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.transposed_tables import with_circles_in_columns
@@ -100,6 +104,7 @@ def read_sheets(
     if encoding is None:
         encoding = encoding_of(raw)
     text = with_names_of_dump(without_quote_marks(decode_text(path, raw, encoding)))
+    text = without_queries(text)
     entries = _sheets_of_entries(Sheet(path, "", [], encoding, ","), text)
     if entries:
         return [_with_plain_cells(sheet) for sheet in entries]

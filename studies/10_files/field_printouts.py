@@ -342,10 +342,15 @@ def letter_cases() -> dict[str, FieldCase]:
             lines.append(" | ".join(str(cell) for cell in field.plain(circle, k)))
         lines += ["(72 rows)", "", "Time: 1.234 ms", ""]
     printed_tables = {"psql.txt": "\n".join(lines).encode()}
+    query = "db=> select angle_deg, reading_um from circles where force_N = "
+    queries = "\n".join(lines).replace("Force ", query).replace(" N\n", ";\n")
     kind = "texts below tables"
     return {
         "letter": FieldCase(kind, "a letter with a telephone number below the table", letter),
         "psql": FieldCase(kind, "tables as psql prints them", printed_tables),
+        "psql_queries": FieldCase(
+            kind, "queries of psql above their tables", {"psql.txt": queries.encode()}
+        ),
     }
 
 

@@ -1,4 +1,4 @@
-"""Texts below a table, such as the end of a letter, are no rows, whatever numbers they hold."""
+"""Texts around a table, such as the end of a letter, are no rows; conditions of queries count."""
 
 from __future__ import annotations
 
@@ -38,3 +38,18 @@ def test_texts_below_are_told(tmp_path: Path) -> None:
 def test_a_broken_row_at_the_end_is_refused(below: str, tmp_path: Path) -> None:
     with pytest.raises(lb.InputError, match="line 75"):
         imported(tmp_path, below)
+
+
+@pytest.mark.parametrize("prompt", ["", "db=> ", "SQL> "])
+def test_conditions_of_queries_state_fields(prompt: str, tmp_path: Path) -> None:
+    lines = []
+    for force in (100, 300):
+        condition = f"where force_N = {force} and plane='ZX' order by angle_deg"
+        lines.append(f"{prompt}select angle_deg, reading_um from circles {condition};")
+        lines += [" angle_deg | reading_um ", "-----+-----"]
+        lines += [f" {5 * k} | {0.1 * k:.2f} " for k in range(72)]
+        lines.append("(72 rows)")
+    path = tmp_path / "psql.txt"
+    path.write_text("\n".join([*lines, ""]))
+    tests = lb.import_campaign(path).campaign.tests
+    assert [(test.force_N, test.plane) for test in tests] == [(100.0, "ZX"), (300.0, "ZX")]
