@@ -49,6 +49,8 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
     names is a row of one cell. The units of the numbers are not in the rows; they are returned as
     the second part of the result. Both parts are empty for a text without such lines.
     """
+    if text.count("=") + text.count(":") < 2 * _FEWEST_LINES:
+        return UnitsOfCells([], {})
     lines = text.split("\n")
     parts = [_named_numbers(line) for line in lines]
     names = _names_of_most_lines(parts)
