@@ -301,7 +301,8 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:
-            continue  # The campaign's row has this compliance already, among its parameters.
+            # This quantity is a compliance, which the campaign's row has already as a parameter.
+            continue
         name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
         if row["plane"] in planes:
             name = name_in_plane(name, row["plane"], planes)

@@ -190,14 +190,14 @@ class Levels(NamedTuple):
     probabilities of the hypotheses.
     """
 
-    #: posterior means of the p parameters at the last campaign, in units of their prior sd, shape
-    #: (p,)
-    mean: Array
-    #: posterior standard deviations of the p parameters at the last campaign, in units of their
+    #: posterior means of the p parameters of a machine at the last campaign, in units of their
     #: prior sd, shape (p,)
+    mean: Array
+    #: posterior standard deviations of the p parameters of a machine at the last campaign, in units
+    #: of their prior sd, shape (p,)
     sd: Array
-    #: lower and upper ends of the credible intervals of the p parameters at the last campaign, in
-    #: units of their prior sd, shape (2, p)
+    #: lower and upper ends of the credible intervals of the p parameters of a machine at the last
+    #: campaign, in units of their prior sd, shape (2, p)
     interval: Array
 
 

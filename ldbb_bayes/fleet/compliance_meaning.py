@@ -17,8 +17,9 @@ from ldbb_bayes.model.prior import Prior
 
 __all__ = ["Meaning", "same_meaning", "stands_for"]
 
-# A fitted compliance stands for a weighted sum of the compliances of single joints. Its meaning is
-# this sum: the keys are the labels of the joints' compliances, and the values are their weights.
+# A fitted compliance stands for a weighted sum of the compliances of single joints. This sum is
+# called its meaning. The type is a dictionary: the keys are the labels of the joints' compliances,
+# and the values are their weights.
 Meaning = Mapping[str, float]
 # A fitted compliance stands for a weighted sum of the compliances of joints. The weights are
 # rounded to this number of significant digits.
@@ -56,9 +57,10 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
         compliances.absorbed,
         strict=True,
     ):
-        # Members are compliances whose effects on the readings are proportional to the effect of
-        # the fitted compliance. The effect of an absorbed compliance is a linear combination of the
-        # effects of several fitted compliances.
+        # The weighted sum for which a fitted compliance stands has members and absorbed
+        # compliances. Members are compliances whose effects on the readings are proportional to the
+        # effect of the fitted compliance. The effect of an absorbed compliance is a linear
+        # combination of the effects of several fitted compliances.
         weights = dict(zip(members, member_weights, strict=True))
         weights |= {other.label: weight for other, weight in absorbed.items()}
         sums[name.label] = {

@@ -48,9 +48,10 @@ class DeviationFactors(NamedTuple):
     #: machines, shape (c, k, n)
     diagonal: Array
     #: products L⁻¹ s (Λ_c, η_c) for k values of the deviations' standard deviations s and n
-    #: campaigns or machines, shape (c, q + 1, k, n). L is the Cholesky factor of the precision
-    #: matrix of the deviations. The first q columns belong to the precision Λ_c of the parameters
-    #: in the likelihood, the last column to the shift η_c (precision times estimate).
+    #: campaigns or machines, shape (c, q + 1, k, n), where c is the number of parameters. L is the
+    #: Cholesky factor of the precision matrix of the deviations. The first q columns belong to the
+    #: precision Λ_c of the parameters in the likelihood, the last column to the shift η_c
+    #: (precision times estimate).
     solved: Array
     #: inverses of the Cholesky factors of the precision matrices of the c parameters' deviations
     #: from a common level, for k values of the standard deviations s and n campaigns or machines,

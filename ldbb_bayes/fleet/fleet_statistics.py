@@ -86,10 +86,11 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """Caveat on the extrapolation of compliances to the reference force, or an empty list.
+        """List with one caveat if compliances are extrapolated to the reference force.
 
-        There is a caveat if, in at least one campaign, the reference force is outside the range of
-        the tested forces.
+        A caveat is a limitation that reports describe. The list has one caveat if, in at least one
+        campaign, the reference force is outside the range of the tested forces; otherwise it is
+        empty.
         """
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
@@ -315,7 +316,7 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
         and shift are zero for quantities that are not in the campaign's fit.
     force_N
         Reference force common to all campaigns [N]. Compliances are converted to this force by
-        means of their slopes and curvatures.
+        means of their slopes and curvatures (linear and quadratic changes with force).
     """
     names = list(row["gaussian_names"])
     mean = np.array(row["gaussian_mean"], dtype=float)

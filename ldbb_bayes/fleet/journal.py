@@ -112,7 +112,7 @@ def _check_folder(out: Path) -> None:
 
 
 def _holds_batch(journal: sqlite3.Connection) -> bool:
-    """Return whether the journal, an SQLite database, has a record of a batch."""
+    """Return whether the journal, an SQLite database, states to which batch it belongs."""
     with suppress(sqlite3.Error):
         (count,) = journal.execute("SELECT count(*) FROM batch").fetchone()
         return bool(count > 0)

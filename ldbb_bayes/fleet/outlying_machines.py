@@ -197,9 +197,9 @@ def _without_machine(m: int, likelihood: Gaussian) -> Gaussian:
 def _draw_spreads_without(m: int, density: SpreadDensity, *, mode: Array, seed: int) -> Spreads:
     """Return random draws of the spreads s given all machines except the machine with the index m.
 
-    The spreads are the standard deviations of the machines about the mean of the population.
-    ``density`` is the posterior density of ln s given all machines, and ``mode`` is the mode of
-    this density, shape (c,). ``seed`` is the seed of the draws.
+    The spreads are the standard deviations of the machines' c parameters about the mean of the
+    population. ``density`` is the posterior density of ln s given all machines, and ``mode`` is the
+    mode of this density, shape (c,). ``seed`` is the seed of the draws.
     """
     other_machines = _without_machine(m, density.likelihood)
     density_of_others = SpreadDensity(other_machines, density.scale)
@@ -233,7 +233,8 @@ class _Prediction(NamedTuple):
 
     #: If one of n machines is left out, the readings of all other machines give a Gaussian function
     #: of the population's mean and the instrument's errors. These are the logarithms of the
-    #: integrals of this function for k random draws of the spreads, up to a constant, shape (k, n).
+    #: integrals of this function for k random draws of the spreads (standard deviations from
+    #: machine to machine), up to a constant, shape (k, n).
     log_integral: Array
     #: differences between c parameters and their predictions from the other machines, divided by
     #: the standard deviations of these differences, shape (c, k, n), for n machines and k random
@@ -248,7 +249,7 @@ def _predict_from_others(
 
     n machines are left out one at a time. The spreads (standard deviations of the machines about
     the population's mean μ) are taken from k random draws. For each draw, the readings of the other
-    machines give a Gaussian function of μ and of the instrument's errors b.
+    machines give a Gaussian function of q quantities: μ and the instrument's errors b.
 
     Parameters
     ----------

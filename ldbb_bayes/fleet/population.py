@@ -221,7 +221,8 @@ class Population(Result):
     #: trusted. They can be trusted if Pareto's k̂ of their weights is low enough.
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the results for the population
-    prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
+    #: probability of the credible intervals in the results for a population
+    prob: Annotated[float, Field(exclude=True)]
     #: whether every machine was compared with the other machines and the comparison was reliable;
     #: this comparison shows which machines do not belong to the population
     judged: Annotated[bool, Field(exclude=True)]
@@ -531,13 +532,14 @@ class _Moments(NamedTuple):
     If there are n machines with c parameters each, every machine has its own row in the arrays.
     """
 
-    #: mean of each parameter in units of its prior sd, shape (c,), or (n, c) for n machines
+    #: mean of each of c parameters of a population or machine, in units of its prior sd, shape
+    #: (c,), or (n, c) for n machines
     mean: Array
-    #: standard deviation of each parameter in units of its prior sd, shape (c,), or (n, c) for n
-    #: machines
+    #: standard deviation of each of c parameters of a population or machine, in units of its prior
+    #: sd, shape (c,), or (n, c) for n machines
     sd: Array
-    #: lower and upper ends of the credible intervals of the parameters in units of their prior sd,
-    #: shape (2, c), or (2, n, c) for n machines
+    #: lower and upper ends of the credible intervals of c parameters of a population or machine, in
+    #: units of their prior sd, shape (2, c), or (2, n, c) for n machines
     interval: Array
 
 
@@ -719,7 +721,7 @@ def _pool_machines(
 
 
 def _moments_of_machine(moments: _Moments, m: int) -> _Moments:
-    """Return the moments of the parameters of the machine with the index ``m``."""
+    """Return mean, sd and interval of the parameters of the machine with the index ``m``."""
     return _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
 
 
@@ -793,7 +795,7 @@ def _population_caveats(
 def _instrument_caveat(
     statistics: FleetStatistics, parameters: Mapping[str, PooledParameter]
 ) -> Caveat:
-    """Return a caveat that names the parameter most affected by the instrument's errors.
+    """Return a caveat (limitation) that names the parameter most affected by instrument errors.
 
     The instrument's errors cause a share of the variance of each parameter's population mean. The
     caveat names the parameter with the largest share, and states this share in per cent.

@@ -1,4 +1,4 @@
-"""Selection of the campaigns that a trend or a population uses, with caveats on the selection."""
+"""Selection of the campaigns that a trend or a population uses, and its limitations (caveats)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
-# A warning or failed check of one of these kinds means that the readings of a campaign do not fit
-# the model.
+# Kinds of warnings and checks of a campaign's fit. A warning or a failed check of one of these
+# kinds means that the readings of the campaign do not fit the model.
 _MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
-# A failed check of one of these kinds means that the noise of a campaign's readings is not white,
-# although the model assumes white noise.
+# Kinds of checks of a campaign's fit. A failed check of one of these kinds means that the noise of
+# the campaign's readings is not white, although the model assumes white noise.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
 
 
@@ -59,7 +59,9 @@ class CaveatKind(StrEnum):
 class Caveat(Result):
     """One limitation of a trend or a population. Reports describe it to the user in a sentence."""
 
-    kind: CaveatKind  #: kind of the limitation of a trend or a population
+    #: kind of one limitation of a trend or a population; two-campaigns, for example, means that
+    #: there are only two campaigns
+    kind: CaveatKind
     #: names of the campaigns, machines or parameters that a limitation of a trend or a population
     #: concerns
     names: tuple[str, ...] = ()
@@ -99,7 +101,7 @@ def choose(
     *,
     among: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch that an analysis uses, and caveats on the selection.
+    """Return the rows of a batch that an analysis uses, and limitations (caveats) of the selection.
 
     By default, campaigns whose readings do not fit the model are left out. The readings do not fit
     if the difference between readings and model is too large at one Fourier order of a circle, or
@@ -165,10 +167,11 @@ def _leave_out(
     caveats: list[Caveat],
     text: str = "",
 ) -> pd.DataFrame:
-    """Return the rows of a batch's table that are kept; add a caveat on the campaigns left out.
+    """Return the rows of a batch's table that are kept; add a caveat on campaigns left out.
 
     ``is_left_out`` states for each row of the table whether the row is left out. If at least
-    one row is left out, a caveat with the given kind and text is added to the list ``caveats``.
+    one row is left out, a caveat (limitation) with the given kind and text is added to the list
+    ``caveats``.
     """
     _add_caveat(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]

@@ -164,13 +164,13 @@ class MachineEstimates(NamedTuple):
     #: spreads (standard deviations from machine to machine), shape (k, n, c); in units of the
     #: parameters' prior sds
     sd: Array
-    #: posterior means of z_m = (c_m − μ) / s for k values of s and n machines, shape (k, n, c). c_m
-    #: are the parameters of machine m, μ is the population's mean, and s are the spreads (standard
-    #: deviations of the machines about μ).
+    #: posterior means of z_m = (c_m − μ) / s for c parameters, k values of s and n machines, shape
+    #: (k, n, c). c_m are the parameters of machine m, μ is the population's mean, and s are the
+    #: spreads (standard deviations of the machines about μ).
     z_mean: Array
-    #: posterior variances of z_m = (c_m − μ) / s for k values of s and n machines, shape (k, n, c).
-    #: c_m are the parameters of machine m, μ is the population's mean, and s are the spreads
-    #: (standard deviations of the machines about μ).
+    #: posterior variances of z_m = (c_m − μ) / s for c parameters, k values of s and n machines,
+    #: shape (k, n, c). c_m are the parameters of machine m, μ is the population's mean, and s are
+    #: the spreads (standard deviations of the machines about μ).
     z_variance: Array
 
 
@@ -320,12 +320,18 @@ class Spreads:
 
     @property
     def trusted(self) -> bool:
-        """Whether the draws of the spreads can be trusted: Pareto's k̂ of their weights is low."""
+        """Whether the draws of the spreads can be trusted: Pareto's k̂ of their weights is low.
+
+        Spreads are the standard deviations of machines about the mean of their population.
+        """
         return self.pareto_k <= self.good_k
 
     @property
     def effective(self) -> float:
-        """Effective sample size of the draws of the spreads: 1 / Σ w² with their weights w."""
+        """Effective sample size 1 / Σ w² of the draws of the spreads, which have the weights w.
+
+        Spreads are the standard deviations of machines about the mean of their population.
+        """
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
@@ -399,11 +405,12 @@ def _draw_about(
 ) -> Spreads:
     """Return weighted draws of the spreads s; ln s is drawn from a Student t distribution.
 
-    Spreads are the standard deviations of machines about the mean of their population. ``centre``,
-    shape (c,), is the centre of the t distribution of ln s, and ``covariance``, shape (c, c), is
-    its scale matrix. ``size`` is the number of draws, which are made from quasi-random points.
-    ``seed`` is the seed of these points. ``mode``, shape (c,), is the mode of the posterior density
-    of ln s, given by ``density``. The mode is used only to limit the range of the draws.
+    Spreads are the standard deviations of the machines' c parameters about the mean of their
+    population. ``centre``, shape (c,), is the centre of the t distribution of ln s, and
+    ``covariance``, shape (c, c), is its scale matrix. ``size`` is the number of draws, which are
+    made from quasi-random points. ``seed`` is the seed of these points. ``mode``, shape (c,), is
+    the mode of the posterior density of ln s, given by ``density``. The mode is used only to limit
+    the range of the draws.
     """
     c = len(centre)
     points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)
@@ -425,7 +432,8 @@ def _weight_draws(spread: Array, log_weight: Array, mode: Array) -> Spreads:
     """Return k draws of the spreads s with Pareto-smoothed weights.
 
     ``spread`` are the draws, shape (k, c), and ``log_weight`` the logarithms of their importance
-    weights, shape (k,). ``mode`` is the mode of the density of ln s, shape (c,).
+    weights, shape (k,). ``mode`` is the mode of the density of ln s, shape (c,). Spreads are the
+    standard deviations of the machines' c parameters about the mean of their population.
     """
     weight, pareto_k, good_k = pareto_smooth(log_weight)
     return Spreads(spread, log_weight, weight, pareto_k, good_k, mode)

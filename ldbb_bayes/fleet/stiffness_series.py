@@ -35,10 +35,12 @@ class StiffnessOfVisit(Result):
     campaign: str  #: label of the campaign from which the stiffness is computed
     force_N: float  #: reference force of the campaign, for which the stiffness is given [N]
     unit: str  #: unit of the stiffness, ratio or direction: N/mm, mm/N, deg, or empty for a ratio
-    mean: float | None  #: posterior mean of the stiffness, in ``unit``
-    sd: float | None  #: standard uncertainty u of the stiffness, in ``unit``
-    U_k2: float | None  #: expanded uncertainty U = 2 u of the stiffness, in ``unit``
-    #: lower and upper end of the equal-tailed credible interval of the stiffness, in ``unit``
+    mean: float | None  #: posterior mean of the stiffness, in the unit that ``unit`` names
+    sd: float | None  #: standard uncertainty u of the stiffness, in the unit that ``unit`` names
+    #: expanded uncertainty U = 2 u of the stiffness, in the unit that ``unit`` names
+    U_k2: float | None
+    #: lower and upper end of the equal-tailed credible interval of the stiffness, in the unit that
+    #: ``unit`` names
     interval: tuple[float | None, float | None]
 
     @property

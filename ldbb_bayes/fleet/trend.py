@@ -94,8 +94,8 @@ class ParameterChange(Result):
     """
 
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
-    #: posterior probability that this parameter has changed; the model allows a change of one
-    #: parameter only
+    #: posterior probability that this parameter of the machine has changed over time; the model
+    #: allows a change of one parameter only
     probability: float
     #: index of the campaign just before which the parameter most probably changed, under the
     #: assumption that it changed; campaigns are counted from 0 in order of time
@@ -267,7 +267,7 @@ def _table_row(name: str, parameter: ParameterChange) -> list[str]:
 
 @with_words.register
 def _trend_record(trend: Trend) -> dict[str, Any]:
-    """Return the content of trend.json: the result, and sentences on its findings and caveats."""
+    """Return the content of trend.json: the result, and sentences on findings and limitations."""
     doubts = [caveat_words(caveat) for caveat in trend.caveats]
     return trend.as_dict() | {"doubts": doubts, "verdict": list(trend_sentences(trend))}
 
@@ -431,18 +431,19 @@ def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
 
 
 class _MachineCampaigns(NamedTuple):
-    """Rows of one machine's campaigns in a batch's table, and caveats on the choice of these rows.
+    """Rows of one machine's campaigns in a batch's table, and limitations due to their choice.
 
     ``machine`` is the machine_id of the machine, or None if no campaign states a machine_id.
     """
 
     rows: pd.DataFrame  #: rows of one machine's campaigns in the table of a batch
     machine: str | None  #: machine_id of the machine; None if no campaign states a machine_id
-    caveats: list[Caveat]  #: limitations due to the choice of the rows
+    #: limitations of the trend that are due to the choice of the campaigns' rows
+    caveats: list[Caveat]
 
 
 def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:
-    """Return the rows of the campaigns of one machine, with caveats on the choice of these rows.
+    """Return the rows of one machine's campaigns, and caveats (limitations) due to their choice.
 
     The machine_id of the machine is also returned. ``machine`` is the machine_id that the user
     chose, or None. If some rows have a machine_id, rows without a machine_id are left out, and a
@@ -529,9 +530,10 @@ def _parameter_changes(
 
     The keys are the names of the p parameters. ``posteriors`` are the Gaussian distributions of
     levels, instrument errors and step under every hypothesis (see `hypotheses`), and
-    ``probabilities`` are the posterior probabilities of the hypotheses, shape (r, n, p). ``chart``
-    holds the points and limits of the control chart. ``prob`` is the probability of the credible
-    intervals.
+    ``probabilities`` are the posterior probabilities of the hypotheses, shape (r, n, p). A
+    hypothesis assumes one of r values of the machine's scatter from campaign to campaign, and a
+    step of one of the p parameters just before one of n campaigns, or no step. ``chart`` holds the
+    points and limits of the control chart. ``prob`` is the probability of the credible intervals.
     """
     levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
@@ -634,7 +636,7 @@ def _present_level(levels: Levels, j: int) -> Summary:
 
 
 def _scaled_summary(summary: Summary, scale: float) -> Summary:
-    """Return a summary with mean, sd and credible interval multiplied by the factor ``scale``."""
+    """Return mean, sd and credible interval of a quantity, multiplied by the factor ``scale``."""
     low, high = summary.interval
     return Summary(scale * summary.mean, scale * summary.sd, (scale * low, scale * high))
 

@@ -45,12 +45,15 @@ class AveragedModel:
 
     @cached_property
     def mean(self) -> Array:
-        """Means of the p parameters of the average over the draws from this model, shape (p,)."""
+        """Means of the p parameters over the draws from one averaged model, shape (p,).
+
+        The p parameters are those of the average over models.
+        """
         return np.asarray(self.beta.mean(axis=0))
 
     @cached_property
     def sd(self) -> Array:
-        """Standard deviations of the p parameters over the draws from this model, shape (p,).
+        """Standard deviations of the p parameters over the draws from one averaged model, (p,).
 
         The p parameters are those of the average over models.
         """

@@ -49,7 +49,8 @@ _STEPS = 4
 class IndependentPoints(NamedTuple):
     """Points (values of the hyper-parameters) in coordinates z that are nearly independent."""
 
-    #: coordinates z of n points, shape (n, h), that are nearly independent of each other
+    #: the h coordinates z of each of n points, shape (n, h), which are nearly independent of each
+    #: other
     points: Array
     #: sum of the logarithms of the widths of a density along each of its h coordinates, at each of
     #: n points, shape (n,)
@@ -137,17 +138,21 @@ def _limited(log_width: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Polynomials:
-    """Orthonormal polynomials of degree one and two in each of the k coordinates of some points.
+    """Orthonormal polynomials of degree one and two in each of the k coordinates of n points.
 
-    Each of the n points has a weight. Under these weights, the two polynomials in a coordinate have
-    the mean zero, the variance one and no correlation with each other.
+    The points are values of the hyper-parameters, and each point has a weight. Under these weights,
+    the two polynomials in a coordinate have the mean zero, the variance one and no correlation with
+    each other.
     """
 
-    # weighted mean over n points of each of their first k coordinates, shape (k,)
+    # weighted mean, over n points (values of the hyper-parameters), of each of their first k
+    # coordinates, shape (k,)
     mean: Array
-    # weighted standard deviation over n points of each of their first k coordinates, shape (k,)
+    # weighted standard deviation, over n points (values of the hyper-parameters), of each of their
+    # first k coordinates, shape (k,)
     sd: Array
-    # weighted skewness over n points of each of their first k coordinates, shape (k,)
+    # weighted skewness, over n points (values of the hyper-parameters), of each of their first k
+    # coordinates, shape (k,)
     skewness: Array
     # weighted standard deviations over n points of k polynomials of degree two, one polynomial for
     # each of k coordinates, before the polynomials are scaled to a standard deviation of one, shape

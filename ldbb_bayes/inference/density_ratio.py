@@ -36,8 +36,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Size of the largest sample of nodes, the points at which the integrated density is known. Nodes
-# are picked at random, and the same node can be picked repeatedly.
+# Size of the largest sample of nodes, the points at which the density to be integrated is known.
+# Nodes are picked at random, and the same node can be picked repeatedly.
 _LARGEST_SAMPLE = 4608
 # Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node,
 # and all nodes. The density is evaluated at the nodes of the next larger sample until the error is
@@ -81,8 +81,8 @@ class LogValues(NamedTuple):
     """
 
     log_density: Array  #: logarithm of a density at k nodes (points), shape (k,)
-    #: numerical error of the logarithm of a density at each of k nodes [nat], shape (k,); numerical
-    #: errors may be common to all nodes, and need not cancel in a mean over nodes
+    #: numerical error of the logarithm of a density at each of k nodes (points) [nat], shape (k,);
+    #: numerical errors may be common to all nodes, and need not cancel in a mean over nodes
     error: Array
 
 
@@ -90,17 +90,18 @@ class RatioIntegral(NamedTuple):
     """Integral of a density, computed with the nodes (weighted points) of a similar density."""
 
     integral: Integral  #: integral of a density, with its nodes (weighted points)
-    #: weighted mean over the nodes of the numerical errors of the integrated log density [nat]
+    #: weighted mean, over the nodes (points), of the numerical errors of the logarithm of the
+    #: density to be integrated [nat]
     value_error: float
 
     @property
     def error(self) -> float:
-        """Error of the log integral, including the numerical errors of the density [nat]."""
+        """Error of the log integral of a density, with numerical errors of the density [nat]."""
         return self.integral.error + self.value_error
 
     @property
     def least_error(self) -> float:
-        """Error of the log integral [nat] if the density were evaluated at all nodes.
+        """Error of the log integral of a density [nat] if the density were evaluated at all nodes.
 
         Nodes are weighted points. In fact, the density is evaluated only at a sample of the nodes,
         which makes the error larger.
@@ -110,29 +111,34 @@ class RatioIntegral(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """Random sample of m nodes of an integral ∫ f, to which polynomials can be fitted.
+    """Random sample of m nodes (points) of an integral ∫ f, at which polynomials can be fitted.
 
     A node that was picked several times occurs once in the sample, with a larger ``weight``.
     """
 
-    nodes: Index  #: indices of m sampled nodes among all n nodes of an integral, shape (m,)
-    #: weight of each of m sampled nodes in the fit of a polynomial, shape (m,): the number of times
-    #: that the node was picked at random, times its weight in the integral, divided by the
+    #: indices of the m nodes (points) of the sample among all n nodes of an integral, shape (m,)
+    nodes: Index
+    #: weight of each of m sampled nodes (points) in the fit of a polynomial, shape (m,): the number
+    #: of times that the node was picked at random, times its weight in the integral, divided by the
     #: probability of picking it
     weight: Array
-    integral: Integral  #: integral of a density, from whose n nodes the sample was taken
-    degree: int  #: degree, 1 or 2, of the polynomial that is fitted at the sampled nodes
+    #: integral of a density, with the n nodes (points) from which the m nodes of the sample were
+    #: picked
+    integral: Integral
+    #: degree, 1 or 2, of a polynomial that is fitted to values at the nodes (points) of the sample
+    degree: int
 
     @cached_property
     def polynomials(self) -> Array:
-        """Terms of the fitted polynomial, such as x and x y, at all n nodes, shape (n, terms)."""
+        """Terms of a polynomial, such as x and x y, at all n nodes (points), shape (n, terms)."""
         return _polynomials(self.integral, self.degree)
 
     @cached_property
     def _decomposition(self) -> _Decomposition:
-        """Singular value decomposition of the matrix with which the polynomial is fitted.
+        """Singular value decomposition of the matrix with which a polynomial is fitted.
 
-        The matrix has a row for each of the m nodes and a column for each term of the polynomial.
+        The matrix has a row for each of the m nodes (points) to which the polynomial is fitted, and
+        a column for each term of the polynomial.
         """
         root_weight = np.sqrt(self.weight)[:, None]
         weighted = self.polynomials[self.nodes] * root_weight
@@ -171,11 +177,12 @@ class _Decomposition(NamedTuple):
     that are zero except for rounding errors are left out.
     """
 
-    #: left singular vectors of the matrix with which a polynomial is fitted at m nodes, shape
-    #: (m, rank)
+    #: left singular vectors of the matrix (with one row for each node, and one column for each
+    #: term) with which a polynomial is fitted at m nodes (points), shape (m, rank)
     left: Array
-    #: right singular vectors of the matrix with which a polynomial is fitted, each divided by its
-    #: singular value, shape (coefficients, rank)
+    #: right singular vectors of the matrix (with one row for each node, and one column for each
+    #: term) with which a polynomial is fitted, each divided by its singular value, shape
+    #: (coefficients, rank)
     scaled_right: Array
 
 
@@ -186,7 +193,8 @@ class _MeanRatio(NamedTuple):
     taken under the density f e^q.
     """
 
-    #: logarithm of the mean of the ratio ρ = g / (f e^q) of two densities
+    #: logarithm of the mean of the ratio ρ = g / (f e^q), where g and f are two similar densities,
+    #: and q is a polynomial fitted to ln(g / f)
     log_mean: float
     #: error of ``log_mean``, the logarithm of the mean ratio of two densities [nat]; infinite if
     #: the distribution of the ratios has a heavy tail
@@ -200,11 +208,12 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     """Return the mean of the ratio ρ = g / (f e^q) of densities, and its error.
 
     f and g are similar densities. ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the
-    polynomial q that is fitted to ln(g / f), at the m nodes of ``sample``. The mean is taken under
-    the density f e^q. Its error is computed from the residuals, the deviations of ρ from the mean.
-    Residuals at the nodes to which q is fitted are smaller than residuals at other nodes. Each
-    residual is therefore divided by one minus the leverage of its node, which makes the error too
-    large rather than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
+    polynomial q that is fitted to ln(g / f), at the m nodes (points) of ``sample``. The mean is
+    taken under the density f e^q. Its error is computed from the residuals, the deviations of ρ
+    from the mean. Residuals at the nodes to which q is fitted are smaller than residuals at other
+    nodes. Each residual is therefore divided by one minus the leverage of its node, which makes the
+    error too large rather than too small (MacKinnon and White, Journal of Econometrics 29 (1985)
+    305).
     """
     share = sample.weight * np.exp(fitted - fitted.max())
     share = share / share.sum()
@@ -244,7 +253,10 @@ class RatioSampler:
     """
 
     def __init__(self, integral: Integral, *, seed: int = 0) -> None:
-        """Keep the known integral ∫ f of a density f, and the seed of the sample of its nodes."""
+        """Keep the known integral ∫ f of a density f, and the seed with which nodes are sampled.
+
+        The nodes are the weighted points from which the integral ∫ f was computed.
+        """
         self._integral = integral
         self._seed = seed
 
@@ -353,10 +365,10 @@ def _largest_degree(dimensions: int, size: int) -> int:
 
 
 def _polynomials(integral: Integral, degree: int) -> Array:
-    """Return polynomials, evaluated at the n nodes of ``integral``, shape (n, coefficients).
+    """Return the terms of a polynomial at the n nodes of ``integral``, shape (n, coefficients).
 
-    The polynomials are all products of at most ``degree`` (1 or 2) coordinates of a node. The
-    coordinates are first scaled to the mean zero and the standard deviation one.
+    Nodes are points. The terms are all products of at most ``degree`` (1 or 2) coordinates of a
+    node. The coordinates are first scaled to the mean zero and the standard deviation one.
     """
     deviation = integral.free - integral.weight @ integral.free
     scale = np.sqrt(integral.weight @ deviation**2)

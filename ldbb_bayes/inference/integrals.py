@@ -47,11 +47,13 @@ _OF_PLAIN_ERROR = 0.5
 # If the Pareto shape k̂ of the weights of a random sample is above this value, the error of an
 # integral from the sample is enlarged.
 _HEAVY_TAIL_K = 0.4
-# If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
-# the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
+# If the Pareto shape k̂ of the weights of a random sample of points exceeds ``_HEAVY_TAIL_K``, the
+# error of the integral that is computed from these points is multiplied by 1 + (k̂ −
+# ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
-# The outermost nodes of a lattice contribute a share to an integral. The share from the region
-# beyond these nodes is taken to be at most this multiple of their share.
+# An integral is computed as a sum over the nodes (points) of a lattice. The share of the integral
+# from the region beyond the outermost nodes is taken to be at most this multiple of the share that
+# the outermost nodes contribute.
 _BEYOND_EDGE = 3.0
 # Error of the log integral from a lattice, as a fraction of the difference between the log
 # integrals from the lattice's two grids. The log integral from the lattice is the logarithm of the
@@ -78,7 +80,7 @@ class ProposalDensity(Protocol):
     """
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density with which points are drawn, evaluated at n points, shape (n,).
+        """Return the log of the density from which points are drawn, at n points, shape (n,).
 
         ``points``, shape (n, h), holds the points in h dimensions.
         """
@@ -98,22 +100,23 @@ class Integral:
 
     #: coordinates of the n nodes (points) of an integral in h dimensions, shape (n, h)
     free: Array
-    log_density: Array  #: logarithm of the integrated density f at the n nodes, shape (n,)
-    #: logarithm of the volume that each of the n nodes represents, so that the integral is the sum
-    #: of density times volume, shape (n,)
+    #: logarithm of the density f to be integrated, at each of the n nodes (points), shape (n,)
+    log_density: Array
+    #: logarithm of the volume that each of the n nodes (points) represents, so that the integral is
+    #: the sum of density times volume, shape (n,)
     log_volume: Array
-    #: index of the set to which each of the n nodes belongs, shape (n,). A set is a grid of a
-    #: lattice, or a randomised sequence of a sample. The nodes of each set alone give an estimate
-    #: of the integral.
+    #: index of the set to which each of the n nodes (points) belongs, shape (n,). A set is a grid
+    #: of a lattice, or a randomised sequence of a sample. The nodes of each set alone give an
+    #: estimate of the integral.
     estimate: Index
-    #: whether each of the n nodes is one of the outermost nodes of a lattice, beyond which the
-    #: density was not evaluated, shape (n,)
+    #: whether each of the n nodes (points) is one of the outermost nodes of a lattice, beyond which
+    #: the density was not evaluated, shape (n,)
     edge: NDArray[np.bool_]
-    #: density from which the nodes of a sample were drawn at random; None for the nodes of a
+    #: density from which the nodes (points) of a random sample were drawn; None for the nodes of a
     #: lattice
     proposal: ProposalDensity | None
-    #: upper limit of the share of the integral that belongs to the nodes at which the density was
-    #: not evaluated because of their small weight
+    #: upper limit of the share of the integral that belongs to the nodes (points) at which the
+    #: density was not evaluated because of their small weight
     left_out: float = 0.0
     #: difference between the values of ln ∫ f from the two grids of a lattice [nat], with the wider
     #: spacing of nodes before the spacing was last reduced; zero for a sample, and for a lattice
@@ -270,7 +273,7 @@ class Integral:
         return self._sample_proposal().log_density(free)
 
     def _sample_proposal(self) -> ProposalDensity:
-        """Return the density from which the nodes of this sample were drawn.
+        """Return the density from which the nodes (points) of this sample were drawn.
 
         Raise a `TypeError` for a lattice, which has no such density.
         """

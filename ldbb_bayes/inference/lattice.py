@@ -6,8 +6,8 @@ two grids, the second moved by half a step in every direction. Together they for
 lattice, and most of their errors cancel in the mean of the two grids. A step is the distance from a
 point of a grid to the next one along a direction of the grid. The unit of a step is a standard
 deviation of the Gaussian that is fitted to the density at its highest mode. The edge of a lattice
-is its outermost points. f is the integrated density, h the number of dimensions, n the number of
-nodes (points).
+is its outermost points. f is the density to be integrated, h the number of dimensions, n the number
+of nodes (points).
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def _integrate_on_grids(
 
 
 def _grid_coordinates(centre: Array, cell: Array, places: Array) -> Array:
-    """Return the coordinates of grid points, shape (n, h).
+    """Return the coordinates of n grid points in h dimensions, shape (n, h).
 
     ``places``, shape (n, h), holds the positions of the n points relative to ``centre``, shape
     (h,), in multiples of the grid's steps. The steps are the columns of ``cell``, shape (h, h).
@@ -165,15 +165,15 @@ def _grid_coordinates(centre: Array, cell: Array, places: Array) -> Array:
 
 
 class _Grid(NamedTuple):
-    """Nodes of one of the two regular grids that form a lattice, and the density at these nodes."""
+    """Nodes (points) of one of the two regular grids that form a lattice, and the density there."""
 
     #: positions of the n nodes (points) of a grid in h dimensions, relative to the centre of the
     #: lattice and in multiples of the steps of the grid, shape (n, h)
     places: Array
-    #: logarithm of the density to be integrated, at the n nodes of a grid, shape (n,)
+    #: logarithm of the density to be integrated, at the n nodes (points) of a grid, shape (n,)
     log_density: Array
-    #: whether each of the n nodes is one of the outermost nodes of the grid, beyond which the
-    #: density was not evaluated, shape (n,)
+    #: whether each of the n nodes (points) of a grid is one of its outermost nodes, beyond which
+    #: the density was not evaluated, shape (n,)
     edge: NDArray[np.bool_]
 
 
@@ -188,14 +188,15 @@ def _grow_grid(
 ) -> _Grid:
     """Return one of the two grids of a lattice, grown from the modes of a density.
 
-    The grid begins with the nodes nearest to the modes. Neighbours of existing nodes are added
-    until all nodes added last are negligible, or until the grid has more than ``max_nodes`` nodes.
-    A node is negligible if ``log_density`` at the node is lower than the highest log density by
-    ``depth`` [nat] or more. The grid has h dimensions; its steps are the columns of ``cell``, shape
-    (h, h). ``starts`` are the modes of the density relative to ``centre``, in multiples of the
-    steps. ``offset`` is the fraction of a step, 0 or 0.5, by which the grid is moved from
-    ``centre`` in every direction. ``edge`` of the result marks the negligible nodes. If the grid
-    has more than ``max_nodes`` nodes, ``edge`` also marks the nodes added last.
+    The grid begins with the nodes (grid points) nearest to the modes. Neighbours of existing nodes
+    are added until all nodes added last are negligible, or until the grid has more than
+    ``max_nodes`` nodes. A node is negligible if ``log_density`` at the node is lower than the
+    highest log density by ``depth`` [nat] or more. The grid has h dimensions; its steps are the
+    columns of ``cell``, shape (h, h). ``starts`` are the modes of the density relative to
+    ``centre``, in multiples of the steps. ``offset`` is the fraction of a step, 0 or 0.5, by which
+    the grid is moved from ``centre`` in every direction. ``edge`` of the result marks the
+    negligible nodes. If the grid has more than ``max_nodes`` nodes, ``edge`` also marks the nodes
+    added last.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])

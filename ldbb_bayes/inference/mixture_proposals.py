@@ -28,7 +28,7 @@ Random = np.random.Generator | np.random.RandomState
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # Up to this number of dimensions, Student-t distributions with light tails (many degrees of
 # freedom) are not fitted. They would improve the fit little, and too few points would be drawn in
-# the tails of the integrated density.
+# the tails of the density to be integrated.
 _FEW_DIMENSIONS = 5
 # ``_FREEDOMS`` lists the degrees of freedom that are tried when a Student-t distribution is fitted
 # to points. In at most ``_FEW_DIMENSIONS`` dimensions, only this number of values from the

@@ -1,11 +1,11 @@
 """Information that readings carry about all coefficients of a bound model.
 
 A bound model is a model that has been applied to one campaign. Its coefficients are the parameters
-of interest (compliances, their slopes and geometric errors) and the coefficients of nuisances,
-which are effects that are modelled but not of interest. The hyper-parameters φ of the model are
-quantities such as the standard deviation of the noise. The readings of a test are replaced by at
-most 25 numbers without loss of information (module `reduction`); these numbers are called reduced
-readings.
+of interest (compliances, their changes with force, and geometric errors) and the coefficients of
+nuisances, which are effects that are modelled but not of interest. The hyper-parameters φ of the
+model are quantities such as the standard deviation of the noise. The readings of a test are
+replaced by at most 25 numbers without loss of information (module `reduction`); these numbers are
+called reduced readings.
 """
 
 from __future__ import annotations

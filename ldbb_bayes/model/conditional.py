@@ -1,7 +1,7 @@
 """Gaussian density of the parameters at given hyper-parameters, and its truncation.
 
-The density is p(β | y, φ). β are compliances, their slopes and geometric errors; y are the
-readings; φ are the hyper-parameters, such as the standard deviation of the noise. Truncation
+The density is p(β | y, φ). β are compliances, their changes with force, and geometric errors; y are
+the readings; φ are the hyper-parameters, such as the standard deviation of the noise. Truncation
 restricts β to the region in which no compliance is negative.
 """
 

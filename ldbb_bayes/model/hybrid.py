@@ -134,8 +134,8 @@ class HybridModel(Result):
     #: nuisance terms: effects on the readings that are modelled but not of interest, such as the
     #: form errors of the balls
     nuisances: Sequence[Term] = field(default_factory=_default_terms)
-    #: prior of the parameters of interest (compliances, their slopes and geometric errors) and of
-    #: the hyper-parameters (such as the standard deviation of the noise)
+    #: prior of the parameters of interest (compliances, their changes with force, and geometric
+    #: errors) and of the hyper-parameters (such as the standard deviation of the noise)
     prior: Prior = field(default_factory=Prior.default)
     #: reference force F0 [N], at which compliances are stated; by default the midpoint between the
     #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the paper.
@@ -245,9 +245,9 @@ class HybridModel(Result):
     def with_degree(self, degree: int) -> HybridModel:
         """Return the same model with another degree of the compliance as a polynomial in force.
 
-        The degree is 0, 1 or 2. If it is smaller than before, slopes of higher degrees no longer
-        exist; priors that the user gave for these slopes are dropped, and the names of these slopes
-        are removed from ``fixed``.
+        The degree is 0, 1 or 2. If it is smaller than before, slopes (changes of compliances with
+        force) of higher degrees no longer exist; priors that the user gave for these slopes are
+        dropped, and the names of these slopes are removed from ``fixed``.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -288,10 +288,10 @@ class HybridModel(Result):
         """Return the same model with other priors of parameters and hyper-parameters.
 
         A parameter of interest gets a mean and a sd; if it was fixed at zero, it is free again. The
-        mean of a slope must be 0. Each value is a string with a unit, or a number. Numbers for
-        parameters of interest are in internal units (mm, N, rad); a number for a field of `Prior`
-        is in the unit that the field's name states. Whether a parameter exists is checked when the
-        model is applied to a campaign.
+        mean of a slope (change of a compliance with force) must be 0. Each value is a string with a
+        unit, or a number. Numbers for parameters of interest are in internal units (mm, N, rad); a
+        number for a field of `Prior` is in the unit that the field's name states. Whether a
+        parameter exists is checked when the model is applied to a campaign.
 
         Parameters
         ----------
@@ -491,9 +491,9 @@ class HybridModel(Result):
         seed : int
             Seed of the random numbers.
         parameters : mapping of str to float, optional
-            True compliances, slopes and geometric errors by name, in internal units (mm, N, rad);
-            parameters that are not named are zero. By default, all parameters are drawn at random
-            from the prior.
+            True compliances, their changes with force, and geometric errors by name, in internal
+            units (mm, N, rad); parameters that are not named are zero. By default, all parameters
+            are drawn at random from the prior.
         hyper_um : mapping of str to float, optional
             True hyper-parameters by name, such as the standard deviation of the noise, with lengths
             in µm; hyper-parameters that are not named are drawn at random from their priors.
@@ -630,13 +630,14 @@ class Simulation(Result):
     """Simulated campaign and the true values from which it was simulated."""
 
     campaign: Campaign
-    #: true compliances, slopes and geometric errors of the simulated machine by name, in internal
-    #: units (mm, N, rad)
+    #: true compliances, their changes with force, and geometric errors of the simulated machine by
+    #: name, in internal units (mm, N, rad)
     parameters: dict[str, float]
     #: true hyper-parameters (such as the standard deviation of the noise) of the simulation by
     #: name; lengths in µm
     hyper_um: dict[str, float]
-    #: unit of each compliance, slope and geometric error by name, made of mm, N and rad
+    #: unit of each compliance, slope (change of a compliance with force) and geometric error by
+    #: name, made of mm, N and rad
     units: dict[str, str]
 
 
@@ -671,9 +672,9 @@ _KEPT_BOUND_MODELS = 24
 class BoundModel(Shown):
     """The model of one campaign: ρ = H β + nuisances + ε, with priors for this campaign.
 
-    ρ are the readings, β the p parameters of interest (compliances, slopes and geometric errors), H
-    the readings per unit of each parameter, and ε white noise. Nuisances are effects that are
-    modelled but not of interest.
+    ρ are the readings, β the p parameters of interest (compliances, their slopes, which are changes
+    with force, and geometric errors), H the readings per unit of each parameter, and ε white noise.
+    Nuisances are effects that are modelled but not of interest.
 
     Parameters
     ----------
@@ -851,10 +852,10 @@ class BoundModel(Shown):
         """Return the matrix A of the conditions A β ≥ 0 on the parameters β, shape (rows, p).
 
         β are the p parameters of interest. A β holds the compliances C(F) that must not be
-        negative, at tested forces F. The elements of A for slopes are powers of F − F0, where F0 is
-        the reference force ``reference_force_N``. If compliances are constant in force, A has rows
-        for one tested force; if they are linear, for the smallest and the largest tested force; if
-        they are quadratic, for all tested forces.
+        negative, at tested forces F. The elements of A for slopes (changes of compliances with
+        force) are powers of F − F0, where F0 is the reference force ``reference_force_N``. If
+        compliances are constant in force, A has rows for one tested force; if they are linear, for
+        the smallest and the largest tested force; if they are quadratic, for all tested forces.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
@@ -874,7 +875,7 @@ class BoundModel(Shown):
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """Names of the model's compliances, without slopes; compliances fixed at zero are included.
+        """Names of the model's compliances at the reference force, including those fixed at zero.
 
         The model has all compliances that the campaign's circles can separate.
         """
@@ -924,7 +925,8 @@ class BoundModel(Shown):
         """Return the matrix A with C(F) = A β, shape (compliances, p), at one force F.
 
         C(F) are the compliances at the force F = ``force_N`` [N], and β are the p parameters of
-        interest: compliances at the reference force, their slopes and geometric errors.
+        interest: compliances at the reference force, their changes with force, and geometric
+        errors.
         """
         lever = force_N - self.setting.reference_force_N
         return compliance_rows(self.compliances, self.parameters, lever)
@@ -1028,7 +1030,8 @@ class BoundModel(Shown):
 
         ``phi``, shape (w, h), holds w values of the h hyper-parameters φ (such as the standard
         deviation of the noise), with lengths in mm. ``beta``, shape (w, p), holds w values of the p
-        parameters of interest β (compliances, slopes and geometric errors) in mm, N and rad.
+        parameters of interest β (compliances, their changes with force, and geometric errors) in
+        mm, N and rad.
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
@@ -1127,11 +1130,12 @@ class BoundModel(Shown):
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        In the default model, the prior sd of a slope is proportional to the magnitude of the
-        estimated compliance. For a drawn machine, it is proportional to the magnitude of the drawn
-        compliance instead. If the prior excludes negative compliances, no drawn compliance is
-        negative. The parameters are in mm, N and rad. Raise an `InputError` if the prior is flat,
-        or if nearly all machines drawn from the prior have a negative compliance.
+        In the default model, the prior sd of a slope (change of a compliance with force) is
+        proportional to the magnitude of the estimated compliance. For a drawn machine, it is
+        proportional to the magnitude of the drawn compliance instead. If the prior excludes
+        negative compliances, no drawn compliance is negative. The parameters are in mm, N and rad.
+        Raise an `InputError` if the prior is flat, or if nearly all machines drawn from the prior
+        have a negative compliance.
         """
         prior = self.model.prior
         if prior.flat or not prior.slopes_of_estimate:

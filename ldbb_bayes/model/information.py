@@ -48,9 +48,9 @@ class Information:
     noise treated as known is left out of e.
     """
 
-    #: Names of the m coefficients of the model: parameters of interest (compliances, their slopes,
-    #: geometric errors), then nuisance coefficients, which belong to effects that are modelled but
-    #: not of interest.
+    #: Names of the m coefficients of the model: parameters of interest (compliances, their changes
+    #: with force, geometric errors), then nuisance coefficients, which belong to effects that are
+    #: modelled but not of interest.
     names: tuple[str, ...]
     #: Class name of the nuisance term to which each of the model's m coefficients belongs, or `OWN`
     #: for a parameter of interest.
@@ -58,8 +58,8 @@ class Information:
     #: Prior sd of each of the model's m coefficients in internal units (mm, N, rad), shape (m,). If
     #: the prior of a coefficient is flat, its typical magnitude is stored instead.
     scale: Array
-    #: Whether the parameters of interest (compliances, their slopes and geometric errors) have flat
-    #: priors.
+    #: Whether the parameters of interest (compliances, their changes with force, and geometric
+    #: errors) have flat priors.
     flat: bool
     #: Design matrix of each test, shape (k, m): the change of the test's k reduced readings per
     #: unit of each of the model's m coefficients. Reduced readings are the at most 25 numbers that

@@ -57,7 +57,7 @@ class Parameter:
 
     @property
     def compliance(self) -> str:
-        """Name of the compliance to which a slope belongs, such as C_XXX for C_XXX_1.
+        """Name of the compliance to which a slope (change with force) belongs: C_XXX for C_XXX_1.
 
         For a compliance or a geometric error, it is the name of the parameter itself.
         """
@@ -90,7 +90,7 @@ class ParametersOfInterest:
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """Names of the compliances that the circles of a campaign can separate, without slopes."""
+        """Names of the compliances that circles can separate, without their changes with force."""
         return self.visible.names
 
     def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:
@@ -139,11 +139,12 @@ class ParametersOfInterest:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
         The sds are in internal units (mm, N, rad). A prior sd that the user gave is used unchanged.
-        The default prior sd of a slope is proportional to the magnitude of its compliance. This
-        magnitude, which ``setting`` holds, is computed from the estimate of the compliance and its
-        standard uncertainty, added in quadrature. It is taken to be at least 1/20 of the
-        compliance's typical magnitude (usually its prior sd). In the model's first edition (preset
-        ``first``), the prior sd of a slope is proportional to this typical magnitude instead.
+        The default prior sd of a slope (change of a compliance with force) is proportional to the
+        magnitude of its compliance. This magnitude, which ``setting`` holds, is computed from the
+        estimate of the compliance and its standard uncertainty, added in quadrature. It is taken to
+        be at least 1/20 of the compliance's typical magnitude (usually its prior sd). In the
+        model's first edition (preset ``first``), the prior sd of a slope is proportional to this
+        typical magnitude instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -187,10 +188,10 @@ def interest_columns(setting: Setting, degree: int) -> Array:
     """Return the reading per unit of all parameters of interest, shape (tests, 25, parameters).
 
     The reading is described by 25 Fourier coefficients. The reading per unit is F (F − F0)^k j_C
-    for a compliance (k = 0) and for its slope of degree k; it is j_G for a geometric error. F is
-    the force, F0 the reference force, j_C the reading per unit force and compliance, and j_G the
-    reading per unit geometric error. ``setting`` describes the test conditions, and ``degree`` is
-    the degree of the compliance as a polynomial in force.
+    for a compliance (k = 0) and for its slope of degree k (change with force); it is j_G for a
+    geometric error. F is the force, F0 the reference force, j_C the reading per unit force and
+    compliance, and j_G the reading per unit geometric error. ``setting`` describes the test
+    conditions, and ``degree`` is the degree of the compliance as a polynomial in force.
     """
     lever = setting.force_N - setting.reference_force_N
     columns = []
@@ -236,8 +237,8 @@ def physical_rows(
 
     The conditions exclude negative values of those compliances that are deflections in the
     direction of the load itself. The product of a row of A and β is such a compliance at one force
-    F, C(F). Raise an `InputError` if a compliance is fixed at zero but has a free slope that would
-    make the compliance negative on one side of the reference force F0.
+    F, C(F). Raise an `InputError` if a compliance is fixed at zero but has a free slope (change
+    with force) that would make the compliance negative on one side of the reference force F0.
 
     Parameters
     ----------

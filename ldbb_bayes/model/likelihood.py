@@ -1,10 +1,10 @@
 """The log likelihood ln p(z | β, φ), with the nuisance coefficients integrated out analytically.
 
-β (p,) are the parameters: compliances, their slopes and geometric errors. Nuisance coefficients
-belong to effects that are modelled but not of interest. φ are the hyper-parameters, such as the
-standard deviation of the noise. The readings of test r are reduced to z_r by projection on 25
-Fourier basis functions. R_r is the triangular factor in the QR decomposition of these functions at
-the test's angles (`reduction`):
+β (p,) are the parameters: compliances, their changes with force, and geometric errors. Nuisance
+coefficients belong to effects that are modelled but not of interest. φ are the hyper-parameters,
+such as the standard deviation of the noise. The readings of test r are reduced to z_r by projection
+on 25 Fourier basis functions. R_r is the triangular factor in the QR decomposition of these
+functions at the test's angles (`reduction`):
 
     z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε.
 

@@ -4,15 +4,16 @@
 
 z are the readings of all tests, reduced to at most 26 numbers for each test: 25 for the Fourier
 functions to order 12, and the norm of the part of the readings that these functions cannot describe
-(`reduction`). β are the p parameters of interest (compliances, their slopes and geometric errors),
-with the design matrix H (rows, p). x are the coefficients of nuisances, which are effects modelled
-but not of interest, with the design matrix A (rows, coefficients); each coefficient is rescaled as
-`Observations.unit` describes. Shared coefficients are the same in all tests; a private coefficient
-belongs to a single test. The rows of a test are rotated so that the covariance of all noise in the
-test is diagonal. The prior of each coefficient adds one row, unless the prior is flat. Only the
-diagonal matrix D depends on the hyper-parameters φ, the scales (standard deviations) of the noise
-and of nuisances. Each entry of D is a weighted sum of squares. The quantities that are squared are
-called sources of variance; they are hyper-parameters and products of hyper-parameters.
+(`reduction`). β are the p parameters of interest (compliances, their changes with force, and
+geometric errors), with the design matrix H (rows, p). x are the coefficients of nuisances, which
+are effects modelled but not of interest, with the design matrix A (rows, coefficients); each
+coefficient is rescaled as `Observations.unit` describes. Shared coefficients are the same in all
+tests; a private coefficient belongs to a single test. The rows of a test are rotated so that the
+covariance of all noise in the test is diagonal. The prior of each coefficient adds one row, unless
+the prior is flat. Only the diagonal matrix D depends on the hyper-parameters φ, the scales
+(standard deviations) of the noise and of nuisances. Each entry of D is a weighted sum of squares.
+The quantities that are squared are called sources of variance; they are hyper-parameters and
+products of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class Rows(NamedTuple):
     #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest),
     #: shape (n, coefficients), with n observation equations and one column for each coefficient.
     columns: Array
-    #: Design matrix H of the p parameters of interest (compliances, their slopes and geometric
-    #: errors), shape (n, p) for n observation equations.
+    #: Design matrix H of the p parameters of interest (compliances, their changes with force, and
+    #: geometric errors), shape (n, p) for n observation equations.
     interest: Array
     #: Left-hand side z of each of n observation equations, shape (n,): a reduced reading [mm] or
     #: the prior mean of a coefficient. One equation of each test holds the norm of that part of the

@@ -83,8 +83,8 @@ EXAMPLES = [
 # A prior mean of a parameter is refused if its absolute value exceeds the default prior sd times
 # this number, because the unit is then probably wrong.
 _LARGEST_MEAN_PER_SD = 1000.0
-# Regular expression for the names of compliances, such as C_XXX, and of their slopes, such as
-# C_XXX_1.
+# Regular expression for the names of compliances, such as C_XXX, and of their slopes (changes with
+# force), such as C_XXX_1.
 _COMPLIANCE_NAME = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])(?:_[12])?")
 # Regular expressions for the names of geometric errors; the keys are the kinds of errors. The names
 # are, for example, E_XX1, E_YX2, E_C0YX, E_Xt0, and E_Xt0_2 for the offset in set-up 2.
@@ -149,10 +149,10 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 def settings_of_sd(parameter: str) -> tuple[str, ...]:
     """Return the names of the fields of `Prior` that determine a parameter's prior sd.
 
-    For C_XXX the only field is ``direct_mm_per_N``. For the slope C_XXX_1, the fields
-    ``slope_scale`` and ``slopes_of_estimate`` are named too. The fields for single parameters
-    (``overrides``, ``means``) are left out. The result is an empty tuple if ``parameter`` is not
-    the name of a parameter.
+    For C_XXX the only field is ``direct_mm_per_N``. For C_XXX_1, the slope of C_XXX (its change
+    with force), the fields ``slope_scale`` and ``slopes_of_estimate`` are named too. The fields for
+    single parameters (``overrides``, ``means``) are left out. The result is an empty tuple if
+    ``parameter`` is not the name of a parameter.
     """
     kind = _kind_of(parameter)
     if kind is None:
@@ -273,8 +273,8 @@ class Prior(Shown):
     #: whether the prior is truncated so that compliances that are deflections in the direction of
     #: the load itself (such as C_XXX, C_YYY and C_CCY) are not negative at the tested forces
     truncated: bool = True
-    #: whether all parameters of interest (compliances, their slopes and geometric errors) have flat
-    #: (constant) priors, as in the paper's least squares
+    #: whether all parameters of interest (compliances, their changes with force, and geometric
+    #: errors) have flat (constant) priors, as in the paper's least squares
     flat: bool = False
     #: prior sds that the user gave instead of the defaults, in internal units (mm, N, rad); the
     #: keys are names of parameters of interest, such as C_XXX
@@ -362,7 +362,7 @@ class Prior(Shown):
         """Return the prior of the model's first edition (preset ``first``).
 
         The prior of the balls' form errors is wider than in the default prior, and the prior sds of
-        slopes do not depend on the readings.
+        slopes (changes of compliances with force) do not depend on the readings.
         """
         return cls(tau_um=5.0, slopes_of_estimate=False)
 
@@ -489,8 +489,8 @@ def _check_mean(name: str, mean: float) -> None:
     """Raise an `InputError` if the prior mean of a named parameter is not permitted.
 
     ``name`` is the name of the parameter and ``mean`` the prior mean, in internal units
-    (mm, N, rad). A prior mean is not permitted if it is not finite, if the parameter is a slope, or
-    if its absolute value exceeds 1000 default prior sds.
+    (mm, N, rad). A prior mean is not permitted if it is not finite, if the parameter is a slope
+    (change of a compliance with force), or if its absolute value exceeds 1000 default prior sds.
     """
     require(
         bool(np.isfinite(mean)),

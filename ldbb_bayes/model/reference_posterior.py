@@ -81,7 +81,8 @@ class ReferencePosterior:
     interest: ParametersOfInterest
     prior: Prior
     nuisances: Sequence[Term]  #: nuisance terms of the model (effects modelled but not of interest)
-    #: names of the compliances, slopes and geometric errors that are fixed at zero
+    #: names of the compliances, slopes (changes of compliances with force) and geometric errors
+    #: that are fixed at zero
     fixed: Sequence[str]
     #: fixed values of the hyper-parameters (such as the standard deviation of the noise) by name,
     #: with lengths in mm

@@ -250,8 +250,8 @@ class Truths:
     #: plan (campaign without readings) that is to be simulated; None if the file of true values
     #: contains no forces, so that the plan must come from another file
     plan: Campaign | None
-    #: true compliances, slopes and geometric errors for a simulation, by name, in internal units
-    #: (mm, N, rad); None if they are drawn at random from the prior
+    #: true compliances, their changes with force, and geometric errors for a simulation, by name,
+    #: in internal units (mm, N, rad); None if they are drawn at random from the prior
     parameters: dict[str, float] | None
     #: true hyper-parameters (such as the standard deviation of the noise) by name, with lengths in
     #: µm; hyper-parameters that are not named are drawn at random from their priors
