@@ -101,7 +101,7 @@ class Check:
     A small p-value means that readings like those measured are improbable under the model.
     """
 
-    kind: CheckKind  #: property of the readings that is checked
+    kind: CheckKind  #: property of a test's readings that this check examines, such as their noise
     test: str  #: name of the test whose readings are checked
     p: float  #: posterior predictive p-value of the readings of a test
     #: Fourier order at which the readings of a test are checked; None unless ``kind`` is

@@ -27,14 +27,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 
-# Values of the shape a that are considered for the density InvGamma(a, a) of the squared noise
-# factor λ² of a circle. The first value is the shape in the model's prior. With a large a, the
-# noise factors of all circles are similar.
+# Values of the shape a that are considered for the density InvGamma(a, a) of λ², where λ is the
+# noise factor of a circle (the factor that multiplies its noise). The first value is the shape in
+# the model's prior. With a large a, the noise factors of all circles are similar.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
 # Prior probability of the first value of the shape a in ``_SHAPES``; all other values have equal
-# prior probabilities. The first value gives the density of a circle's noise factor with the
-# heaviest tails. Its prior probability is large, so that a few circles with a similar scatter
-# cannot rule out that the next circle is unusual.
+# prior probabilities. The shape a belongs to the density InvGamma(a, a) of the square of a circle's
+# noise factor (the factor that multiplies the noise of the circle). The first value gives the
+# density with the heaviest tails. Its prior probability is large, so that a few circles with a
+# similar scatter cannot rule out that the next circle is unusual.
 _FIRST_PROBABILITY = 0.5
 
 

@@ -88,9 +88,9 @@ class LogDensity(Shown):
 
     x holds the parameters β (compliances, their changes with force, and geometric errors), then the
     hyper-parameters φ (such as the standard deviation of the noise), in mm, N and rad. For one
-    point, shape (d,), a density is a number; for n points, shape (n, d), densities have the shape
-    (n,). Logarithms are natural and every density is normalised, so that a nested sampler gives the
-    same evidence as `log_evidence`.
+    point of d coordinates, shape (d,), a density is a number; for n points, shape (n, d), densities
+    have the shape (n,). Logarithms are natural and every density is normalised, so that a nested
+    sampler gives the same evidence as `log_evidence`.
 
     Examples
     --------
@@ -157,36 +157,39 @@ class LogDensity(Shown):
     def log_prob(self, x: Array) -> Array:
         """Return the joint log density ln p(y | x) + ln p(x) of the readings y and of x.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The result is −inf
-        where the prior density p(x) is zero. The result is never NaN.
+        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
+        numbers each, shape (n, d). The result is −inf where the prior density p(x) is zero. The
+        result is never NaN.
         """
         return self._evaluate(x, self._log_joint)
 
     def log_prior(self, x: Array) -> Array:
         """Return the log prior density ln p(x) at x.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). If the model does
-        not allow negative compliances, the result is −inf where a compliance is negative. If the
-        parameters have a flat prior, the result is the log prior density of the hyper-parameters
-        alone.
+        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
+        numbers each, shape (n, d). If the model does not allow negative compliances, the result is
+        −inf where a compliance is negative. If the parameters have a flat prior, the result is the
+        log prior density of the hyper-parameters alone.
         """
         return self._evaluate(x, self._log_prior)
 
     def log_likelihood(self, x: Array) -> Array:
         """Return the log density ln p(y | x) of the readings y in mm, given x.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The result is −inf
-        if a hyper-parameter is outside its bounds or x is not finite.
+        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
+        numbers each, shape (n, d). The result is −inf if a hyper-parameter is outside its bounds or
+        x is not finite.
         """
         return self._evaluate(x, self._log_likelihood)
 
     def prior_transform(self, u: Array) -> Array:
         """Return the points x at cumulative prior probabilities u, for nested samplers.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). ``u``, of the same
-        shape, holds a number between 0 and 1 for each coordinate of x: the prior probability that
-        the coordinate has a smaller value, given the coordinates before it. If the model does not
-        allow negative compliances, no compliance is negative at any x returned.
+        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
+        numbers each, shape (n, d). ``u``, of the same shape, holds a number between 0 and 1 for
+        each coordinate of x: the prior probability that the coordinate has a smaller value, given
+        the coordinates before it. If the model does not allow negative compliances, no compliance
+        is negative at any x returned.
 
         Raises
         ------
@@ -252,7 +255,7 @@ class LogDensity(Shown):
     def _log_joint(self, beta: Array, phi: Array) -> Array:
         """Return the joint log density ln p(y, β, φ) at n points, shape (n,); y are the readings.
 
-        ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds the
+        ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h), holds the h
         hyper-parameters φ.
         """
         return _log_joint(self.bound, beta, phi, self.bound.hyper_prior.log_density(phi))
@@ -260,7 +263,7 @@ class LogDensity(Shown):
     def _log_prior(self, beta: Array, phi: Array) -> Array:
         """Return the log prior density ln p(β) + ln p(φ) at n points, shape (n,).
 
-        ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds the
+        ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h), holds the h
         hyper-parameters φ.
         """
         return self.bound.log_prior(beta) + self.bound.hyper_prior.log_density(phi)
@@ -268,13 +271,13 @@ class LogDensity(Shown):
     def _log_likelihood(self, beta: Array, phi: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y at n points, shape (n,).
 
-        ``beta``, shape (n, p), holds the parameters β; ``phi``, shape (n, h), holds the
+        ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h), holds the h
         hyper-parameters φ.
         """
         return self.bound.log_likelihood(phi, beta)
 
     def _check_points(self, x: Array, argument: str = "x") -> Array:
-        """Return one point, shape (d,), or n points, shape (n, d), as an array of floats.
+        """Return one point of d coordinates, (d,), or n points, (n, d), as an array of floats.
 
         Raise an `InputError` for any other shape; ``argument`` names the points in its message.
         """
@@ -291,10 +294,10 @@ class LogDensity(Shown):
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
         """Return a log density at points x; −inf where x is not finite or outside the bounds.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). Only the bounds of
-        the hyper-parameters are checked here. ``density`` is a function that takes the p parameters
-        and the h hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log
-        densities, shape (m,).
+        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
+        numbers each, shape (n, d). Only the bounds of the hyper-parameters are checked here.
+        ``density`` is a function that takes the p parameters and the h hyper-parameters of m
+        points, shapes (m, p) and (m, h), and returns their log densities, shape (m,).
         """
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))

@@ -200,13 +200,14 @@ class Evidences(Shown):
 
     @cached_property
     def _rough(self) -> Evidences:
-        """Object for rough evidences of models for the same readings.
+        """Object for rough evidences of models, for the same readings as this object.
 
-        The error allowed in their logarithms is larger: at least ``_ROUGH_TOLERANCE`` [nat].
+        The error allowed in the logarithms of rough evidences is larger: at least
+        ``_ROUGH_TOLERANCE`` [nat].
         """
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
         # The models applied to the campaign, and the modes of their posteriors, do not depend on
-        # the tolerance and are used again.
+        # the tolerance (the error allowed in a log evidence) and are used again.
         rough._posteriors = self._posteriors
         return rough
 
@@ -293,8 +294,8 @@ def leave_one_out(
         key the name of the test left out.
     """
     models = {name: nodes.bound.model for name, nodes in nodes_by_model.items()}
-    # The search for the modes of the posteriors without one test begins at the modes that were
-    # found with all tests.
+    # The posterior of the hyper-parameters without one test is similar to the posterior with all
+    # tests. The search for its mode therefore begins at the mode that was found with all tests.
     modes = {}
     for nodes in nodes_by_model.values():
         modes[nodes.bound.hyper_prior.names] = nodes.posterior.plain.mode

@@ -125,13 +125,17 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
 class _AcceptedDraws(NamedTuple):
     """Draws of hyper-parameters φ and parameters β that a rejection sampler has accepted.
 
-    ``free``, shape (accepted, h), holds the h hyper-parameters φ in unbounded coordinates;
-    ``beta``, shape (accepted, p), holds a draw of the p parameters β for each of these φ.
+    ``free``, shape (accepted, h), holds the h hyper-parameters φ in unbounded coordinates, mostly
+    ln(φ − lower bound); ``beta``, shape (accepted, p), holds a draw of the p parameters β for each
+    of these φ.
     """
 
-    #: accepted draws of h hyper-parameters in unbounded coordinates, shape (accepted, h)
+    #: draws of h hyper-parameters that the rejection sampler accepted, in unbounded coordinates
+    #: (mostly ln(value − lower bound)), shape (accepted, h)
     free: Array
-    beta: Array  #: accepted draws of p parameters in mm, N and rad, shape (accepted, p)
+    #: draws of p parameters in mm, N and rad, one for each accepted draw of the hyper-parameters,
+    #: shape (accepted, p)
+    beta: Array
 
 
 def _propose_tilted(

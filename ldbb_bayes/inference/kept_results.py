@@ -46,8 +46,8 @@ def kept(work: F) -> F:
         # Return the result of the function ``work`` for a posterior and further arguments: from the
         # cache, or computed now and then kept in the cache.
         if not isinstance(posterior, xr.DataTree) or "provenance" not in posterior.children:
-            # The first argument is not a posterior. Call the function ``work`` without the cache,
-            # so that ``work`` itself raises an error.
+            # The first argument, which should be a posterior, is something else. Call the function
+            # ``work`` without the cache, so that ``work`` itself raises an error.
             return work(posterior, *args, **kwargs)
         key = (work, _fingerprint(posterior), args, tuple(sorted(kwargs.items())))
         if key not in _RESULTS:

@@ -194,9 +194,10 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     truncation = model.bound.truncation
     if truncation.active:
         # A β are the compliances that must not be negative: linear combinations of the parameters
-        # β, one for each row of the matrix A. ``rate``, shape (w, rows, p), holds the change of
-        # each of these compliances per unit change of one parameter, at w posterior draws. All
-        # other parameters change too, in proportion to their covariances with this parameter.
+        # β, one for each row of the matrix A. There are p parameters. ``rate``, shape (w, rows, p),
+        # holds the change of each of these compliances per unit change of one parameter, at w
+        # posterior draws. All other parameters change too, in proportion to their covariances with
+        # this parameter.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

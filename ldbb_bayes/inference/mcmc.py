@@ -125,7 +125,9 @@ class Assessment:
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
         """Return whether the draws of a sampler meet a stopping rule; False if a diagnostic is NaN.
 
-        ``walkers`` is the number of walkers of all ensembles together, or 0 for independent draws.
+        The rule states effective sample sizes, an R-hat and a length of the run that must be
+        reached. ``walkers`` is the number of walkers of all ensembles together, or 0 for
+        independent draws.
         """
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
@@ -182,8 +184,8 @@ class WeightedPoints(NamedTuple):
     """
 
     points: Array  #: random points with d coordinates for a sampler, shape (size, d)
-    #: log importance weight of each random point, ln(target density / proposal density), up to a
-    #: constant, shape (size,)
+    #: log importance weight of each random point, ln(density from which the sampler is to draw /
+    #: density from which the points are drawn), up to a constant, shape (size,)
     log_weight: Array
     #: logarithm of the target density, from which a sampler is to draw, at each random point, shape
     #: (size,)
@@ -199,14 +201,16 @@ class Redraw(Protocol):
     def draw(self, size: int, random: np.random.RandomState) -> WeightedPoints:
         """Return ``size`` independent random points with their importance weights.
 
-        The weight of a point is the target density divided by the density from which it is drawn.
+        The weight of a point is the target density, from which the sampler is to draw, divided by
+        the density from which the point is drawn.
         """
 
     def log_weight(self, points: Array) -> Array:
         """Return the log importance weights of n points, shape (n,).
 
-        The weight of a point is the target density divided by the density from which `draw` draws.
-        ``points``, shape (n, d), holds n points in d dimensions.
+        The weight of a point is the target density, from which the sampler is to draw, divided by
+        the density from which `draw` draws. ``points``, shape (n, d), holds n points in d
+        dimensions.
         """
 
 
@@ -322,10 +326,10 @@ class _Ensemble:
     ) -> None:
         """Place the walkers at their starting points, without making a step.
 
-        ``start``, shape (walkers, d), holds the starting points. ``log_density`` returns the log
-        density at n points, shape (n,), from an array of shape (n, d). ``redraw`` is the source of
-        independent points to which walkers may jump, or None. ``seed`` is the seed of the random
-        numbers.
+        ``start``, shape (walkers, d), holds the starting points, each with d coordinates.
+        ``log_density`` returns the log density at n points, shape (n,), from an array of shape (n,
+        d). ``redraw`` is the source of independent points to which walkers may jump, or None.
+        ``seed`` is the seed of the random numbers.
         """
         walkers, dimensions = start.shape
         self._sampler = emcee.EnsembleSampler(
@@ -416,8 +420,8 @@ class RedrawMove:
         """Keep ``redraw``, the source of the independent points that are proposed to walkers."""
         self._redraw = redraw
         self._stock: WeightedPoints | None = None
-        # Coordinates of all walkers after the last `RedrawMove`, and the log importance weights of
-        # these points.
+        # Coordinates of all walkers after the last `RedrawMove` (jump of walkers to independent
+        # points), and the log importance weights of these coordinates.
         self._last_coordinates = np.zeros(0)
         self._last_log_weight = np.zeros(0)
 

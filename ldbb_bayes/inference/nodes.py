@@ -83,8 +83,9 @@ _COARSE_STEP = 1.25
 # hyper-parameters) of smallest weight. The share of the integral that belongs to these nodes is at
 # most the tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
-# The probability that no compliance is negative is not computed at the nodes of smallest weight.
-# These nodes hold at most this share of the integral, however large the tolerance is.
+# The probability that no compliance is negative is not computed at the nodes (values of the
+# hyper-parameters) of smallest weight. These nodes hold at most this share of the integral, however
+# large the tolerance is.
 _LARGEST_LEFT_OUT = 5e-4
 # Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
 # a quarter of that of the log evidence, but at least this value.
@@ -131,7 +132,8 @@ class ProbabilityInside(NamedTuple):
     """Log posterior probability that no compliance is negative, and its error."""
 
     log_value: float  #: log posterior probability that no compliance is negative
-    error: float  #: error of the log probability ``log_value`` [nat]
+    #: error of ``log_value``, the log posterior probability that no compliance is negative [nat]
+    error: float
 
 
 class HyperPosterior:
@@ -163,7 +165,8 @@ class HyperPosterior:
 
         ``truncated`` states whether the condition that no compliance is negative is part of the
         posterior. ``seed`` is the seed of quasi-random points. ``near``, shape (h,), is the mode of
-        a similar posterior in unbounded coordinates, at which the search for modes starts, or None.
+        a similar posterior of the h hyper-parameters in unbounded coordinates, at which the search
+        for modes starts, or None.
         """
         self.bound = bound
         self.truncated = truncated
@@ -173,7 +176,11 @@ class HyperPosterior:
 
     @cached_property
     def _scores(self) -> NormalScores:
-        """Transformation between normal scores and unbounded coordinates of hyper-parameters."""
+        """Transformation between normal scores and unbounded coordinates of hyper-parameters.
+
+        Normal scores are coordinates in which most of the priors are standard normal. Unbounded
+        coordinates are mostly ln(value − lower bound).
+        """
         return NormalScores(self.bound.hyper_prior)
 
     @cached_property
@@ -216,7 +223,7 @@ class HyperPosterior:
 
         The hyper-parameters are quantities such as the standard deviation of the noise. The maximum
         is found in normal scores, coordinates in which most of the priors are standard normal. It
-        is returned in the unbounded coordinates of φ.
+        is returned in the unbounded coordinates of φ, mostly ln(φ − lower bound).
         """
         return self._scores.free(self.modes[0][0])
 
@@ -225,8 +232,8 @@ class HyperPosterior:
 
         y are the readings, β the parameters (compliances, their changes with force, geometric
         errors), and φ the h hyper-parameters (such as the standard deviation of the noise).
-        ``free``, shape (w, h), holds φ in unbounded coordinates. The Gaussians allow negative
-        compliances.
+        ``free``, shape (w, h), holds φ in unbounded coordinates, mostly ln(φ − lower bound). The
+        Gaussians allow negative compliances.
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
@@ -234,10 +241,10 @@ class HyperPosterior:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
         ``free``, shape (w, h), holds w values of the h hyper-parameters φ (such as the standard
-        deviation of the noise) in unbounded coordinates. If ``truncated`` of this object is True,
-        the log probability that no compliance is negative, given φ and the readings, is added. If
-        ``smooth`` is True, this probability is replaced by an upper bound, which is cheaper to
-        compute and is a smooth function of φ.
+        deviation of the noise) in unbounded coordinates, mostly ln(φ − lower bound). If
+        ``truncated`` of this object is True, the log probability that no compliance is negative,
+        given φ and the readings, is added. If ``smooth`` is True, this probability is replaced by
+        an upper bound, which is cheaper to compute and is a smooth function of φ.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
         finite = np.isfinite(log_density)
@@ -345,10 +352,11 @@ class HyperPosterior:
         noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
-            # Return the log posterior density at some of the nodes of ``integral``, which ``index``
-            # names: the log density in ``integral``, plus the log probability that no compliance is
-            # negative, minus the log of its upper bound if the density in ``integral`` contains the
-            # bound. The random error of each value is stored in ``noise``.
+            # Return the log posterior density at some of the nodes (values of the hyper-parameters)
+            # of ``integral``, which ``index`` names: the log density in ``integral``, plus the log
+            # probability that no compliance is negative, minus the log of its upper bound if the
+            # density in ``integral`` contains the bound. The random error of each value is stored
+            # in ``noise``.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
             log_density = integral.log_density[index] + probability.log_value
@@ -363,10 +371,10 @@ class HyperPosterior:
         errors = np.zeros(len(integral.free))
 
         def log_factor(index: Index) -> Array:
-            # Return the log probability that no compliance is negative at some of the nodes of
-            # ``integral``, which ``index`` names. The log of the upper bound of this probability is
-            # subtracted if the density in ``integral`` contains the bound. The error of each value
-            # is stored in ``errors``.
+            # Return the log probability that no compliance is negative at some of the nodes (values
+            # of the hyper-parameters) of ``integral``, which ``index`` names. The log of the upper
+            # bound of this probability is subtracted if the density in ``integral`` contains the
+            # bound. The error of each value is stored in ``errors``.
             values = evaluate(index)
             errors[index] = values.error
             return values.log_density - integral.log_density[index]
@@ -413,10 +421,10 @@ class HyperPosterior:
         """Return the mean of P(T | y, φ) over n values of the hyper-parameters φ, with its error.
 
         P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
-        ``free``, shape (n, h), holds the values of the h hyper-parameters in unbounded coordinates.
-        The error of the mean is twice the standard error that follows from the scatter of P(T | y,
-        φ) between these values, plus the mean numerical error of P(T | y, φ). ``tolerance`` is the
-        error allowed in ln P(T | y) [nat].
+        ``free``, shape (n, h), holds the values of the h hyper-parameters in unbounded coordinates
+        (mostly ln(value − lower bound)). The error of the mean is twice the standard error that
+        follows from the scatter of P(T | y, φ) between these values, plus the mean numerical error
+        of P(T | y, φ). ``tolerance`` is the error allowed in ln P(T | y) [nat].
         """
         log_values = []
         errors = []
@@ -437,7 +445,8 @@ class HyperPosterior:
     def plain(self) -> HyperPosterior:
         """Posterior density of the hyper-parameters that allows negative compliances.
 
-        If this object already allows negative compliances, the result is this object itself.
+        If the density of this object already allows negative compliances, the result is this object
+        itself.
         """
         if not self.truncated:
             return self
@@ -544,8 +553,9 @@ class HyperPosterior:
         are left out. The posterior density may extend far towards zero in one hyper-parameter, and
         the other hyper-parameters there may have other values than at the mode. The proposal (the
         density from which points are drawn) covers this region if it is also fitted at these
-        maxima. Each maximum is described by a pair of arrays: its normal scores, shape (h,), and a
-        square root, shape (h, h), of the inverse of minus the Hessian of the log density there.
+        maxima. Each maximum is described by a pair of arrays: its h normal scores (coordinates in
+        which most of the priors are standard normal), shape (h,), and a square root, shape (h, h),
+        of the inverse of minus the Hessian of the log density there.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -591,9 +601,9 @@ class HyperPosterior:
     def _smooth_of_scores(self, scores: Array) -> Array:
         """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
 
-        ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters. If the
-        probability that no compliance is negative is a factor of the density, its upper bound is
-        used instead.
+        ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters, coordinates in
+        which most of the priors are standard normal. If the probability that no compliance is
+        negative is a factor of the density, its upper bound is used instead.
         """
         log_density = self.log_density(self._scores.free(scores), smooth=True)
         return np.asarray(log_density + self._scores.log_jacobian(scores))
@@ -601,10 +611,11 @@ class HyperPosterior:
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
         """Return gradient and Hessian of the smooth log density at a point, shapes (h,) and (h, h).
 
-        ``point``, shape (h,), holds the normal scores of the h hyper-parameters. The density is
-        their posterior density. If the probability that no compliance is negative is a factor of
-        this density, it is replaced by a smooth upper bound. Among the hyper-parameters are the
-        noise factors of the circles; the noise factors of two circles hardly depend on each other.
+        ``point``, shape (h,), holds the normal scores of the h hyper-parameters, coordinates in
+        which most of the priors are standard normal. The density is their posterior density. If the
+        probability that no compliance is negative is a factor of this density, it is replaced by a
+        smooth upper bound. Among the hyper-parameters are noise factors, each of which multiplies
+        the noise of one circle; the noise factors of two circles hardly depend on each other.
         Unless ``exact`` is True, mixed second derivatives with respect to two noise factors are not
         computed, so that the work grows in proportion to the number of circles.
         """
@@ -677,7 +688,10 @@ class Evidence:
         return bool(np.isfinite(self.error))
 
     def __repr__(self) -> str:
-        """Return a line with the log evidence, its error and the number of nodes."""
+        """Return a line of text with the log evidence, its error and the number of nodes.
+
+        Nodes are weighted values of the hyper-parameters.
+        """
         value = " ± ".join(value_and_uncertainty(self.log_value, self.error))
         return f"<Evidence: ln Z = {value} nat, {self.nodes} nodes; readings {self.sha256[:8]}>"
 
@@ -706,8 +720,8 @@ class Nodes:
     posterior : HyperPosterior
         The posterior density of the hyper-parameters that the nodes represent.
     integral : Integral
-        The nodes, which are values of the hyper-parameters in unbounded coordinates, and their
-        weights.
+        The nodes, which are values of the hyper-parameters in unbounded coordinates (mostly
+        ln(value − lower bound)), and their weights.
     truncation_error : float
         Error of the log evidence due to errors of the probabilities that no compliance is negative
         [nat].
@@ -742,10 +756,11 @@ class Nodes:
     def meet(self, tolerance: float) -> bool:
         """Return whether the error of the log evidence is small enough for a tolerance [nat].
 
-        The error of the integral over the nodes must not exceed the tolerance minus the truncation
-        error, which is the error of the log probability that no compliance is negative. If the
-        truncation error is half the tolerance or more, finer nodes would hardly help; the error of
-        the integral may then be as large as the tolerance itself.
+        The error of the integral over the nodes (weighted values of the hyper-parameters) must not
+        exceed the tolerance minus the truncation error, which is the error of the log probability
+        that no compliance is negative. If the truncation error is half the tolerance or more, finer
+        nodes would hardly help; the error of the integral may then be as large as the tolerance
+        itself.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -843,12 +858,13 @@ class Nodes:
     ) -> _ConditionalMoments:
         """Return means and variances of the parameters given each of w hyper-parameter values.
 
-        ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates. If negative
-        compliances are allowed, the parameters given the hyper-parameters are Gaussian, and
-        ``along_axes`` is not used. Otherwise the parameters are converted to coordinates in which
-        this Gaussian is N(0, I). The condition that no compliance is negative affects only the
-        coordinates along d directions. ``along_axes`` is a function that returns the mean, shape
-        (w, d), and the covariance, shape (w, d, d), of these d coordinates under the condition.
+        ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates (mostly
+        ln(value − lower bound)). If negative compliances are allowed, the parameters given the
+        hyper-parameters are Gaussian, and ``along_axes`` is not used. Otherwise the parameters are
+        converted to coordinates in which this Gaussian is N(0, I). The condition that no compliance
+        is negative affects only the coordinates along d directions. ``along_axes`` is a function
+        that returns the mean, shape (w, d), and the covariance, shape (w, d, d), of these d
+        coordinates under the condition.
         """
         means = []
         variances = []

@@ -30,11 +30,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NodesWithoutTest"]
 
-# If a test is left out, the values of its noise factor are replaced by random draws from the prior.
-# This is the seed of these draws.
+# If a test is left out, the values of its noise factor (the factor on the noise of its circle) are
+# replaced by random draws from the prior. This is the seed of these draws.
 _SEED = 0
-# Smallest standard deviation of the Gaussian that is fitted to the logarithm of a noise factor. A
-# smaller standard deviation is replaced by this value.
+# Smallest standard deviation of the Gaussian that is fitted to the logarithm of the factor on the
+# noise of a circle. A smaller standard deviation is replaced by this value.
 _LEAST_SD = 1e-6
 
 
@@ -48,11 +48,14 @@ class GaussianFactor:
 
     #: index of the coordinate that a Gaussian density describes, among the h coordinates of a point
     axis: int
-    #: change of the mean of one coordinate of a point per unit of each of the other h − 1
-    #: coordinates, shape (h − 1,)
+    #: change of the mean of the Gaussian density of one coordinate of a point, per unit of each of
+    #: the other h − 1 coordinates, shape (h − 1,)
     slopes: Array
-    intercept: float  #: mean of one coordinate of a point whose other coordinates are zero
-    sd: float  #: standard deviation of one coordinate of a point, given its other coordinates
+    #: mean of the Gaussian density of one coordinate of a point, if the other coordinates are zero
+    intercept: float
+    #: standard deviation of the Gaussian density of one coordinate of a point, given the other
+    #: coordinates
+    sd: float
 
     def log_density(self, free: Array) -> Array:
         """Return the log density of one coordinate of w points given their other coordinates.
@@ -98,7 +101,10 @@ class NodesWithoutTest:
     """
 
     def __init__(self, nodes: Nodes, tolerance: float) -> None:
-        """Keep the nodes for all tests, and the error allowed in every log evidence [nat]."""
+        """Keep the nodes for all tests, and the error allowed in every log evidence [nat].
+
+        Nodes are weighted values of the hyper-parameters.
+        """
         self._integral = nodes.integral
         self._ratios = RatioSampler(nodes.integral)
         self._prior = nodes.bound.hyper_prior
@@ -124,19 +130,19 @@ class NodesWithoutTest:
         return Nodes(posterior, sampled.integral, sampled.value_error)
 
     def _nodes_with_noise_factor(self, posterior: HyperPosterior, axis: int) -> Nodes | None:
-        """Return the nodes without one test, for a model with a noise factor of this test.
+        """Return the nodes without one test, for a model with a factor on the noise of this test.
 
-        Nodes are weighted values of the hyper-parameters; the noise factor of the test is one of
-        the hyper-parameters, with the index ``axis``. ``posterior`` is the posterior density of the
-        hyper-parameters without the readings of the test. The result is None if the error of the
-        log evidence from the nodes exceeds the tolerance.
+        Nodes are weighted values of the hyper-parameters; the factor on the noise of the test
+        (noise factor) is one of the hyper-parameters, with the index ``axis``. ``posterior`` is the
+        posterior density of the hyper-parameters without the readings of the test. The result is
+        None if the error of the log evidence from the nodes exceeds the tolerance.
         """
         factor = fit_factor(self._integral, axis)
 
         def evaluate(index: Index) -> LogValues:
             # Return the log posterior density at some of the nodes (values of the
-            # hyper-parameters), which ``index`` names. The prior of the noise factor of the test
-            # left out is replaced by the Gaussian ``factor``.
+            # hyper-parameters), which ``index`` names. The prior of the factor on the noise of the
+            # test left out is replaced by the Gaussian ``factor``.
             free = self._integral.free[index]
             values = log_values(posterior, free, self._tolerance)
             change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])
@@ -149,12 +155,13 @@ class NodesWithoutTest:
         return Nodes(posterior, integral, sampled.value_error)
 
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
-        """Return an integral whose nodes have new values of a noise factor, drawn from its prior.
+        """Return an integral whose nodes have new values of a test's noise factor, from its prior.
 
         The nodes are values of the hyper-parameters. One of the hyper-parameters is the noise
-        factor of the test that is left out. The density of ``integral`` contains the Gaussian
-        density ``factor`` in place of the prior of this noise factor; the density of the result
-        contains the prior. The weights of the nodes and the value of the integral do not change.
+        factor of the test that is left out, which multiplies the noise of its circle. The density
+        of ``integral`` contains the Gaussian density ``factor`` in place of the prior of this noise
+        factor; the density of the result contains the prior. The weights of the nodes and the value
+        of the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

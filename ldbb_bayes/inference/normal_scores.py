@@ -6,7 +6,8 @@ smaller values and Φ the standard normal distribution function. The logarithm o
 readings hardly determine extends far towards minus infinity, with an exponential tail. Its normal
 score, in contrast, has a Gaussian tail. In normal scores, the posterior of φ therefore resembles a
 Gaussian more closely, and an integral over φ needs fewer nodes (weighted values of φ). For the
-noise factors of circles, the logarithms are used instead, because they are nearly normal.
+factors that multiply the noise of single circles, the logarithms are used instead, because they are
+nearly normal.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ class NormalScores:
     lower bound). Two kinds of hyper-parameters have truncated normal priors between bounds a and b:
     scales that are lengths, for which b is infinite, and decays (powers by which form error falls
     with its order). These k hyper-parameters are transformed to their normal scores. All other
-    hyper-parameters are noise factors of circles, whose logarithms serve as scores. Arrays of
-    points have the shape (..., h).
+    hyper-parameters are factors on the noise of single circles, whose logarithms serve as scores.
+    Arrays of points have the shape (..., h).
     """
 
     prior: HyperPrior
@@ -107,7 +108,8 @@ class NormalScores:
     def _values(self, scores: Array) -> Array:
         """Return values of the k hyper-parameters with truncated normal priors, shape (..., k).
 
-        ``scores``, shape (..., h), holds the normal scores of all h hyper-parameters.
+        ``scores``, shape (..., h), holds the normal scores of all h hyper-parameters, coordinates
+        in which most of the priors are standard normal.
         """
         log_probability = log_ndtr(-scores[..., self._has_normal_prior]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)
@@ -129,7 +131,8 @@ class NormalScores:
 
         φ are the k hyper-parameters with truncated normal priors, and a and b their lower and upper
         bounds. If b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (..., h), holds
-        the normal scores of all h hyper-parameters.
+        the normal scores of all h hyper-parameters, coordinates in which most of the priors are
+        standard normal.
         """
         lower, upper = self._bounds
         values = self._values(scores)
@@ -148,7 +151,9 @@ class NormalScores:
     def free(self, scores: Array) -> Array:
         """Return the unbounded coordinates of h hyper-parameters from their normal scores.
 
-        ``scores``, shape (..., h), holds the normal scores. The coordinates have the same shape.
+        ``scores``, shape (..., h), holds the normal scores, coordinates in which most of the priors
+        are standard normal. The unbounded coordinates, mostly ln(value − lower bound), have the
+        same shape.
         """
         free = np.array(scores, dtype=float)
         above, below = self._log_distances(scores)
@@ -158,7 +163,9 @@ class NormalScores:
     def scores(self, free: Array) -> Array:
         """Return the normal scores of h hyper-parameters from their unbounded coordinates.
 
-        ``free``, shape (..., h), holds the unbounded coordinates. The scores have the same shape.
+        ``free``, shape (..., h), holds the unbounded coordinates, mostly ln(value − lower bound).
+        The scores, coordinates in which most of the priors are standard normal, have the same
+        shape.
         """
         scores = np.array(free, dtype=float)
         values = self.prior.phi(free)[..., self._has_normal_prior]
@@ -178,11 +185,11 @@ class NormalScores:
 
         Of the h hyper-parameters, k have truncated normal priors, with lower bounds a and upper
         bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded
-        coordinates. The result is a tuple of two arrays, each of shape (..., k): log probabilities
-        of the intervals from a to the values, and of the intervals from the values to b. They are
-        computed as if the prior density in the whole interval were as large as at the bound, and
-        are therefore accurate only for short intervals. If b is infinite, the log probability of
-        the interval up to b is replaced by infinity.
+        coordinates, mostly ln(value − lower bound). The result is a tuple of two arrays, each of
+        shape (..., k): log probabilities of the intervals from a to the values, and of the
+        intervals from the values to b. They are computed as if the prior density in the whole
+        interval were as large as at the bound, and are therefore accurate only for short intervals.
+        If b is infinite, the log probability of the interval up to b is replaced by infinity.
         """
         lower, upper = self._bounds
         restricted = free[..., self._has_normal_prior]
@@ -197,19 +204,19 @@ class NormalScores:
     def log_jacobian(self, scores: Array) -> Array:
         """Return the log Jacobian of the unbounded coordinates with respect to scores, shape (...).
 
-        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores, the
-        product of du/dz over the hyper-parameters. u is the unbounded coordinate of a
-        hyper-parameter φ with the bounds a and b, and z is its score. n(z) dz = p(φ) dφ, where p is
-        the prior density of φ and n the standard normal density. dφ = (φ − a) du if b is infinite,
-        and dφ = (φ − a) (b − φ) / (b − a) du if b is finite. ``scores`` holds the scores in its
-        last dimension.
+        The coordinates and the normal scores are those of hyper-parameters. The Jacobian is the
+        volume in unbounded coordinates per unit of volume in normal scores, the product of du/dz
+        over the hyper-parameters. u is the unbounded coordinate of a hyper-parameter φ with the
+        bounds a and b, and z is its score. n(z) dz = p(φ) dφ, where p is the prior density of φ and
+        n the standard normal density. dφ = (φ − a) du if b is infinite, and dφ = (φ − a) (b − φ) /
+        (b − a) du if b is finite. ``scores`` holds the scores in its last dimension.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)
         width = np.diff(self._bounds, axis=0)[0]
         log_slope = above + below - np.log(np.where(np.isfinite(width), width, 1.0))
-        # The prior density of a hyper-parameter and the standard normal density of its score both
-        # contain the factor 1 / √(2π). This factor cancels, and is therefore left out of both.
+        # The prior density of a hyper-parameter and the standard normal density of its normal score
+        # both contain the factor 1 / √(2π). This factor cancels, and is therefore left out of both.
         white = (values - self._mean) / self._sd
         log_prior = -0.5 * white**2 - np.log(self._sd) - self._log_mass
         log_normal = -0.5 * scores[..., self._has_normal_prior] ** 2
@@ -250,7 +257,8 @@ class _FreeProposal:
     def log_density(self, points: Array) -> Array:
         """Return the log density of the unbounded coordinates at n points, shape (n,).
 
-        ``points``, shape (n, h), holds the unbounded coordinates of h hyper-parameters.
+        ``points``, shape (n, h), holds the unbounded coordinates (mostly ln(value − lower bound))
+        of h hyper-parameters.
         """
         scores = self.coordinates.scores(points)
         return self.of_scores.log_density(scores) - self.coordinates.log_jacobian(scores)
@@ -258,8 +266,10 @@ class _FreeProposal:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return ``size`` independent random draws of h unbounded coordinates, shape (size, h).
 
-        Normal scores are drawn and then transformed to unbounded coordinates. The widths of the
-        density of the normal scores are multiplied by the square root of ``temperature`` for these
-        draws. ``rng`` generates the random numbers.
+        The coordinates are those of h hyper-parameters, mostly ln(value − lower bound). Normal
+        scores (coordinates in which most of the priors are standard normal) are drawn and then
+        transformed to unbounded coordinates. The widths of the density of the normal scores are
+        multiplied by the square root of ``temperature`` for these draws. ``rng`` generates the
+        random numbers.
         """
         return self.coordinates.free(self.of_scores.draw(size, rng, temperature=temperature))

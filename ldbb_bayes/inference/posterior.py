@@ -166,7 +166,8 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
-    # Reading the record of the posterior raises an error if there is no record.
+    # The record is the JSON text that states how a posterior was made. Reading it raises an error
+    # if the posterior has none.
     record_of(posterior)
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
@@ -279,7 +280,8 @@ def _read_tree(source: Path) -> xr.DataTree:
         # Libraries may raise exceptions of any class if they read a damaged file.
         except Exception as error:  # noqa: BLE001
             reason = " ".join(str(error).split())[:_LONGEST_REASON]
-        # Delete the object of a damaged file now, while messages about errors are suppressed.
+        # Delete the Python object that stands for the damaged file now, while messages about errors
+        # are suppressed.
         gc.collect()
     raise InputError(
         f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"
@@ -426,8 +428,8 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
     """Return the key of a posterior's campaign in the cache of campaigns.
 
-    The key consists of the entry ``campaign`` of the posterior's record, and of the angles and
-    readings.
+    The key consists of the entry ``campaign`` of the posterior's record (JSON text that states how
+    it was made), and of the angles and readings.
     """
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
@@ -455,7 +457,7 @@ def _keep_campaign(key: tuple[str | bytes, ...], campaign: Campaign) -> None:
 
 
 def _rebuild_campaign(posterior: xr.DataTree) -> Campaign:
-    """Return the campaign of a posterior, made from its record and its readings."""
+    """Return the campaign of a posterior, made from the posterior's JSON record and readings."""
     record = record_of(posterior)["campaign"]
     constants = posterior["constant_data"].dataset
     test_index = constants["test_index"].values

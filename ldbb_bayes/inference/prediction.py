@@ -138,8 +138,8 @@ def new_circles(
         Generator of random numbers.
     learn_spread
         Whether the scatter of the new circles is learnt from the scatter of the measured circles
-        (`circle_spread`). If False, the noise factors λ of the new circles are drawn from the
-        model's prior.
+        (`circle_spread`). If False, the factors λ on the noise of the new circles are drawn from
+        the model's prior.
     """
     measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names
@@ -158,9 +158,11 @@ def new_circles(
 
 
 def _noise_factors(draws: ModelDraws) -> Array:
-    """Return the noise factors λ of the R measured circles in each draw, shape (draws, R).
+    """Return the factors λ on the noise of the R measured circles, shape (draws, R).
 
-    R is zero if the model has no noise factors of single circles.
+    There is one value for each circle in each posterior draw.
+
+    R is zero if the model has no such factors.
     """
     names = draws.bound.hyper_prior.names
     factors = [str(name) for name in draws.bound.setting.circle if str(name) in names]
@@ -313,7 +315,7 @@ def replicate_left_out(
 def _with_new_noise_factor(
     bound: BoundModel, phi: Array, r: int, rng: np.random.Generator
 ) -> Array:
-    """Return ``phi`` with new draws of the noise factor λ of a test, shape (n, h).
+    """Return ``phi`` with new draws of λ, the factor on the noise of a test, shape (n, h).
 
     ``phi``, shape (n, h), holds n posterior draws of the h hyper-parameters from an analysis
     without the readings of the test with the index ``r``. The posterior density of this test's λ is

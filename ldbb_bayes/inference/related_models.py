@@ -46,7 +46,10 @@ class RelatedModels:
     """
 
     def __init__(self, plain: Nodes, tolerance: float) -> None:
-        """Keep the nodes of the given model, and the error allowed in every log evidence [nat]."""
+        """Keep the nodes of the given model, and the error allowed in every log evidence [nat].
+
+        Nodes are weighted values of the hyper-parameters.
+        """
         self._integral = plain.integral
         self._ratios = RatioSampler(plain.integral)
         self._names = plain.bound.hyper_prior.names
@@ -92,9 +95,10 @@ class RelatedModels:
 def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
     """Return the joint log density of readings and hyper-parameters at w points, with errors.
 
-    ``free``, shape (w, h), holds w values of the h hyper-parameters in unbounded coordinates.
-    ``posterior`` is the posterior density of the hyper-parameters; this object also holds the model
-    and the readings. ``tolerance`` is the error allowed in a log evidence [nat].
+    ``free``, shape (w, h), holds w values of the h hyper-parameters in unbounded coordinates
+    (mostly ln(value − lower bound)). ``posterior`` is the posterior density of the
+    hyper-parameters; this object also holds the model and the readings. ``tolerance`` is the error
+    allowed in a log evidence [nat].
     """
     log_density = posterior.bound.hyper_prior.log_density_of_free(free)
     log_evidence, conditional = posterior.given(free)

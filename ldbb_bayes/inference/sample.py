@@ -213,7 +213,8 @@ class FittedModel(NamedTuple):
     #: the second key the name of the array
     groups: Mapping[str, Mapping[str, Array]]
     fit: Fit  #: how well the model fits the readings, with warnings
-    #: description of the sampler's run: the entry ``sampler`` of a posterior's record
+    #: description of the sampler's run: the entry ``sampler`` of a posterior's record, which states
+    #: how the posterior was made
     sampler: Mapping[str, Any]
     seed: int  #: seed of all random numbers of a fit
     started: datetime  #: time at which sampling started
@@ -345,8 +346,9 @@ def _sample_independently(
     """Return independent posterior draws; their number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
-    Sampling stops in any case before a chain has more draws than ``max_steps`` of ``rule``.
-    ``seed`` is the seed of the random numbers; ``progress`` is called at every assessment.
+    The stopping rule ``rule`` demands an effective sample size and an R-hat. Sampling stops in any
+    case before a chain has more draws than ``max_steps`` of ``rule``. ``seed`` is the seed of the
+    random numbers; ``progress`` is called at every assessment.
     """
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))

@@ -52,9 +52,10 @@ def draw_with_shared(
 
     Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters
     (such as the standard deviation of the noise); ``free``, shape (w, h), holds the w values of φ
-    in unbounded coordinates. ``bound`` is the model of the campaign. The result has w × ``repeats``
-    draws; the draws for one value of φ are next to each other. Raise an `InputError` if the model
-    allows no negative compliances and no draw without negative compliances is found.
+    in unbounded coordinates, mostly ln(φ − lower bound). ``bound`` is the model of the campaign.
+    The result has w × ``repeats`` draws; the draws for one value of φ are next to each other. Raise
+    an `InputError` if the model allows no negative compliances and no draw without negative
+    compliances is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)

@@ -47,7 +47,8 @@ class Axes(NamedTuple):
     The names are letters such as X, Y and C; the rotation is right-handed.
     """
 
-    #: first axis of the plane, such as X; angles in the plane are measured from this axis
+    #: first axis of the plane of a circular test, such as X; angles in the plane are measured from
+    #: this axis
     first: str
     second: str  #: second axis of the plane of a circular test, such as Y
     rotation: str  #: rotation about the normal of the circle's plane, such as C for XY

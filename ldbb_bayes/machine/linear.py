@@ -211,7 +211,8 @@ class Kept:
     #: values are physically impossible; a deflection in the direction of its load, for example,
     #: cannot be negative
     not_negative: tuple[bool, ...]
-    null: tuple[str, ...]  #: names of the compliances that never change a reading
+    #: names of the compliances that never change a reading of a circular test
+    null: tuple[str, ...]
     #: names of compliances that are left out of ``names`` (those that circular tests can separate),
     #: because their effect on the reading is a linear combination of the effects of several
     #: compliances in ``names``. If several compliances left out have effects proportional to each
@@ -258,14 +259,15 @@ class _Candidates:
     n is the total number of angles of all circles.
     """
 
-    names: tuple[ComplianceName, ...]  #: names of the compliances that may change a reading
+    #: names of the compliances that may change a reading of a circular test
+    names: tuple[ComplianceName, ...]
     #: reading at n angles per unit force and per unit of each compliance, shape (n, number of
     #: compliances)
     jacobian: Array
-    #: columns of ``jacobian``, one for each compliance, divided by their norms; columns of zeros
-    #: stay zero
+    #: columns of ``jacobian`` (readings per unit of each compliance), divided by their norms;
+    #: columns of zeros stay zero
     unit: Array
-    #: indices, from 0, of those compliances in ``names`` that change a reading
+    #: indices, from 0, of those compliances in ``names`` that change at least one reading
     live: tuple[int, ...]
 
 

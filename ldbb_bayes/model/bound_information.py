@@ -146,12 +146,13 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
     """Return, for each test, the index of the first test that has the same noise covariance.
 
-    Two tests have the same noise covariance if they have the same angles, the same noise factor λ
-    of the circle, and the same columns of all nuisance effects that act as noise (``noises``).
-    Nuisances are effects that are modelled but not of interest; a column holds the change of the
-    reading per unit of one coefficient. In a campaign with readings, the angles of different tests
-    are always treated as different. ``bound`` is the model of the campaign. ``phi``, shape (w, h),
-    holds w values of the h hyper-parameters, among which are the factors λ. Indices count from 0.
+    Two tests have the same noise covariance if they have the same angles, the same factor λ on the
+    noise of the circle, and the same columns of all nuisance effects that act as noise
+    (``noises``). Nuisances are effects that are modelled but not of interest; a column holds the
+    change of the reading per unit of one coefficient. In a campaign with readings, the angles of
+    different tests are always treated as different. ``bound`` is the model of the campaign.
+    ``phi``, shape (w, h), holds w values of the h hyper-parameters, among which are the factors λ.
+    Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}

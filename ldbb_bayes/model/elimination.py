@@ -230,8 +230,9 @@ class EliminationPlan:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of rows of the workspace: one row for each stored entry of the precision matrix P,
-        #: and a last row for the changes of entries that are not stored.
+        #: Number of rows of the workspace, the array of stored matrix entries: one row for each
+        #: stored entry of the precision matrix P, and a last row for the changes of entries that
+        #: are not stored.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self.pivots = self.place[np.arange(size), np.arange(size)]
@@ -423,9 +424,10 @@ class Elimination:
         """Return the coefficients P⁻¹ Aᵀ D⁻¹ r + L⁻ᵀ z, shape (columns of A, w).
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
-        ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r for w values of the hyper-parameters, as
-        `factorize` returns them. ``standard`` is z, shape (columns of A, w); None for zero. If z is
-        standard normal, the coefficients are a random draw from their density given the readings.
+        The array ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r for w values of the
+        hyper-parameters, as `factorize` returns them. ``standard`` is z, shape (columns of A, w);
+        None for zero. If z is standard normal, the coefficients are a random draw from their
+        density given the readings.
         """
         solution = workspace[self._plan.right]
         if standard is not None:

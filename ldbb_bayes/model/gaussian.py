@@ -83,9 +83,9 @@ class Gaussian(Shown):
         ``precision`` is P, shape (..., q, q), ``shift`` is η, shape (..., q), and ``log_constant``
         is the constant, shape (...). x holds q coefficients.
         """
-        # The attributes precision, shift and log_constant are cached properties of the class, which
-        # are computed from mean and root when they are first read. Because they are assigned here,
-        # they are not computed.
+        # The attributes precision, shift and log_constant of a Gaussian function are cached
+        # properties of the class, which are computed from mean and root when they are first read.
+        # Because they are assigned here, they are not computed.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)
@@ -431,8 +431,8 @@ class Gaussian(Shown):
 def _lower_with_positive_diagonal(upper: Array) -> Array:
     """Return upper triangular matrices as lower triangular matrices with a positive diagonal.
 
-    ``upper``, shape (..., q, q), holds upper triangular matrices. Each row with a negative diagonal
-    entry is multiplied by −1; then the matrices are transposed.
+    ``upper``, shape (..., q, q), holds upper triangular matrices with q rows and columns. Each row
+    with a negative diagonal entry is multiplied by −1; then the matrices are transposed.
     """
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)

@@ -78,11 +78,12 @@ Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # Order of the hyper-parameters (such as the standard deviation of the noise) in all arrays and
-# lists. Hyper-parameters that are not named here come after those that are named, and the noise
-# factors λ of single circles are last.
+# lists. Hyper-parameters that are not named here come after those that are named, and the factors λ
+# on the noise of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
-# each circle has a separate noise factor λ. Otherwise no circle has a noise factor.
+# each circle has a separate factor λ, which multiplies its noise. Otherwise no circle has such a
+# factor.
 _FEWEST_SCALED_CIRCLES = 4
 # Error tolerance [nat] for the log of the normalising constant of the truncated prior. The constant
 # is a product with one factor for each group of compliances that depend on common parameters; the
@@ -436,7 +437,7 @@ class HybridModel(Result):
         """Return the hyper-parameters that have an effect on the tests of a campaign.
 
         Hyper-parameters are quantities such as the standard deviation of the noise. They include
-        the noise factors λ of single circles, if the circles have such factors. ``setting``
+        the factors λ on the noise of single circles, if the circles have such factors. ``setting``
         describes the test conditions.
         """
         scales = [_SIGMA]
@@ -551,8 +552,8 @@ class HybridModel(Result):
 def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """Return the hyper-parameters ``scales`` without repetition, in the order of ``_HYPER_ORDER``.
 
-    Hyper-parameters that are not in ``_HYPER_ORDER`` come after those that are. The noise factors λ
-    of single circles are last.
+    Hyper-parameters that are not in ``_HYPER_ORDER`` come after those that are. The factors λ on
+    the noise of single circles are last.
     """
 
     def place(scale: Scale) -> int:
@@ -601,7 +602,7 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
     ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
-    a simulation. Lengths are in µm; the decay and the noise factor of a circle have no unit.
+    a simulation. Lengths are in µm; the decay and the factor on the noise of a circle have no unit.
     ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest and the largest
     permitted value; they are used only for the decay p. The decay is an exponent: the prior sds of
     form errors with n waves around the circle are proportional to n^(−p).
@@ -627,7 +628,7 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
 
 @dataclass(frozen=True)
 class Simulation(Result):
-    """Simulated campaign and the true values from which it was simulated."""
+    """Simulated campaign, and the true values of all parameters from which it was simulated."""
 
     campaign: Campaign
     #: true compliances, their changes with force, and geometric errors of the simulated machine by
@@ -759,7 +760,8 @@ class BoundModel(Shown):
         The module `linearisation` explains which effects on the readings depend on these estimates.
         If the campaign is a plan that was designed from another campaign (its pilot), the
         parameters are estimated from the pilot. Otherwise they are estimated from ``reduced``, the
-        reduced readings of all tests. The estimate is also stored in the attribute ``estimate``.
+        reduced readings of all tests (at most 25 numbers for each test). The estimate is also
+        stored in the attribute ``estimate``.
         """
         setting = self._with_noise_factors(
             setting_of(
@@ -1013,9 +1015,10 @@ class BoundModel(Shown):
     ) -> StructuredGaussian:
         """Return the density of the readings with the coefficients of ``columns`` integrated out.
 
-        ``interest``, shape (tests, 25, p), holds the effects of the p parameters for whose values
-        the density is computed; None if it does not depend on parameters. The readings that the
-        least-squares estimate `centre` of the parameters predicts are subtracted.
+        ``columns`` holds the columns and the noise of nuisance terms (effects modelled but not of
+        interest). ``interest``, shape (tests, 25, p), holds the effects of the p parameters for
+        whose values the density is computed; None if it does not depend on parameters. The readings
+        that the least-squares estimate `centre` of the parameters predicts are subtracted.
         """
         return StructuredGaussian(
             self.reduced,
@@ -1277,6 +1280,8 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
     """Return a `Reduced` object without readings for every test of the plan ``campaign``.
+
+    The object describes how readings at the test's angles are reduced to at most 25 numbers.
 
     Tests with equal angles share one `Reduced` object.
     """

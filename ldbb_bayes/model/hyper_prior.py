@@ -66,8 +66,8 @@ class HyperPrior:
       truncated to values of at least ``lower`` [mm].
     - A decay p (the prior sd of a form error of order n is proportional to n^(−p)) has the prior
       Normal(``scale``, ``decay_sd``), truncated to [0.5, 3.5].
-    - The square of the noise factor λ of a circle has an inverse gamma prior, λ² ~ InvGamma(3/2,
-      3/2).
+    - The square of the factor λ on the noise of a circle has an inverse gamma prior, λ² ~
+      InvGamma(3/2, 3/2).
 
     Decay and λ have no unit.
     """
@@ -75,7 +75,7 @@ class HyperPrior:
     names: tuple[Hyper, ...]
     #: one number for each of the h hyper-parameters, shape (h,): for a length, the scale of its
     #: half-normal prior [mm]; for the decay exponent p of form errors, the prior mean (no unit);
-    #: not used for noise factors of circles
+    #: not used for factors on the noise of circles
     scale: Array
     #: lower bound of each of the h hyper-parameters, shape (h,) [mm for lengths]; not used for the
     #: decay exponent p of form errors, whose bounds are 0.5 and 3.5
@@ -141,14 +141,15 @@ class HyperPrior:
 
     @cached_property
     def _is_noise_factor(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is the noise factor of a circle, shape (h,)."""
+        """Whether each of the h hyper-parameters is a factor on the noise of a circle, (h,)."""
         return np.array([law == "circle" for law in self.laws])
 
     @property
     def bounds(self) -> Array:
         """Lower and upper bound of each of the h hyper-parameters, shape (h, 2).
 
-        Lengths are in mm. The upper bound is infinite for lengths and for noise factors.
+        Lengths are in mm. The upper bound is infinite for lengths and for factors that multiply the
+        noise of a circle.
         """
         low = np.where(self._is_decay, _LEAST_DECAY, self.lower)
         high = np.where(self._is_decay, _MOST_DECAY, np.inf)
@@ -158,8 +159,8 @@ class HyperPrior:
         """Return the log of the joint prior density of hyper-parameters φ, shape (...).
 
         ``phi``, shape (..., h), holds the h hyper-parameters, with lengths in mm. The log density
-        is −inf where one of the hyper-parameters is outside its bounds, or a noise factor of a
-        circle is not positive.
+        is −inf where one of the hyper-parameters is outside its bounds, or a factor on the noise of
+        a circle is not positive.
         """
         total = self._log_density_of_lengths(phi[..., self.in_mm])
         if self._is_decay.any():
@@ -198,14 +199,14 @@ class HyperPrior:
     def _log_density_of_noise_factors(self, noise_factor: Array) -> Array:
         """Return the log of the joint prior density of the noise factors λ of all circles.
 
-        Each λ² has an inverse gamma distribution. ``noise_factor``, shape (..., circles), holds the
-        factors; the result has the shape (...).
+        Each λ multiplies the noise of one circle. Each λ² has an inverse gamma distribution.
+        ``noise_factor``, shape (..., circles), holds the factors; the result has the shape (...).
         """
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
-            # If the noise factor λ of a circle is very small, λ⁻² overflows; the prior density of λ
-            # is zero there.
+            # If the factor λ on the noise of a circle is very small, λ⁻² overflows; the prior
+            # density of λ is zero there.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)
@@ -216,8 +217,8 @@ class HyperPrior:
     def log_density_of_log_noise(self, log_noise: Array) -> Array:
         """Return the log prior density of ln λ at w values of ln λ, shape (w,).
 
-        λ is the noise factor of a circle, and ln λ is its unbounded coordinate. ``log_noise``,
-        shape (w,), holds the values of ln λ.
+        λ is the factor that multiplies the noise of a circle, and ln λ is its unbounded coordinate.
+        ``log_noise``, shape (w,), holds the values of ln λ.
         """
         noise_factor = np.exp(log_noise)[:, None]
         return self._log_density_of_noise_factors(noise_factor) + log_noise
@@ -251,9 +252,9 @@ class HyperPrior:
     def log_density_of_free(self, free: Array) -> Array:
         """Return the log of the prior density of the unbounded coordinates, shape (...).
 
-        ``free``, shape (..., h), holds the coordinates of the h hyper-parameters; the method `free`
-        defines them. The density includes the Jacobian of the transformation from coordinates to
-        hyper-parameters.
+        ``free``, shape (..., h), holds the coordinates of the h hyper-parameters, mostly ln(value −
+        lower bound); the method `free` defines them. The density includes the Jacobian of the
+        transformation from coordinates to hyper-parameters.
         """
         jacobian = free[..., ~self._is_decay].sum(axis=-1)
         logit = free[..., self._is_decay]
@@ -364,10 +365,10 @@ class HyperPrior:
     def starts(self, level: Array) -> Array:
         """Return points from which the search for the posterior's maximum starts, shape (..., h).
 
-        The points are in the unbounded coordinates that the method `free` defines. ``level``, shape
-        (..., h), holds a number between 0 and 1 for each coordinate. For lengths, 0 selects a large
-        and 1 a small value; for hyper-parameters without unit, 0 selects a small and 1 a large
-        value.
+        The points are in the unbounded coordinates of the h hyper-parameters, mostly ln(value −
+        lower bound), that the method `free` defines. ``level``, shape (..., h), holds a number
+        between 0 and 1 for each coordinate. For lengths, 0 selects a large and 1 a small value; for
+        hyper-parameters without unit, 0 selects a small and 1 a large value.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

@@ -119,7 +119,8 @@ class Information:
         """Return the design matrix of each test, scaled so that the noise has unit covariance.
 
         The design matrix is multiplied from the left by the inverse Cholesky factor of the noise
-        covariance of the test's reduced readings. All m coefficients are divided by their prior sd.
+        covariance of the test's reduced readings (at most 25 numbers that replace the readings).
+        All m coefficients are divided by their prior sd.
 
         Parameters
         ----------
@@ -208,9 +209,9 @@ class Information:
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
         """Return a square root R of the posterior precision matrix RᵀR of the free coefficients.
 
-        ``rows`` is the design matrix of the model's m coefficients for k reduced readings with unit
-        noise, shape (k, m). ``free`` are the indices of the free coefficients, which are those not
-        taken as known.
+        ``rows`` is the design matrix of the model's m coefficients for k reduced readings (numbers
+        that replace the readings of the tests) with unit noise, shape (k, m). ``free`` are the
+        indices of the free coefficients, which are those not taken as known.
         """
         prior = np.ones(len(free))
         if self.flat:

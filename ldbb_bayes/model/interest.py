@@ -112,7 +112,7 @@ class ParametersOfInterest:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all parameters of interest: compliances, slopes, then geometric errors."""
+        """Names of all parameters: compliances, their changes with force, then geometric errors."""
         return tuple(row.name for row in self._parameters_without_prior())
 
     def prior_mean(self, prior: Prior) -> Array:
@@ -252,8 +252,8 @@ def physical_rows(
         Reference force F0 [N], for the error message.
     """
     at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
-    # The rows of the matrix of conditions A β ≥ 0 are stored as keys of a dictionary, which keeps
-    # their order and removes duplicates.
+    # The rows of the matrix A in the conditions A β ≥ 0 (no compliance is negative) are stored as
+    # keys of a dictionary, which keeps their order and removes duplicates.
     rows: dict[tuple[float, ...], None] = {}
     for j in np.flatnonzero(interest.visible.not_negative):
         label = interest.compliances[j].label

@@ -224,9 +224,10 @@ def observation_equations(
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
-    # If all circles have nearly uniform angles, the reduced readings of each test were multiplied
-    # by a matrix with the log determinant −½ Σ ln(1 + departure) (see `NearUniform` for
-    # ``departure``). This log determinant is added to the log density as a constant.
+    # If all circles have nearly uniform angles, the reduced readings of each test (at most 25
+    # numbers that replace its readings) were multiplied by a matrix with the log determinant −½ Σ
+    # ln(1 + departure) (see `NearUniform` for ``departure``). This log determinant is added to the
+    # log density as a constant.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()

@@ -46,8 +46,8 @@ _COLUMN_COST = 200.0
 # of the function calls that compute the change of `PRODUCT_COLUMNS` later columns, in units of the
 # time of one multiplication.
 _PRODUCT_CALL_COST = 250.0
-# Time to subtract one product from one entry of the matrix P = Aᵀ D⁻¹ A, in units of the time of
-# one multiplication.
+# Time to subtract one product from one entry of the precision matrix P = Aᵀ D⁻¹ A (A is the design
+# matrix, D the noise covariance), in units of the time of one multiplication.
 _UPDATE_COST = 1.0
 # Largest number of entries in the cache of the function ``_cost``, which returns the time to
 # eliminate a group of columns. The cache saves time because many groups have the same numbers of

@@ -135,9 +135,10 @@ class ReferencePosterior:
         prior_rows = np.eye(len(sd), len(scale))
         stack = np.concatenate([whitened * scale, prior_rows])
         triangle = np.asarray(np.linalg.qr(stack, mode="r"))
-        # The columns of the parameters of interest come last. The last rows of the triangular
-        # factor R (``triangle``) are therefore zero in the columns of all nuisance coefficients:
-        # they are equations for the parameters of interest alone.
+        # In the matrix that was decomposed, the columns of the parameters of interest come last.
+        # The last rows of the triangular factor R (``triangle``) of its QR decomposition are
+        # therefore zero in the columns of all nuisance coefficients: they are equations for the
+        # parameters of interest alone.
         size = int(free.sum())
         of_interest = slice(len(sd) - size, len(sd))
         posterior = Gaussian.from_rows(
@@ -192,8 +193,9 @@ class ReferencePosterior:
     def _noise_covariance(self, terms: Sequence[Columns | BasisNoise]) -> Array:
         """Return the covariance of the m reduced readings of every test, (tests, m, m) [mm²].
 
-        Two kinds of noise are included: the white noise of the readings, and the effects in
-        ``terms`` that differ from test to test.
+        Reduced readings are at most 25 numbers that replace the readings of a test. Two kinds of
+        noise are included: the white noise of the readings, and the effects in ``terms`` that
+        differ from test to test.
         """
         factors = self._stacked.factors
         tests = range(len(factors))

@@ -134,8 +134,8 @@ class Setting:
     planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
     largest_force_N: float  #: largest bar force of the whole campaign [N]
-    #: name of the hyper-parameter λ that is the noise factor of each test's circle, shape (tests,);
-    #: empty string if circles have no noise factors
+    #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
+    #: shape (tests,); empty string if circles have no noise factors
     circle: Array
     #: estimate of each compliance in internal units (mm, N, rad), shape (compliances,). Effects on
     #: the readings that depend nonlinearly on the compliances are linearised about this estimate
@@ -380,7 +380,8 @@ def setting_of(
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
     Some fields get their values only when a model is applied to the campaign. Here, the estimated
-    compliances and the readings that they predict are zero, and circles have no noise factors.
+    compliances and the readings that they predict are zero, and there are no factors on the noise
+    of single circles.
 
     Parameters
     ----------

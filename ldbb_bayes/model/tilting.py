@@ -178,7 +178,10 @@ class Tilted(NamedTuple):
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return some of the w sets of constraints, selected by the indices ``members`` from 0."""
+        """Return some of the w sets of constraints on a vector, selected by their indices.
+
+        ``members`` holds the indices, from 0.
+        """
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],

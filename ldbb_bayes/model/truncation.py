@@ -89,8 +89,8 @@ class Truncation:
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
         for j in range(p):
-            # Put the parameter with the index j first, because `_limits_of_first` computes limits
-            # for the first coordinate only.
+            # Change the order of the parameters so that the parameter j comes first, because
+            # `_limits_of_first` computes limits for the first coordinate only.
             reordered = [j, *(k for k in range(p) if k != j)]
             bounds[j] = _limits_of_first(self.rows[:, reordered], np.zeros(len(self.rows)))
         return bounds
@@ -186,7 +186,11 @@ class _DistributionOnGrid(NamedTuple):
     probability: Array
 
     def quantile(self, level: Array) -> Array:
-        """Return quantiles of the variable at probabilities ``level``, interpolated linearly."""
+        """Return quantiles of a variable, interpolated linearly between the points of a grid.
+
+        ``level`` holds the probabilities of the quantiles. The distribution function of the
+        variable is known at the points of the grid.
+        """
         return np.asarray(np.interp(level, self.probability, self.grid))
 
 
@@ -330,7 +334,9 @@ def _eliminate_last(
     below, above = _opposite_pairs(last)
 
     def combine(values: Array) -> Array:
-        """Return the coefficients or lower bounds of the constraints without the last coordinate.
+        """Return coefficients or lower bounds of constraints without the last coordinate.
+
+        Two old constraints are combined into one, so that the last coordinate cancels.
 
         ``values`` are the coefficients or the lower bounds of the old constraints, with one row for
         each constraint.

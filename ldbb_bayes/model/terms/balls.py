@@ -255,10 +255,10 @@ class BallForm(Term):
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
         """Return prior sds for coefficients of a ball's form error, from its sphericity [µm].
 
-        The orders of the coefficients are ``orders``, shape (n,), at least 2; the result has the
+        The orders of the n coefficients are ``orders``, shape (n,), at least 2; the result has the
         same shape. If a certificate or grade of ``ball`` states the deviation from sphericity S,
-        the sd is S/√24 · min(1, 3/order). Otherwise, the term's field ``sphericity_um`` is
-        taken as S, and the sd is S/√24 at the orders 2 and 3, and zero at higher orders.
+        the sd is S/√24 · min(1, 3/order). Otherwise, the term's field ``sphericity_um`` is taken as
+        S, and the sd is S/√24 at the orders 2 and 3, and zero at higher orders.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)

@@ -150,7 +150,7 @@ class CircleScale(Term):
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the hyper-parameters: a noise factor λ for the circle of each test.
+        """Return the hyper-parameters: for each test, a factor λ on the noise of its circle.
 
         ``setting`` describes the test conditions. The result is an empty tuple for campaigns with
         fewer than four tests.
@@ -165,7 +165,8 @@ class CircleScale(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return an empty tuple, whatever the test conditions (``setting``) are.
 
-        The noise factors λ need no columns, because they only scale the noise of other terms.
+        The factors λ on the noise of single circles need no columns, because they only scale the
+        noise of other terms.
         """
         return ()
 

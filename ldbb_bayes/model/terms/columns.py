@@ -22,11 +22,12 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
 # The coefficients of a model are listed with the class name of the nuisance term to which each of
-# them belongs. Parameters of interest belong to no nuisance term and are listed with this word.
+# them belongs. Parameters of interest belong to no nuisance term and are listed with the word
+# ``Parameters`` instead.
 OWN = "Parameters"
 # The sources of noise of a model are listed with the class name of the nuisance term to which each
 # of them belongs. The white noise of the readings belongs to no nuisance term and is listed with
-# this word.
+# the word ``ReadingNoise`` instead.
 NOISE = "ReadingNoise"
 # The scale τ of the balls' form errors, and the scale ω of the machine's errors of higher orders,
 # apply to harmonics cos nθ, sin nθ of this order n. At any other order, the scales are multiplied
@@ -34,7 +35,7 @@ NOISE = "ReadingNoise"
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter: half-normal for standard deviations, decay for
 # the exponent p (the prior sd of a form error of order n is proportional to n^(−p)), circle for the
-# noise factor λ of one circle.
+# factor λ that multiplies the noise of one circle.
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -68,7 +69,7 @@ class Scale(NamedTuple):
     words: str = ""  #: description of a hyper-parameter in reports, such as white noise for σ
     #: kind of prior of a hyper-parameter: ``half-normal`` for a length, ``decay`` for the exponent
     #: p (the prior sd of a form error of order n is proportional to n^(−p)), or ``circle`` for the
-    #: noise factor λ of one circle
+    #: factor λ that multiplies the noise of one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -80,9 +81,9 @@ class Source(NamedTuple):
     """Product of hyper-parameters by which the prior sd of a coefficient is multiplied.
 
     The product is hyper · circle · (order/6)^(−decay). ``hyper``, ``circle`` and ``decay`` name the
-    hyper-parameters in this product: the scale of an effect, the noise factor λ of a circle, and
-    the exponent of the decrease with the order. If one of these names is None, the corresponding
-    factor of the product is 1. ``order`` is the order of the coefficient's harmonic.
+    hyper-parameters in this product: the scale of an effect, the factor λ on the noise of a circle,
+    and the exponent of the decrease with the order. If one of these names is None, the
+    corresponding factor of the product is 1. ``order`` is the order of the coefficient's harmonic.
     """
 
     hyper: Hyper | None = None
@@ -118,10 +119,10 @@ class Columns(Shown):
     to the order 12.
 
     The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d), with the
-    hyper-parameters s (scale of the effect), λ (noise factor of each test's circle) and d (decay
-    with the order). The fields ``hyper``, ``circle`` and ``decay`` name these hyper-parameters; a
-    factor is left out if its field names no hyper-parameter. If the field ``stated`` is not None,
-    its value for coefficient j is added to this sd in quadrature.
+    hyper-parameters s (scale of the effect), λ (factor on the noise of each test's circle) and d
+    (decay with the order). The fields ``hyper``, ``circle`` and ``decay`` name these
+    hyper-parameters; a factor is left out if its field names no hyper-parameter. If the field
+    ``stated`` is not None, its value for coefficient j is added to this sd in quadrature.
 
     Raises
     ------
@@ -169,13 +170,16 @@ class Columns(Shown):
     #: (mm, N, rad), shape (p,). It does not depend on hyper-parameters, and is added in quadrature
     #: to the part that does
     stated: Array | None = None
-    #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,); empty if
-    #: circles have no noise factors. It must be empty if the coefficients have the same values in
-    #: all tests (``private`` is false)
+    #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
+    #: shape (tests,); empty if circles have no noise factors. It must be empty if the coefficients
+    #: have the same values in all tests (``private`` is false)
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
-        """Check the shapes of columns and priors, and repeat a single prior ``sd`` or ``mean``."""
+        """Check the shapes of a term's columns and priors.
+
+        If ``sd`` or ``mean`` is a single number, repeat it for every coefficient.
+        """
         object.__setattr__(self, "names", tuple(self.names))
         p = len(self.names)
         for name in ("sd", "mean"):
@@ -282,8 +286,8 @@ class BasisNoise(Shown):
     #: sd of each of the 25 Fourier coefficients of the noise, divided by the hyper-parameter that
     #: scales it, shape (25,)
     sd: Array
-    #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,); empty if
-    #: circles have no noise factors
+    #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
+    #: shape (tests,); empty if circles have no noise factors
     circle: Sequence[Hyper] | Array = ()
 
     @property
@@ -326,9 +330,9 @@ class BasisNoise(Shown):
 
 
 def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
-    """Return the name of the hyper-parameter λ, the noise factor of one test's circle.
+    """Return the name of the hyper-parameter λ that multiplies the noise of a test's circle.
 
-    Return None if the circle has no noise factor. ``circles`` holds the names for all tests, or is
+    Return None if the circle has no such factor. ``circles`` holds the names for all tests, or is
     empty; ``test`` is the index of the test, from 0.
     """
     if not len(circles):
