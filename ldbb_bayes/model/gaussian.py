@@ -285,7 +285,7 @@ class Gaussian(Shown):
 
     @cached_property
     def shift(self) -> Array:
-        """Precision matrix times mean, the vector η of each Gaussian function, shape (..., q)."""
+        """Vector η = precision matrix times mean of functions of q coefficients, shape (..., q)."""
         return np.einsum("...ij,...j->...i", self.precision, self.mean)
 
     @cached_property

@@ -148,7 +148,7 @@ class HybridModel(Result):
     fixed: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Check the settings of the model, and store names in the form that results use."""
+        """Check the model's settings; store names of parameters in the form that results use."""
         fixed = {inside_name(name) for name in self.fixed}
         object.__setattr__(self, "fixed", tuple(sorted(fixed)))
         object.__setattr__(self, "nuisances", tuple(self.nuisances))

@@ -85,7 +85,7 @@ class HyperPrior:
 
     @cached_property
     def in_mm(self) -> NDArray[np.bool_]:
-        """Whether each hyper-parameter is a length, such as the sd of noise, shape (h,)."""
+        """Whether each of the h hyper-parameters is a length, such as the sd of noise, (h,)."""
         return np.array([law == "half-normal" for law in self.laws])
 
     @property
@@ -294,7 +294,7 @@ class HyperPrior:
 
     @staticmethod
     def draw_noise_factor(size: int, rng: np.random.Generator) -> Array:
-        """Return ``size`` random draws of the noise factor λ of a circle from its prior."""
+        """Return ``size`` random draws of λ, the factor on a circle's noise, from its prior."""
         return np.asarray(np.sqrt(_RATE / rng.standard_gamma(_SHAPE, size)))
 
     def quantile(self, level: Array) -> Array:
