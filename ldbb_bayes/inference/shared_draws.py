@@ -32,7 +32,10 @@ _REPEATS = 20
 
 
 class SharedDraws(NamedTuple):
-    """Random draws of hyper-parameters, parameters and nuisances that several tests share."""
+    """Random draws of hyper-parameters, parameters and nuisances that several tests share.
+
+    Nuisances are effects that are modelled but not of interest.
+    """
 
     #: n random draws of the h hyper-parameters (such as the standard deviation of the noise), shape
     #: (n, h); values that are lengths are in mm

@@ -39,8 +39,8 @@ class _Noise:
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
         """Return a nuisance effect's contribution to the covariance of reduced readings [mm²].
 
-        The m reduced readings are at most 25 numbers that replace the readings of a test; the
-        result has the shape (m, m).
+        Nuisances are effects that are modelled but not of interest. The m reduced readings are at
+        most 25 numbers that replace the readings of a test; the result has the shape (m, m).
 
         Parameters
         ----------
@@ -67,13 +67,15 @@ class _SortedColumns(NamedTuple):
     tests. Nuisances are effects that are modelled but not of interest.
     """
 
-    #: columns (readings per unit coefficient) of nuisance terms whose coefficients are the same in
-    #: all tests
+    #: columns (readings per unit coefficient) of nuisance terms (effects modelled but not of
+    #: interest) whose coefficients are the same in all tests
     shared: list[Columns]
-    #: for each nuisance coefficient that is the same in all tests, the class name of its term
+    #: for each nuisance coefficient (of an effect modelled but not of interest) that is the same in
+    #: all tests, the class name of its term
     owners: list[str]
-    #: columns (readings per unit coefficient) of nuisance terms whose coefficients differ between
-    #: tests; the effects of these terms are treated as noise that is independent between tests
+    #: columns (readings per unit coefficient) of nuisance terms (effects modelled but not of
+    #: interest) whose coefficients differ between tests; the effects of these terms are treated as
+    #: noise that is independent between tests
     noises: list[_Noise]
 
 

@@ -174,8 +174,9 @@ class HybridModel(Result):
     def _check_terms(self) -> None:
         """Raise an `InputError` unless the model's nuisance terms are valid and fit together.
 
-        Each term must be an object of a dataclass derived from `Term`, and each class may occur
-        only once. Names of hyper-parameters must differ. A flat prior must have no nuisance terms.
+        Nuisances are effects that are modelled but not of interest. Each term must be an object of
+        a dataclass derived from `Term`, and each class may occur only once. Names of
+        hyper-parameters must differ. A flat prior must have no nuisance terms.
         """
         kinds = [type(term) for term in self.nuisances]
         for kind in kinds:
@@ -353,7 +354,8 @@ class HybridModel(Result):
     def with_term(self, *terms: Term) -> HybridModel:
         """Return the same model with further nuisance terms.
 
-        If the model already has a term of the same class, the new term replaces it.
+        Nuisances are effects that are modelled but not of interest. If the model already has a term
+        of the same class, the new term replaces it.
 
         Examples
         --------
@@ -368,7 +370,8 @@ class HybridModel(Result):
     def including(self, *terms: Term) -> HybridModel:
         """Return the same model with further nuisance terms, as the method `with_term` does.
 
-        Issue a warning that ``including`` is the old name of the method.
+        Nuisances are effects that are modelled but not of interest. Issue a warning that
+        ``including`` is the old name of the method.
         """
         renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
         return self.with_term(*terms)
@@ -1102,9 +1105,10 @@ class BoundModel(Shown):
     def log_evidence(self, phi: Array) -> Array:
         """Return the log evidence ln p(y | φ) of the readings y, shape (w,).
 
-        φ are the h hyper-parameters, such as the standard deviation of the noise. ``phi``, shape
-        (w, h), holds w values of φ, with lengths in mm. Parameters and nuisances are integrated
-        out, and negative compliances are not excluded. `given` returns the same log evidence.
+        Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters,
+        such as the standard deviation of the noise. ``phi``, shape (w, h), holds w values of φ,
+        with lengths in mm. Parameters and nuisances are integrated out, and negative compliances
+        are not excluded. `given` returns the same log evidence.
         """
         return self.collapsed.log_density(phi)
 

@@ -52,8 +52,8 @@ class Information:
     #: with force, geometric errors), then nuisance coefficients, which belong to effects that are
     #: modelled but not of interest.
     names: tuple[str, ...]
-    #: Class name of the nuisance term to which each of the model's m coefficients belongs, or `OWN`
-    #: for a parameter of interest.
+    #: Class name of the nuisance term (an effect modelled but not of interest) to which each of the
+    #: model's m coefficients belongs, or `OWN` for a parameter of interest.
     owners: tuple[str, ...]
     #: Prior sd of each of the model's m coefficients in internal units (mm, N, rad), shape (m,). If
     #: the prior of a coefficient is flat, its typical magnitude is stored instead.
@@ -102,7 +102,10 @@ class Information:
 
     @property
     def shared_terms(self) -> tuple[str, ...]:
-        """Class names of the nuisance terms whose coefficients are the same in all tests."""
+        """Class names of the nuisance terms whose coefficients are the same in all tests.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
     def rows(self, fixed: Collection[str] = ()) -> Array:
@@ -202,7 +205,8 @@ class Information:
     def _root(self) -> Array:
         """Square root of the posterior precision matrix of all m coefficients, shape (m, m).
 
-        The coefficients are the parameters of interest and the nuisance coefficients of a model.
+        Nuisances are effects that are modelled but not of interest. The coefficients are the
+        parameters of interest and the nuisance coefficients of a model.
         """
         return self._root_of(self._all_rows, np.arange(len(self.names)))
 
@@ -221,7 +225,10 @@ class Information:
 
     @cached_property
     def _noise_names(self) -> frozenset[str]:
-        """Class names of nuisance terms that act as noise, and ``NOISE`` for white noise."""
+        """Class names of nuisance terms that act as noise, and ``NOISE`` for white noise.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         return frozenset(name for sources in self.noise for name in sources)
 
     def covariance(
@@ -376,12 +383,12 @@ class Information:
     def sd_from_readings(self) -> Array:
         """Return the sd that each nuisance coefficient would have without its own prior, (m,).
 
-        The result has one element for each of the m coefficients; for parameters of interest, it is
-        NaN. When the sd of a nuisance coefficient is computed, the priors of this coefficient and
-        of the parameters of interest are taken as flat, and all other nuisance coefficients keep
-        their priors. The sd is divided by the coefficient's prior sd. The sd is infinite if the
-        coefficient changes no reading, or if the parameters of interest can change the readings in
-        the same way.
+        Nuisances are effects that are modelled but not of interest. The result has one element for
+        each of the m coefficients; for parameters of interest, it is NaN. When the sd of a nuisance
+        coefficient is computed, the priors of this coefficient and of the parameters of interest
+        are taken as flat, and all other nuisance coefficients keep their priors. The sd is divided
+        by the coefficient's prior sd. The sd is infinite if the coefficient changes no reading, or
+        if the parameters of interest can change the readings in the same way.
 
         Suppose that coefficient k has the prior precision 1 and the parameters of interest have
         flat priors. The posterior variance v_k of the coefficient is then given by 1 / v_k = 1 +

@@ -58,11 +58,12 @@ _LEAST_VARIANCE = 1e-60
 class _InterestRows(NamedTuple):
     """The k rows of the observation equations z − H β = A x + noise that depend on β.
 
-    z are the readings, β the p parameters of interest, and x the coefficients of nuisances.
+    Nuisances are effects that are modelled but not of interest. z are the readings, β the p
+    parameters of interest, and x the coefficients of nuisances.
     """
 
-    #: Transpose of the design matrix A of the nuisance coefficients in k observation equations,
-    #: shape (coefficients, k), dense or sparse.
+    #: Transpose of the design matrix A of the nuisance coefficients (of effects modelled but not of
+    #: interest) in k observation equations, shape (coefficients, k), dense or sparse.
     transposed_columns: Array | csr_array
     #: Design matrix H of the p parameters of interest in k observation equations, shape (k, p).
     interest: Array
@@ -87,8 +88,8 @@ class _Batch(NamedTuple):
     weight: Array
     #: Part of Aᵀ D⁻¹ r from those observation equations that depend on the parameters of interest
     #: β, for w values of the hyper-parameters, shape (columns of A, w). A is the design matrix of
-    #: the nuisance coefficients, D the diagonal noise covariance, and r the readings minus the
-    #: effect of β. None if there are no parameters β.
+    #: the nuisance coefficients (of effects modelled but not of interest), D the diagonal noise
+    #: covariance, and r the readings minus the effect of β. None if there are no parameters β.
     shift: Array | None
     #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r + constant of the log density of the readings for w values of the
     #: hyper-parameters, shape (w,). D is the diagonal noise covariance, and r the readings minus
@@ -314,7 +315,8 @@ class StructuredGaussian:
     ) -> Array:
         """Return conditional means of nuisance coefficients that differ between tests.
 
-        There are v such coefficients for each test, and the result has the shape (w, tests, v). The
+        Nuisances are effects that are modelled but not of interest. For each test there are v
+        coefficients that differ between tests, and the result has the shape (w, tests, v). The
         means are conditional on the readings, the parameters of interest, the hyper-parameters and
         the nuisance coefficients that are the same in all tests. If the covariance of a noise term
         could not be made diagonal, the last of the v coefficients describe this noise.

@@ -79,23 +79,28 @@ class Observations(NamedTuple):
     #: that is, the standard deviation of an effect such as the white noise, or a product of
     #: hyper-parameters.
     sources: list[Source]
-    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). The unit is the
-    #: prior sd of the coefficient divided by the hyper-parameter that scales this sd. If no
-    #: hyper-parameter scales it, the unit is the prior sd. If the prior is flat, the unit is the
-    #: reciprocal norm of the coefficient's column in the design matrix.
+    #: Unit in which every nuisance coefficient (of an effect modelled but not of interest) is
+    #: expressed, shape (coefficients,). The unit is the prior sd of the coefficient divided by the
+    #: hyper-parameter that scales this sd. If no hyper-parameter scales it, the unit is the prior
+    #: sd. If the prior is flat, the unit is the reciprocal norm of the coefficient's column in the
+    #: design matrix.
     unit: Array
-    #: One sign, +1 or −1, for each nuisance coefficient, shape (coefficients,). If the sign is −1,
-    #: the prior variance of the coefficient is negative: the coefficient's noise is subtracted from
-    #: the noise of the readings. `_columns_for_uneven_angles` explains why this is needed.
+    #: One sign, +1 or −1, for each nuisance coefficient (of an effect modelled but not of
+    #: interest), shape (coefficients,). If the sign is −1, the prior variance of the coefficient is
+    #: negative: the coefficient's noise is subtracted from the noise of the readings.
+    #: `_columns_for_uneven_angles` explains why this is needed.
     signs: Array
-    #: Number of nuisance coefficients that are the same in all tests. Their columns are the first
-    #: columns of the design matrix of the nuisance coefficients.
+    #: Number of nuisance coefficients (of effects modelled but not of interest) that are the same
+    #: in all tests. Their columns are the first columns of the design matrix of the nuisance
+    #: coefficients.
     shared: int
     #: For every test, the indices of those columns of the design matrix whose nuisance coefficients
-    #: belong to this test alone; empty if no test has such columns.
+    #: (of effects modelled but not of interest) belong to this test alone; empty if no test has
+    #: such columns.
     private: list[NDArray[np.intp]]
     #: Constants that are added to the log density of the readings, shape (tests + 1,): one constant
-    #: for every test, then one for the flat priors of all nuisance coefficients together.
+    #: for every test, then one for the flat priors of all nuisance coefficients (of effects
+    #: modelled but not of interest) together.
     log_constants: Array
 
 
@@ -114,19 +119,26 @@ class _Nuisances(NamedTuple):
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: One sign, +1 or −1, for each nuisance coefficient that has a separate value in every test. A
-    #: coefficient with the sign +1 adds noise to the model of the readings. If the sign is −1, the
-    #: prior variance of the coefficient is negative, and its noise is subtracted.
+    #: One sign, +1 or −1, for each nuisance coefficient (of an effect modelled but not of interest)
+    #: that has a separate value in every test. A coefficient with the sign +1 adds noise to the
+    #: model of the readings. If the sign is −1, the prior variance of the coefficient is negative,
+    #: and its noise is subtracted.
     private_signs: list[float]
 
     @property
     def shared_size(self) -> int:
-        """Number of nuisance coefficients that are the same in all tests."""
+        """Number of nuisance coefficients that are the same in all tests.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         return sum(len(term.names) for term in self.shared)
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that have a separate value in every test."""
+        """Number of nuisance coefficients that have a separate value in every test.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         return len(self.private_signs)
 
 
@@ -152,25 +164,29 @@ class _CoefficientPriors(NamedTuple):
     or the product of hyper-parameters, that multiplies the prior sd of a coefficient.
     """
 
-    #: Prior sd of every nuisance coefficient, divided by the hyper-parameter (or product of
-    #: hyper-parameters) that scales this sd, shape (coefficients,); infinite for a flat prior.
+    #: Prior sd of every nuisance coefficient (of an effect modelled but not of interest), divided
+    #: by the hyper-parameter (or product of hyper-parameters) that scales this sd, shape
+    #: (coefficients,); infinite for a flat prior.
     sd: Array
-    #: Fixed part of the prior sd of every nuisance coefficient, shape (coefficients,). This part
-    #: does not depend on hyper-parameters, and is added in quadrature to the part that does.
+    #: Fixed part of the prior sd of every nuisance coefficient (of an effect modelled but not of
+    #: interest), shape (coefficients,). This part does not depend on hyper-parameters, and is added
+    #: in quadrature to the part that does.
     stated_sd: Array
     mean: Array
-    #: For each nuisance coefficient, the index of the source of variance (hyper-parameter, or
-    #: product of hyper-parameters) that scales its prior sd, shape (coefficients,).
+    #: For each nuisance coefficient (of an effect modelled but not of interest), the index of the
+    #: source of variance (hyper-parameter, or product of hyper-parameters) that scales its prior
+    #: sd, shape (coefficients,).
     source: NDArray[np.intp]
 
 
 class _Scaled(NamedTuple):
     """Observation equations with rescaled nuisance coefficients.
 
-    ``unit``, shape (coefficients,), holds the unit in which each coefficient is expressed. It is
-    the prior sd divided by the hyper-parameter that scales this sd or, for a flat prior, the
-    reciprocal norm of the coefficient's column. ``log_volume`` is the constant that all flat priors
-    together add to the log density.
+    Nuisances are effects that are modelled but not of interest. ``unit``, shape (coefficients,),
+    holds the unit in which each coefficient is expressed. It is the prior sd divided by the
+    hyper-parameter that scales this sd or, for a flat prior, the reciprocal norm of the
+    coefficient's column. ``log_volume`` is the constant that all flat priors together add to the
+    log density.
     """
 
     rows: Rows
@@ -380,8 +396,8 @@ def _reading_rows(
 def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
     """Return the columns of all nuisance terms side by side, shape (tests, 25, columns).
 
-    A column is the effect of one unit of a nuisance coefficient on each test, as 25 Fourier
-    coefficients.
+    Nuisances are effects that are modelled but not of interest. A column is the effect of one unit
+    of a nuisance coefficient on each test, as 25 Fourier coefficients.
     """
     no_columns = np.zeros((tests, SIZE, 0))
     return np.concatenate([no_columns, *(term.values for term in terms)], axis=2)
@@ -499,12 +515,13 @@ def _prior_variance_factors(
 ) -> Array:
     """Return factors v, shape (coefficients, sources), from which prior variances are computed.
 
-    ``priors`` are the Gaussian priors of the nuisance coefficients. The prior variance of each
-    nuisance coefficient is Σ v · source², a sum over ``sources``. A source is a hyper-parameter, a
-    product of hyper-parameters, or the number one. The coefficients are in units of ``unit``, shape
-    (coefficients,). A coefficient whose unit is zero has no effect on the readings, so its factor
-    can be any number; the factor is set to one. For a coefficient with a flat prior, all factors
-    are zero, and the caller removes them.
+    Nuisances are effects that are modelled but not of interest. ``priors`` are the Gaussian priors
+    of the nuisance coefficients. The prior variance of each nuisance coefficient is Σ v · source²,
+    a sum over ``sources``. A source is a hyper-parameter, a product of hyper-parameters, or the
+    number one. The coefficients are in units of ``unit``, shape (coefficients,). A coefficient
+    whose unit is zero has no effect on the readings, so its factor can be any number; the factor is
+    set to one. For a coefficient with a flat prior, all factors are zero, and the caller removes
+    them.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)

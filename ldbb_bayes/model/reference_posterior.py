@@ -39,9 +39,9 @@ __all__ = ["ReferencePosterior", "fixed_point"]
 # Number of steps in which a machine's parameters are estimated, starting from the least-squares
 # estimate. In each step, the model is linearised about the estimate of the previous step.
 _STEPS = 3
-# A flat prior of a nuisance coefficient is replaced by a wide Gaussian prior. The prior sd is this
-# number times the uncertainty that the coefficient would have, from the readings alone, if all
-# other coefficients were known.
+# A flat prior of a nuisance coefficient (of an effect modelled but not of interest) is replaced by
+# a wide Gaussian prior. The prior sd is this number times the uncertainty that the coefficient
+# would have, from the readings alone, if all other coefficients were known.
 _FLAT_SDS = 1e6
 
 
@@ -115,9 +115,10 @@ class ReferencePosterior:
     def _posterior(self, setting: Setting, free: Array) -> Gaussian:
         """Return the Gaussian posterior density of the free parameters of interest.
 
-        The hyper-parameters have the values ``phi`` of this object, and nuisances are integrated
-        out. ``setting`` describes the test conditions. ``free`` is true for the parameters of
-        interest that are free, that is, not fixed at zero.
+        Nuisances are effects that are modelled but not of interest. The hyper-parameters have the
+        values ``phi`` of this object, and nuisances are integrated out. ``setting`` describes the
+        test conditions. ``free`` is true for the parameters of interest that are free, that is, not
+        fixed at zero.
         """
         terms: list[Columns | BasisNoise] = []
         for term in self.nuisances:
@@ -137,8 +138,8 @@ class ReferencePosterior:
         triangle = np.asarray(np.linalg.qr(stack, mode="r"))
         # In the matrix that was decomposed, the columns of the parameters of interest come last.
         # The last rows of the triangular factor R (``triangle``) of its QR decomposition are
-        # therefore zero in the columns of all nuisance coefficients: they are equations for the
-        # parameters of interest alone.
+        # therefore zero in the columns of all nuisance coefficients (of effects modelled but not of
+        # interest): they are equations for the parameters of interest alone.
         size = int(free.sum())
         of_interest = slice(len(sd) - size, len(sd))
         posterior = Gaussian.from_rows(
@@ -155,9 +156,9 @@ class ReferencePosterior:
     ) -> _SharedCoefficients:
         """Return the coefficients that all tests share, with their columns and priors.
 
-        ``setting`` describes the test conditions. ``terms`` are the columns and the noise of the
-        nuisances under these conditions. ``free`` is true for the parameters of interest that are
-        free, that is, not fixed at zero.
+        Nuisances are effects that are modelled but not of interest. ``setting`` describes the test
+        conditions. ``terms`` are the columns and the noise of the nuisances under these conditions.
+        ``free`` is true for the parameters of interest that are free, that is, not fixed at zero.
         """
         values = []
         means = []

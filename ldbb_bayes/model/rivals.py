@@ -23,9 +23,9 @@ class Rival(NamedTuple):
     """
 
     term: type[Term]
-    #: name of a field of a nuisance term, such as curvature_um; setting this field to zero switches
-    #: off an effect that resembles a change of compliance with force. Empty string if the effect is
-    #: the whole term.
+    #: name of a field of a nuisance term (an effect modelled but not of interest), such as
+    #: curvature_um; setting this field to zero switches off an effect that resembles a change of
+    #: compliance with force. Empty string if the effect is the whole term.
     setting: str
 
 

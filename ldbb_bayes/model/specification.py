@@ -176,9 +176,10 @@ def _degree_of(spec: _SpecFile, degree: int | None) -> int:
 def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) -> tuple[Term, ...]:
     """Return the nuisance terms that the tables under [terms] of a model file list.
 
-    ``tables`` holds the settings of every term; the keys are class names. Settings that a table
-    omits have the values that the term has in ``model``. If ``model`` lacks the term, the omitted
-    settings are the defaults of the class.
+    Nuisances are effects that are modelled but not of interest. ``tables`` holds the settings of
+    every term; the keys are class names. Settings that a table omits have the values that the term
+    has in ``model``. If ``model`` lacks the term, the omitted settings are the defaults of the
+    class.
     """
     check_known(
         "term",

@@ -28,8 +28,9 @@ __all__ = [
     "uncertainties",
 ]
 
-# Beginning of the names of the modules that define the package's own nuisance terms. The default
-# model has these terms, except those that are only added on request (``on_demand``).
+# Beginning of the names of the modules that define the package's own nuisance terms (effects
+# modelled but not of interest). The default model has these terms, except those that are only added
+# on request (``on_demand``).
 _PACKAGE = "ldbb_bayes.model.terms."
 # Regular expression for the positions in the class name of a term where a new word begins: before
 # every capital letter except the first, as before Form in BallForm.
@@ -50,12 +51,15 @@ class Unit(NamedTuple):
     'µm/bar'
     """
 
-    #: unit of a nuisance coefficient in all computations (internal unit), made of mm, N and rad
+    #: unit of a nuisance coefficient (of an effect modelled but not of interest) in all
+    #: computations (internal unit), made of mm, N and rad
     inside: str
     #: unit in which reports display a coefficient, expressed in internal units (mm, N, rad): 1e-3
     #: for µm, for example, because 1 µm is 1e-3 mm
     one: float
-    label: str  #: name of the unit in which reports display a nuisance coefficient, such as µm
+    #: name of the unit in which reports display a nuisance coefficient (of an effect modelled but
+    #: not of interest), such as µm
+    label: str
 
 
 @dataclass(frozen=True)
@@ -95,8 +99,8 @@ class Uncertainties(Result):
     (0.0094, 'mm', False)
     """
 
-    #: values and standard uncertainties that the nuisance terms assume for properties of the
-    #: instrument, term by term
+    #: values and standard uncertainties that the nuisance terms (effects modelled but not of
+    #: interest) assume for properties of the instrument, term by term
     assumed: tuple[Uncertainty, ...]
     #: names of the instrument's calibration certificates; the keys are the certified parts, such as
     #: bar for the certificate of the bar
@@ -106,8 +110,9 @@ class Uncertainties(Result):
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
     """Return what nuisance terms assume about the instrument of a campaign or plan.
 
-    When the result is printed, it is a table. The table also names the field of ``campaign.toml``
-    in which to enter the value from each certificate.
+    Nuisances are effects that are modelled but not of interest. When the result is printed, it is a
+    table. The table also names the field of ``campaign.toml`` in which to enter the value from each
+    certificate.
 
     Parameters
     ----------
@@ -198,35 +203,39 @@ class Term(Shown):
     #: classes of all nuisance terms (effects modelled but not of interest), in the order in which
     #: models, results and model files list them; the keys are the names of the classes
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: beginning of the names of a nuisance term's coefficients, or a tuple of several beginnings;
-    #: by default made from the class name, such as bar_length for BarLength
+    #: beginning of the names of the coefficients of a nuisance term (an effect modelled but not of
+    #: interest), or a tuple of several beginnings; by default made from the class name, such as
+    #: bar_length for BarLength
     stem: ClassVar[str | tuple[str, ...]]
-    #: name of a nuisance term in reports; by default made from the class name, such as ball form
-    #: for BallForm
+    #: name of a nuisance term (an effect modelled but not of interest) in reports; by default made
+    #: from the class name, such as ball form for BallForm
     words: ClassVar[str]
-    #: internal unit of a nuisance term's coefficients, and the unit in which reports display them
+    #: internal unit of the coefficients of a nuisance term (an effect modelled but not of
+    #: interest), and the unit in which reports display them
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
-    #: description of a measurement that would determine the effect of a nuisance term; printed in
-    #: advice to the user
+    #: description of a measurement that would determine the effect of a nuisance term (an effect
+    #: modelled but not of interest); printed in advice to the user
     calibration: ClassVar[str] = "a measurement of it"
-    #: advice (a sentence) that is printed with an uncertainty budget if a nuisance term contributes
-    #: most to the uncertainty
+    #: advice (a sentence) that is printed with an uncertainty budget if a nuisance term (an effect
+    #: modelled but not of interest) contributes most to the uncertainty
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    #: whether the effect of a nuisance term belongs to the instrument (bar, balls, mount or force
-    #: device)
+    #: whether the effect of a nuisance term (an effect modelled but not of interest) belongs to the
+    #: instrument (bar, balls, mount or force device)
     instrument: ClassVar[bool] = False
-    #: whether a nuisance term's coefficients have the same values in all campaigns with the same
-    #: instrument
+    #: whether the coefficients of a nuisance term (an effect modelled but not of interest) have the
+    #: same values in all campaigns with the same instrument
     common: ClassVar[bool] = False
-    #: whether a model has a nuisance term only if the term is added with ``with_term``; by default
-    #: false for terms of the package and true for terms that you define
+    #: whether a model has a nuisance term (an effect modelled but not of interest) only if the term
+    #: is added with ``with_term``; by default false for terms of the package and true for terms
+    #: that you define
     on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:
         """Register a new class of nuisance terms, and give it default names.
 
-        The defaults for ``stem`` and ``words`` are made from the name of the class. Raise an
-        `InputError` if a term of another module has the same name.
+        Nuisances are effects that are modelled but not of interest. The defaults for ``stem`` and
+        ``words`` are made from the name of the class. Raise an `InputError` if a term of another
+        module has the same name.
         """
         super().__init_subclass__()
         namesake = Term.kinds.get(cls.__name__)
@@ -273,24 +282,27 @@ class Term(Shown):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of a nuisance term, which scale the prior sds of its coefficients.
 
-        Hyper-parameters are estimated from the readings. By default a term has none.
+        Nuisances are effects that are modelled but not of interest. Hyper-parameters are estimated
+        from the readings. By default a term has none.
         """
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters of a nuisance term for the test conditions of a campaign.
 
-        ``setting`` describes the test conditions. By default, the result is the property ``scales``
-        of the term, which does not depend on the campaign.
+        Nuisances are effects that are modelled but not of interest. ``setting`` describes the test
+        conditions. By default, the result is the property ``scales`` of the term, which does not
+        depend on the campaign.
         """
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
         """Return the columns of a nuisance term for the test conditions of a campaign.
 
-        ``setting`` describes the test conditions. A column is the change of the reading per unit of
-        one coefficient, as 25 Fourier coefficients for each test. The result is an empty tuple if
-        the term has no effect on these tests.
+        Nuisances are effects that are modelled but not of interest. ``setting`` describes the test
+        conditions. A column is the change of the reading per unit of one coefficient, as 25 Fourier
+        coefficients for each test. The result is an empty tuple if the term has no effect on these
+        tests.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
@@ -327,7 +339,8 @@ class Term(Shown):
     def owner(coefficient: str) -> type[Term]:
         """Return the class of the nuisance term to which the named ``coefficient`` belongs.
 
-        Return `Term` if no term has a coefficient with this name.
+        Nuisances are effects that are modelled but not of interest. Return `Term` if no term has a
+        coefficient with this name.
         """
         for kind in Term.kinds.values():
             stems = (kind.stem,) if isinstance(kind.stem, str) else kind.stem
@@ -338,7 +351,10 @@ class Term(Shown):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the internal and the display unit of the nuisance coefficient ``coefficient``."""
+        """Return the internal and the display unit of the nuisance coefficient ``coefficient``.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         return cls.unit
 
     @classmethod

@@ -21,13 +21,13 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# The coefficients of a model are listed with the class name of the nuisance term to which each of
-# them belongs. Parameters of interest belong to no nuisance term and are listed with the word
-# ``Parameters`` instead.
+# The coefficients of a model are listed with the class name of the nuisance term (an effect
+# modelled but not of interest) to which each of them belongs. Parameters of interest belong to no
+# nuisance term and are listed with the word ``Parameters`` instead.
 OWN = "Parameters"
-# The sources of noise of a model are listed with the class name of the nuisance term to which each
-# of them belongs. The white noise of the readings belongs to no nuisance term and is listed with
-# the word ``ReadingNoise`` instead.
+# The sources of noise of a model are listed with the class name of the nuisance term (an effect
+# modelled but not of interest) to which each of them belongs. The white noise of the readings
+# belongs to no nuisance term and is listed with the word ``ReadingNoise`` instead.
 NOISE = "ReadingNoise"
 # The scale τ of the balls' form errors, and the scale ω of the machine's errors of higher orders,
 # apply to harmonics cos nθ, sin nθ of this order n. At any other order, the scales are multiplied
@@ -141,34 +141,37 @@ class Columns(Shown):
     ((6, 25, 2), array([0.002, 0.002]))
     """
 
-    #: names of a nuisance term's p coefficients; each name begins with the ``stem`` of the term
+    #: names of the p coefficients of a nuisance term (an effect modelled but not of interest); each
+    #: name begins with the ``stem`` of the term
     names: Sequence[str]
-    #: reading per unit of each of a nuisance term's p coefficients, as 25 Fourier coefficients for
-    #: each test, shape (tests, 25, p)
+    #: reading per unit of each of the p coefficients of a nuisance term (an effect modelled but not
+    #: of interest), as 25 Fourier coefficients for each test, shape (tests, 25, p)
     values: Array
-    #: prior sd of each of a nuisance term's p coefficients, shape (p,), or one number for all. If
-    #: ``hyper`` names a hyper-parameter, ``sd`` is the prior sd divided by this hyper-parameter;
-    #: otherwise ``sd`` is in internal units (mm, N, rad). For a flat prior, ``sd`` is infinite.
+    #: prior sd of each of the p coefficients of a nuisance term (an effect modelled but not of
+    #: interest), shape (p,), or one number for all. If ``hyper`` names a hyper-parameter, ``sd`` is
+    #: the prior sd divided by this hyper-parameter; otherwise ``sd`` is in internal units (mm, N,
+    #: rad). For a flat prior, ``sd`` is infinite.
     sd: Any
     #: name of the hyper-parameter (scale of an effect) by which ``sd`` is multiplied to obtain the
     #: prior sd of the coefficients; None if there is no such hyper-parameter
     hyper: Hyper | None = None
-    #: whether each of a nuisance term's coefficients has a separate value in every test, instead of
-    #: one value for all tests
+    #: whether each coefficient of a nuisance term (an effect modelled but not of interest) has a
+    #: separate value in every test, instead of one value for all tests
     private: bool = False
-    #: prior mean of each of a nuisance term's p coefficients in internal units (mm, N, rad), shape
-    #: (p,), or one number for all; by default zero. It must be zero if coefficients have a separate
-    #: value in every test
+    #: prior mean of each of the p coefficients of a nuisance term (an effect modelled but not of
+    #: interest), in internal units (mm, N, rad), shape (p,), or one number for all; by default
+    #: zero. It must be zero if coefficients have a separate value in every test
     mean: Any = None
     #: name of the hyper-parameter d in a prior sd that is proportional to (n/6)^(−d), where n is
     #: the order of the harmonic. None if the prior sd does not depend on the order
     decay: Hyper | None = None
-    #: order n of the harmonic cos nθ or sin nθ to which each of a nuisance term's p coefficients
-    #: belongs, shape (p,); needed if ``decay`` is given
+    #: order n of the harmonic cos nθ or sin nθ to which each of the p coefficients of a nuisance
+    #: term (an effect modelled but not of interest) belongs, shape (p,); needed if ``decay`` is
+    #: given
     orders: Array | None = None
-    #: fixed part of the prior sd of each of a nuisance term's p coefficients, in internal units
-    #: (mm, N, rad), shape (p,). It does not depend on hyper-parameters, and is added in quadrature
-    #: to the part that does
+    #: fixed part of the prior sd of each of the p coefficients of a nuisance term (an effect
+    #: modelled but not of interest), in internal units (mm, N, rad), shape (p,). It does not depend
+    #: on hyper-parameters, and is added in quadrature to the part that does
     stated: Array | None = None
     #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
     #: shape (tests,); empty if circles have no noise factors. It must be empty if the coefficients
@@ -208,7 +211,8 @@ class Columns(Shown):
     def sources(self) -> tuple[Source, ...]:
         """Products of hyper-parameters by which prior sds of nuisance coefficients are multiplied.
 
-        The noise factors λ of circles are not included.
+        Nuisances are effects that are modelled but not of interest. The factors λ on the noise of
+        single circles are not included.
         """
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
@@ -219,8 +223,9 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the products of hyper-parameters that multiply the prior sds of coefficients.
 
-        There is one product for each of the p coefficients of a nuisance term. If the circle of the
-        test with the index ``test`` has a noise factor λ, the products include this factor.
+        Nuisances are effects that are modelled but not of interest. There is one product for each
+        of the p coefficients of a nuisance term. If the circle of the test with the index ``test``
+        has a noise factor λ, by which its noise is multiplied, the products include this factor.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
@@ -246,9 +251,10 @@ class Columns(Shown):
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """Return a random draw of a nuisance term's effect on the readings of all tests [mm].
 
-        The coefficients of the term are drawn from their prior with the random number generator
-        ``rng``. The result holds Fourier coefficients, shape (tests, 25). ``phi`` maps the names of
-        the hyper-parameters to their values, with lengths in mm; ``tests`` is the number of tests.
+        Nuisances are effects that are modelled but not of interest. The coefficients of the term
+        are drawn from their prior with the random number generator ``rng``. The result holds
+        Fourier coefficients, shape (tests, 25). ``phi`` maps the names of the hyper-parameters to
+        their values, with lengths in mm; ``tests`` is the number of tests.
         """
         p = len(self.names)
         if self.private:
