@@ -45,7 +45,8 @@ class SufficientStatistics:
     """
 
     names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign's fit
-    units: tuple[str, ...]  #: units, made of mm, N and rad, of the q parameters and errors
+    #: units, made of mm, N and rad, of the q parameters and instrument errors
+    units: tuple[str, ...]
     mean: Array  #: posterior means of the q parameters and instrument errors, shape (q,)
     #: posterior covariance matrix of the q parameters and instrument errors, shape (q, q)
     covariance: Array
@@ -120,7 +121,8 @@ class _ChosenCoefficients(NamedTuple):
     #: common to the tests of a campaign
     places: list[int]
     names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign
-    units: tuple[str, ...]  #: units, made of mm, N and rad, of the q parameters and errors
+    #: units, made of mm, N and rad, of the q parameters and instrument errors
+    units: tuple[str, ...]
     #: prior means of the q parameters and instrument errors in mm, N and rad, shape (q,)
     prior_mean: Array
     #: prior standard deviations of the q parameters and instrument errors in mm, N and rad, shape

@@ -116,7 +116,7 @@ def _has_toml(folder: str) -> bool:
 
 
 def _may_be_campaign(path: str) -> bool:
-    """Return whether a path is a campaign folder, or a file, which may hold a campaign."""
+    """Return whether a path may be a campaign: a file, or a folder with a campaign.toml."""
     return _has_toml(path) or os.path.isfile(path)
 
 

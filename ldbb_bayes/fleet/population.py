@@ -153,7 +153,7 @@ class PooledMachine(Result):
     #: machine_id of the machine, or the file path of its campaign if the campaign states no
     #: machine_id
     name: Annotated[str, Field(exclude=True)]
-    campaigns: int  #: number of campaigns of this machine
+    campaigns: int  #: number of campaigns of one machine
     #: estimates of the machine's parameters from its own campaigns and from the population; the
     #: keys are the names of the parameters
     estimate: dict[str, Summary]
@@ -305,7 +305,7 @@ class Population(Result):
 
 @with_words.register
 def _population_record(result: Population) -> dict[str, Any]:
-    """Return the content of population.json: result, sentences, SHA-256 checksum of both."""
+    """Return the content of population.json: population, sentences, SHA-256 of both."""
     record = result.as_dict() | {"doubts": list(population_doubts(result))}
     return {**record, "sha256": digest_of(json.loads(json_text(record)))}
 

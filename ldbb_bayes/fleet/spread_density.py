@@ -304,15 +304,17 @@ class Spreads:
     #: k random draws of the spreads (standard deviations from machine to machine) of c parameters,
     #: in units of the parameters' prior sd, shape (k, c)
     spread: Array
-    #: log importance weight of each of k random draws, shape (k,): ln(posterior density / density
-    #: of the distribution from which the draws were made), up to a constant
+    #: log importance weight of each of k random draws of the spreads (standard deviations from
+    #: machine to machine), shape (k,): ln(posterior density / density of the distribution from
+    #: which the draws were made), up to a constant
     log_weight: Array
-    #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
+    #: importance weights of the k random draws of the spreads (standard deviations from machine to
+    #: machine), Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
-    #: Pareto's k̂ of the weights of the random draws; the larger k̂ is, the less reliable are the
-    #: weights
+    #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations from
+    #: machine to machine); the larger k̂ is, the less reliable are the weights
     pareto_k: float
-    #: largest value of Pareto's k̂ with which the random draws can be trusted
+    #: largest value of Pareto's k̂ with which the random draws of the spreads can be trusted
     good_k: float
     #: mode of the posterior density of ln s, shape (c,); s are the spreads (standard deviations
     #: from machine to machine) of c parameters

@@ -420,9 +420,9 @@ def find_trend(
 
 
 def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
-    """Raise an `InputError` unless the option ``name`` is above zero and finite.
+    """Raise an `InputError` unless an option of `find_trend` is above zero and finite.
 
-    If ``below_one`` is true, the value must also be below 1.
+    ``name`` is the name of the option. If ``below_one`` is true, the value must also be below 1.
     """
     if below_one and not 0.0 < value < 1.0:
         raise InputError(f"{name} must be above 0 and below 1, got {value:g}. Correct it.")

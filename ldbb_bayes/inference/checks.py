@@ -87,8 +87,8 @@ _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 class CheckKind(StrEnum):
     """Property of a test's readings that a posterior predictive check examines."""
 
-    ORDER = "order"  #: residual of the readings at one Fourier order, 0 to 12
-    NOISE = "noise"  #: scatter of the readings about a fit of the Fourier orders 0 to 12
+    ORDER = "order"  #: residual of a test's readings at one of the Fourier orders 0 to 12
+    NOISE = "noise"  #: scatter of a test's readings about a fit of the Fourier orders 0 to 12
     #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
     #: readings
     AUTOCORRELATION = "autocorrelation"

@@ -129,7 +129,7 @@ def _polynomial_terms(leading: Array) -> Array:
 
 
 def _limited(log_width: Array) -> Array:
-    """Return the logarithms of a density's widths along its coordinates, limited in magnitude.
+    """Return the log widths of a density along its coordinates, limited in magnitude.
 
     The limit of the absolute value is ``_LARGEST_LOG_WIDTH``.
     """

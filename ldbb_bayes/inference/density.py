@@ -148,7 +148,7 @@ class LogDensity(Shown):
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
 
     def __repr__(self) -> str:
-        """Return a line that names the campaign, and counts parameters and hyper-parameters."""
+        """Return a line of text: the campaign, and numbers of parameters and hyper-parameters."""
         campaign = self.bound.campaign.name
         parameters = len(self.bound.names)
         scales = len(self.bound.hyper_prior.names)
@@ -384,8 +384,9 @@ class LinearRedraw:
     shifted towards non-negative compliances; importance weights correct for this shift.
     """
 
-    density: JointDensity  #: posterior density of parameters and hyper-parameters
-    start: HyperPosterior  #: posterior density of the hyper-parameters alone
+    density: JointDensity  #: joint posterior density of parameters and hyper-parameters
+    #: posterior density of the hyper-parameters alone, with the parameters integrated out
+    start: HyperPosterior
 
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0

@@ -212,7 +212,7 @@ class Evidences(Shown):
         return rough
 
     def posterior(self, model: HybridModel) -> HyperPosterior:
-        """Return the posterior density of a model's hyper-parameters; it is made only once."""
+        """Return the posterior density of a model's hyper-parameters, made once and then kept."""
         key = model_to_toml(model)
         if key not in self._posteriors:
             check_comparable(model, self.campaign)

@@ -28,7 +28,10 @@ _JOINT_LOAD = "joint load"
 
 
 class CurveDraws(NamedTuple):
-    """Posterior draws of one compliance C(F) at three forces F, in a unit made of mm, N and rad."""
+    """Posterior draws of one compliance C(F) at three forces F, in a unit made of mm, N and rad.
+
+    The forces are the smallest force tested, the reference force and the largest force tested.
+    """
 
     unit: str  #: unit of the posterior draws of a compliance, such as mm/N
     #: posterior draws of a compliance at the smallest bar force tested, shape (draws,)
@@ -49,7 +52,10 @@ class CurveDraws(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ForceCurves:
-    """Posterior draws of the compliances that may change with force, at three forces."""
+    """Posterior draws of the compliances that may change with force, at three forces.
+
+    They are the smallest force tested, the reference force and the largest force tested.
+    """
 
     smallest_force_N: float  #: smallest bar force tested, F_min [N]
     reference_force_N: float  #: reference force of the model, F0 [N]

@@ -96,7 +96,7 @@ class ProposalDensity(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Integral:
-    """Integral ∫ f of a density f in h dimensions as a sum over n weighted nodes."""
+    """Integral ∫ f of a density f in h dimensions as a sum over n weighted nodes (points)."""
 
     #: coordinates of the n nodes (points) of an integral in h dimensions, shape (n, h)
     free: Array
@@ -167,7 +167,7 @@ class Integral:
 
     @cached_property
     def error(self) -> float:
-        """Error of the log integral ln ∫ f [nat]; infinite if the weights cannot be trusted."""
+        """Error of ln ∫ f for a density f [nat]; infinite if the nodes' weights are unreliable."""
         if not self.trusted:
             return np.inf
         of_nodes = self._sample_error() if self.proposal is not None else self._lattice_error()

@@ -47,9 +47,11 @@ class _Truncation(NamedTuple):
     All arrays have the shape (n, p), for n Gaussians of each of p parameters.
     """
 
-    #: lower bounds of truncated Gaussians, as distances from their means in standard deviations
+    #: lower bounds of truncated Gaussians (n for each of p parameters), as distances from their
+    #: means in standard deviations
     low: Array
-    #: upper bounds of truncated Gaussians, as distances from their means in standard deviations
+    #: upper bounds of truncated Gaussians (n for each of p parameters), as distances from their
+    #: means in standard deviations
     high: Array
     #: −1 for a Gaussian that is truncated to an interval in its upper tail, otherwise 1. With −1,
     #: the mirror image of the interval in the lower tail is used, because cumulative probabilities
@@ -82,7 +84,10 @@ class MarginalMixtures(NamedTuple):
     high: Array
 
     def _truncation(self) -> _Truncation:
-        """Return bounds and probabilities of the n truncated Gaussians of each of p parameters."""
+        """Return bounds and probabilities of the n truncated Gaussians of each of p parameters.
+
+        There is one Gaussian for each posterior draw.
+        """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd

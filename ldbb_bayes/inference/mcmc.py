@@ -59,8 +59,9 @@ _STOCK = 512
 class BlockPlan(NamedTuple):
     """Number of draws to store in a block of the sampler's steps, and steps between these draws."""
 
-    draws: int  #: number of draws that the block of steps stores for each walker
-    thin: int  #: number of steps of the sampler from one stored draw to the next
+    draws: int  #: number of draws that one block of the sampler's steps stores for each walker
+    #: number of steps of the sampler, in one block of steps, from one stored draw to the next
+    thin: int
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,8 @@ class Progress:
 
     steps: int  #: number of steps that the sampler has run so far
     max_steps: int  #: largest number of steps that the sampler may run
-    target_ess: float  #: effective sample size that every parameter must reach
+    #: effective sample size that every parameter must reach before sampling stops
+    target_ess: float
     assessment: Assessment
     #: estimated time until the run of the sampler stops [s]; None if it cannot be estimated
     seconds_left: float | None = None

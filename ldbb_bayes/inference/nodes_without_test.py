@@ -46,7 +46,8 @@ class GaussianFactor:
     other h − 1 coordinates.
     """
 
-    #: index of the coordinate that a Gaussian density describes, among the h coordinates of a point
+    #: index, among the h coordinates of a point, of the coordinate that a Gaussian density
+    #: describes
     axis: int
     #: change of the mean of the Gaussian density of one coordinate of a point, per unit of each of
     #: the other h − 1 coordinates, shape (h − 1,)

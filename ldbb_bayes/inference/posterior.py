@@ -331,7 +331,7 @@ def _digest(tree: xr.DataTree) -> str:
 
 
 def _path_of(node: xr.DataTree) -> str:
-    """Return the path of a group within its DataTree, as a sort key."""
+    """Return the path of a group of arrays within its DataTree, by which groups are sorted."""
     return node.path
 
 

@@ -84,7 +84,7 @@ class IndependentDraws(NamedTuple):
     #: posterior draws of the h hyper-parameters, such as the standard deviation of the noise, shape
     #: (size, h); lengths are in mm
     phi: Array
-    #: whether the draws are thinned from a run of emcee; if False, the draws are independent
+    #: whether posterior draws are thinned from a run of emcee; if False, the draws are independent
     by_emcee: bool
 
 
@@ -208,7 +208,8 @@ class FittedModel(NamedTuple):
     and no DataTree is needed, not building it saves time.
     """
 
-    draws: ModelDraws  #: model of the campaign, with the joined draws of all chains
+    #: model of the campaign, with posterior draws of its unknowns, joined from all chains
+    draws: ModelDraws
     #: draws, log densities and data of a posterior; the first key is the name of a group of arrays,
     #: the second key the name of the array
     groups: Mapping[str, Mapping[str, Array]]
@@ -217,7 +218,7 @@ class FittedModel(NamedTuple):
     #: how the posterior was made
     sampler: Mapping[str, Any]
     seed: int  #: seed of all random numbers of a fit
-    started: datetime  #: time at which sampling started
+    started: datetime  #: date and time at which the sampling of a posterior started
 
     def tree(self) -> xr.DataTree:
         """Return the posterior as a DataTree in ArviZ's layout, with a record of the fit."""

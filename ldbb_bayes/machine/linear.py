@@ -447,7 +447,8 @@ def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
 class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the article on the model."""
 
-    # number of rotary components (rotation, moment) of the compliance: 0, 1 or 2
+    # number of rotary components of the compliance (its motion may be a rotation, and its load a
+    # moment): 0, 1 or 2
     rotations: int
     # rank of the displacement or rotation i of the compliance C_ijk in the order of Table 1 of the
     # paper

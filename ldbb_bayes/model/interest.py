@@ -65,7 +65,7 @@ class Parameter:
 
 
 class _Row(NamedTuple):
-    """Name, unit, kind and degree of a parameter of interest, without mean and sd of its prior."""
+    """Name, unit, kind and degree (in force) of a parameter of interest, without its prior."""
 
     name: str
     unit: str
@@ -123,7 +123,7 @@ class ParametersOfInterest:
         return np.array([prior.means.get(name, 0.0) for name in self.names])
 
     def _parameters_without_prior(self) -> list[_Row]:
-        """Return name, unit, kind and degree of each of the p parameters of interest, in a list."""
+        """Return name, unit, kind and degree (in force) of each of the p parameters of interest."""
         rows = [
             _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances
         ]

@@ -98,7 +98,10 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice that selects the batch's values of the hyper-parameters from the caller's array."""
+        """Slice that selects a batch of the values of the hyper-parameters that the caller gave.
+
+        A batch is a part of the values, which is processed at once.
+        """
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property

@@ -524,10 +524,11 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # ``core`` holds the indices of linearly independent constraints; all other constraints are
-        # linear combinations of them. Let x be the coordinates of the standard normal vector along
-        # the directions ``axes``. The other constraints are converted to constraints on x. The
-        # coefficients of x in a constraint are scaled so that their squares sum to one.
+        # The constraints are those on a Gaussian vector. ``core`` holds the indices of linearly
+        # independent constraints; all other constraints are linear combinations of them. Let x be
+        # the coordinates of the standard normal vector along the directions ``axes``. The other
+        # constraints are converted to constraints on x. The coefficients of x in a constraint are
+        # scaled so that their squares sum to one.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)

@@ -160,7 +160,7 @@ class Setting:
 
     @property
     def tests(self) -> int:
-        """Number of tests whose conditions are described."""
+        """Number of tests whose conditions (force, radius and so on) this object holds."""
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:

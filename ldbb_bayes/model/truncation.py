@@ -54,7 +54,7 @@ class Truncation:
 
     @property
     def active(self) -> bool:
-        """Whether the region of permitted parameters excludes any values of the parameters."""
+        """Whether the region without negative compliances excludes any values of the parameters."""
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
