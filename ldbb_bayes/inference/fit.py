@@ -121,10 +121,11 @@ class Concern(Result):
 class Fit(Result):
     """How well a model fits the readings, and the warnings that the fit gives."""
 
-    rmse_um: float  #: root-mean-square residual over all readings [µm] (Eq. 34 of the paper)
-    #: fitness of each test [%] (Eq. 35 of the paper): 100 % minus the root-mean-square residual in
-    #: per cent of the range of the readings, or NaN if all readings are equal. The keys are the
-    #: names of the tests.
+    #: root-mean-square residual over all readings [µm] (Eq. 34 of the article on the model)
+    rmse_um: float
+    #: fitness of each test [%] (Eq. 35 of the article on the model): 100 % minus the
+    #: root-mean-square residual in per cent of the range of the readings, or NaN if all readings
+    #: are equal. The keys are the names of the tests.
     fitness_percent: dict[str, float]
     #: logarithm of the probability that no compliance is negative, computed with the posterior of
     #: the same model without truncation

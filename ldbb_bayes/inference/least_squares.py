@@ -1,4 +1,4 @@
-"""Least-squares estimate of the parameters of a machine, as in the paper (Eq. 31).
+"""Least-squares estimate of the parameters of a machine, as in the article on the model (Eq. 31).
 
 The parameters are compliances, their changes with force, and geometric errors. The uncertainty of
 the estimate accounts for white noise alone.
@@ -49,7 +49,7 @@ class LeastSquares(Result):
     #: is not larger than the number of parameters, all estimates and all u are NaN.
     table: ByRow
     #: root-mean-square residual over all readings and for each test [µm], and fitness of each test
-    #: [%] (Eq. 34-35 of the paper)
+    #: [%] (Eq. 34-35 of the article on the model)
     quality: FitQuality
     #: predicted readings of each test [µm], in the order of the test's readings; the keys are the
     #: names of the tests
@@ -69,12 +69,12 @@ def fit_least_squares(
     reference_force_N: float | None = None,
     fixed: Sequence[str] = (),
 ) -> LeastSquares:
-    """Return least-squares estimates of compliances and geometric errors, as in the paper (Eq. 31).
+    """Return least-squares estimates of compliances and geometric errors.
 
-    If ``degree`` is 1 or 2, the changes of the compliances with force are estimated too. The model
-    does not contain errors of the balls, the bar and the mount. These errors therefore bias the
-    estimates, and the standard uncertainties u are too small. The models of `sample` contain these
-    errors.
+    The estimates are those of the article on the model (Eq. 31). If ``degree`` is 1 or 2, the
+    changes of the compliances with force are estimated too. The model does not contain errors of
+    the balls, the bar and the mount. These errors therefore bias the estimates, and the standard
+    uncertainties u are too small. The models of `sample` contain these errors.
 
     Parameters
     ----------

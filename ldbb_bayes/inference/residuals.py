@@ -1,7 +1,8 @@
-"""Readings minus predicted readings, and the quality of a fit (Eq. 34-35 of the paper).
+"""Readings minus predicted readings, and the quality of a fit.
 
-A prediction holds 25 Fourier coefficients of the orders 0 to 12 for the circle of every test. The
-readings of a test are reduced to m numbers that contain all information about these coefficients.
+The quality of a fit is defined by Eq. 34-35 of the article on the model. A prediction holds 25
+Fourier coefficients of the orders 0 to 12 for the circle of every test. The readings of a test are
+reduced to m numbers that contain all information about these coefficients.
 """
 
 from __future__ import annotations
@@ -34,10 +35,10 @@ RANK_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class FitQuality:
-    """Root-mean-square residual and fitness of predicted readings (Eq. 34-35 of the paper).
+    """Root-mean-square residual and fitness of predicted readings.
 
-    The fitness of a test is 100 % minus the root-mean-square residual in per cent of the range of
-    its readings.
+    Both are defined by Eq. 34-35 of the article on the model. The fitness of a test is 100 % minus
+    the root-mean-square residual in per cent of the range of its readings.
     """
 
     rmse_um: float  #: root-mean-square residual over the readings of all tests [µm]
@@ -64,9 +65,9 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
     """Return the root-mean-square residual and the fitness of predicted readings.
 
-    Fitness is defined by Eq. 35 of the paper. ``predicted``, shape (tests, 25), holds the Fourier
-    coefficients of the orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the
-    model of the campaign.
+    Fitness is defined by Eq. 35 of the article on the model. ``predicted``, shape (tests, 25),
+    holds the Fourier coefficients of the orders 0 to 12 that are predicted for each test [mm].
+    ``bound`` is the model of the campaign.
     """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(
@@ -88,10 +89,10 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 
 
 def _fitness_percent(rmse_um: float, span_mm: float) -> float:
-    """Return the fitness of a test [%] (Eq. 35 of the paper); NaN if its readings are all equal.
+    """Return the fitness of a test [%]; NaN if all readings of the test are equal.
 
-    The fitness is 100 % minus the root-mean-square residual ``rmse_um`` in per cent of ``span_mm``,
-    the largest minus the smallest reading.
+    The fitness (Eq. 35 of the article on the model) is 100 % minus the root-mean-square residual
+    ``rmse_um`` in per cent of ``span_mm``, the largest minus the smallest reading.
     """
     if span_mm <= 0:
         return float("nan")

@@ -34,7 +34,7 @@ def exact_reading_mm(
     The geometric part is the distance between the balls minus the radius. The distance is computed
     with homogeneous transforms of the whole chain. The elastic part is F Σ j_C · C, where F is the
     force, C are the compliances, and j_C is the reading per unit force and per unit of each
-    compliance. Equation numbers are those of the paper.
+    compliance. Equation numbers are those of the article on the model.
 
     Parameters
     ----------
@@ -143,9 +143,9 @@ def _joint_transform(
     """Return the homogeneous transforms of one joint at n positions, shape (n, 4, 4).
 
     The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
-    the paper). ``coordinate``, shape (n,), holds the nominal displacements along the joint's axis
-    [mm]. For a joint that carries the workpiece, the displacement is the machine coordinate times
-    −1. ``errors`` maps the names of geometric errors to their values.
+    the article on the model). ``coordinate``, shape (n,), holds the nominal displacements along the
+    joint's axis [mm]. For a joint that carries the workpiece, the displacement is the machine
+    coordinate times −1. ``errors`` maps the names of geometric errors to their values.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate

@@ -10,9 +10,9 @@ joint k, with three displacements and three rotations about the same frame, chan
 g_k · e if the joint carries the tool, and by −g_k · e if it carries the workpiece (Eq. 16-23). If
 all levers lie in the plane of the circle, this is the paper's planar model.
 
-Circular tests cannot identify all compliances (Table 2 of the paper). Some compliances never change
-a reading (null columns). Others change the readings in proportion to each other (proportional
-sets); one compliance of each proportional set is kept and represents the set.
+Circular tests cannot identify all compliances (Table 2 of the article on the model). Some
+compliances never change a reading (null columns). Others change the readings in proportion to each
+other (proportional sets); one compliance of each proportional set is kept and represents the set.
 """
 
 from __future__ import annotations
@@ -83,9 +83,9 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
     """Return the reading per unit force and per unit of each planar compliance, at n angles.
 
     A planar compliance relates a displacement or rotation in a tested plane to a force or moment in
-    the same plane. The result is the wrench Jacobian of the paper. It has the shape (n, 18) for one
-    plane, and its elements have the unit 1, mm or mm². The columns are in the order of
-    `wrench_names`. ``circle`` is the nominal circle on ``machine``. ``angle_rad``, shape (n,),
+    the same plane. The result is the wrench Jacobian of the article on the model. It has the shape
+    (n, 18) for one plane, and its elements have the unit 1, mm or mm². The columns are in the order
+    of `wrench_names`. ``circle`` is the nominal circle on ``machine``. ``angle_rad``, shape (n,),
     holds the angles of the bar, measured from the first axis of the plane [rad].
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
@@ -94,7 +94,9 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
 def compliance_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]
 ) -> Array:
-    """Return the reading per unit force and per unit of each compliance (Eq. 20-23 of the paper).
+    """Return the reading per unit force and per unit of each compliance.
+
+    The equations are Eq. 20-23 of the article on the model.
 
     Parameters
     ----------
@@ -123,12 +125,13 @@ def compliance_jacobian(
 
 
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Return the change of the reading per unit of each geometric error (Eq. 16-18 of the paper).
+    """Return the change of the reading per unit of each geometric error.
 
-    The result has the shape (n, number of geometric errors) [mm per unit of the error] for n
-    angles, with one column for each name that `geometric_names` returns. ``circle`` is the nominal
-    circle of the test on ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar,
-    measured from the first axis of the plane [rad].
+    The equations are Eq. 16-18 of the article on the model. The result has the shape (n, number of
+    geometric errors) [mm per unit of the error] for n angles, with one column for each name that
+    `geometric_names` returns. ``circle`` is the nominal circle of the test on ``machine``.
+    ``angle_rad``, shape (n,), holds the angles of the bar, measured from the first axis of the
+    plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
@@ -190,13 +193,14 @@ class Kept:
     representative, is kept for the set.
     """
 
-    #: compliances that circular tests can separate, in the order of Table 1 of the paper. Each is
-    #: kept as the representative of its proportional set, that is, of the compliances whose effects
-    #: on the readings are proportional to each other.
+    #: compliances that circular tests can separate, in the order of Table 1 of the article on the
+    #: model. Each is kept as the representative of its proportional set, that is, of the
+    #: compliances whose effects on the readings are proportional to each other.
     names: tuple[ComplianceName, ...]
     #: for each compliance in ``names`` (those that circular tests can separate), the names of all
-    #: compliances of its proportional set (Table 2 of the paper). The compliances of a set change
-    #: the readings in proportion to each other. The compliance from ``names`` comes first.
+    #: compliances of its proportional set (Table 2 of the article on the model). The compliances of
+    #: a set change the readings in proportion to each other. The compliance from ``names`` comes
+    #: first.
     sets: tuple[tuple[str, ...], ...]
     #: weights of the compliances of each proportional set, that is, of compliances that change the
     #: readings in proportion to each other. A weight is the effect of a compliance on the reading
@@ -229,12 +233,12 @@ class Kept:
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circular tests can separate, and the set that each represents.
 
-    The compliances and sets (Table 2 of the paper) are computed numerically from the readings per
-    unit compliance. The function examines the planar compliances of every tested plane (motion and
-    load in the plane), and all other compliances of the joints that change a reading. Compliances
-    that change readings in proportion to each other form a set. The following rules choose the
-    compliance that represents a set, in the order of their importance. For the paper's machine, the
-    rules give the paper's choice:
+    The compliances and sets (Table 2 of the article on the model) are computed numerically from the
+    readings per unit compliance. The function examines the planar compliances of every tested plane
+    (motion and load in the plane), and all other compliances of the joints that change a reading.
+    Compliances that change readings in proportion to each other form a set. The following rules
+    choose the compliance that represents a set, in the order of their importance. For the machine
+    in the article, the rules give the choice of the article:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer a displacement caused by a force to a rotation caused by a force, and the latter to a
@@ -453,9 +457,11 @@ class _TableOrder(NamedTuple):
     # rank of the displacement or rotation i of the compliance C_ijk in the order of Table 1 of the
     # paper
     twist: int
-    # rank of the force or moment j of the compliance C_ijk in the order of Table 1 of the paper
+    # rank of the force or moment j of the compliance C_ijk in the order of Table 1 of the article
+    # on the model
     wrench: int
-    # rank of the joint k of the compliance C_ijk in the order of Table 1 of the paper
+    # rank of the joint k of the compliance C_ijk in the order of Table 1 of the article on the
+    # model
     joint: int
 
 
@@ -507,12 +513,12 @@ def hybrid_jacobian(
     """Return the reading per unit of every parameter of the model, for one circle.
 
     The parameters are compliances, their slopes and geometric errors. The table is the matrix J_H
-    of Eq. 28 of the paper; with the reference force F0 = 0, it is also J_H of Eq. 33. The column of
-    a compliance is F j_C, where j_C is the reading per unit force and compliance. A slope of degree
-    k is a change of the compliance with force; its column is F (F − F0)^k j_C. The compliances are
-    those that this circle alone can separate. Columns are named like the parameters in the results
-    of a fit: first compliances such as C_XXX, then slopes such as C_XXX_1, then geometric errors
-    such as E_XX1.
+    of Eq. 28 of the article on the model; with the reference force F0 = 0, it is also J_H of Eq.
+    33. The column of a compliance is F j_C, where j_C is the reading per unit force and compliance.
+    A slope of degree k is a change of the compliance with force; its column is F (F − F0)^k j_C.
+    The compliances are those that this circle alone can separate. Columns are named like the
+    parameters in the results of a fit: first compliances such as C_XXX, then slopes such as
+    C_XXX_1, then geometric errors such as E_XX1.
 
     Parameters
     ----------

@@ -199,7 +199,7 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 
 
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
-    """Return the names of the machine's geometric errors in the order of the paper.
+    """Return the names of the machine's geometric errors in the order of the article on the model.
 
     The errors of each tested plane are scale errors (gains), quadratic straightness deviations and
     the squareness error. An error that belongs to two planes is listed only once. The tool offsets

@@ -112,8 +112,8 @@ class HybridModel(Result):
     change with force), E the geometric errors, and ε white noise. j_C is the reading per unit force
     and compliance, j_G the reading per unit geometric error. Nuisances are effects that are
     modelled but not of interest. Start from ``default``, from ``first`` (the model's first edition)
-    or from ``paper`` (least squares as in the paper). To change a setting, call a method that
-    returns a changed copy of the model, such as ``with_prior``.
+    or from ``paper`` (least squares as in the article on the model). To change a setting, call a
+    method that returns a changed copy of the model, such as ``with_prior``.
 
     Raises
     ------
@@ -139,7 +139,8 @@ class HybridModel(Result):
     #: errors) and of the hyper-parameters (such as the standard deviation of the noise)
     prior: Prior = field(default_factory=Prior.default)
     #: reference force F0 [N], at which compliances are stated; by default the midpoint between the
-    #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the paper.
+    #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the article on the
+    #: model.
     reference_force_N: float | None = None
     #: name of the preset from which the model was made: default, first or paper
     preset: Preset = "default"
@@ -225,7 +226,7 @@ class HybridModel(Result):
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
-        """Return the model whose point estimate is the estimate of the paper (Eq. 31).
+        """Return the model whose point estimate is that of the article on the model (Eq. 31).
 
         The model has flat priors and no nuisances (effects modelled but not of interest), and its
         compliances may be negative. ``degree`` is the degree of the compliance as a polynomial in
@@ -502,8 +503,8 @@ class HybridModel(Result):
             True hyper-parameters by name, such as the standard deviation of the noise, with lengths
             in µm; hyper-parameters that are not named are drawn at random from their priors.
         exact : bool, default False
-            Whether geometric errors act through the exact forward model (Eq. 1-14 of the paper)
-            instead of the linear forward model.
+            Whether geometric errors act through the exact forward model (Eq. 1-14 of the article on
+            the model) instead of the linear forward model.
 
         Returns
         -------
@@ -1197,9 +1198,9 @@ class BoundModel(Shown):
     def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
         """Return the linearisation error of one test's n readings, shape (n,) [mm].
 
-        The error is the exact effect of the geometric errors on the reading (Eq. 1-14 of the paper)
-        minus the linear effect. ``beta``, shape (p,), holds the p parameters of interest for which
-        the error is computed, in mm, N and rad.
+        The error is the exact effect of the geometric errors on the reading (Eq. 1-14 of the
+        article on the model) minus the linear effect. ``beta``, shape (p,), holds the p parameters
+        of interest for which the error is computed, in mm, N and rad.
         """
         values = dict(zip(self.names, beta.tolist(), strict=True))
         angle = test.angles_rad()

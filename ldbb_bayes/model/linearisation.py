@@ -98,9 +98,9 @@ def linearise(
 def nominal_mount_offset(setting: Setting) -> Array:
     """Return the nominal deflection of the work ball's mount contained in the readings [mm].
 
-    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The result holds
-    Fourier coefficients, shape (tests, 25), which are zero if the readings are compensated for the
-    deflection. ``setting`` describes the test conditions.
+    The nominal deflection is proportional to the pressure (Eq. 32 of the article on the model). The
+    result holds Fourier coefficients, shape (tests, 25), which are zero if the readings are
+    compensated for the deflection. ``setting`` describes the test conditions.
     """
     nominal = 0.0 if setting.compensated else setting.deflection_um_per_bar * 1e-3
     return setting.constant(setting.pressure_bar * nominal)[:, :, 0]

@@ -274,7 +274,7 @@ class Prior(Shown):
     #: the load itself (such as C_XXX, C_YYY and C_CCY) are not negative at the tested forces
     truncated: bool = True
     #: whether all parameters of interest (compliances, their changes with force, and geometric
-    #: errors) have flat (constant) priors, as in the paper's least squares
+    #: errors) have flat (constant) priors, as in the least squares of the article on the model
     flat: bool = False
     #: prior sds that the user gave instead of the defaults, in internal units (mm, N, rad); the
     #: keys are names of parameters of interest, such as C_XXX
@@ -368,9 +368,9 @@ class Prior(Shown):
 
     @classmethod
     def paper(cls) -> Prior:
-        """Return the flat prior, with which estimates are least-squares estimates as in the paper.
+        """Return the flat prior, with which estimates are least-squares estimates.
 
-        Compliances may be negative.
+        The estimates are those of the article on the model. Compliances may be negative.
         """
         return cls(truncated=False, flat=True)
 

@@ -102,10 +102,10 @@ class BarLength(Term):
 class Mount(Term):
     """Error of the deflection of the work ball's mount, and curvature of this deflection.
 
-    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The term has two
-    coefficients. The first is the error of the deflection per pressure. Its prior sd follows from a
-    certificate; without a certificate, it is the nominal deflection per pressure times
-    ``relative_sd``. The second coefficient is the curvature, which is multiplied by q(F) = 4
+    The nominal deflection is proportional to the pressure (Eq. 32 of the article on the model). The
+    term has two coefficients. The first is the error of the deflection per pressure. Its prior sd
+    follows from a certificate; without a certificate, it is the nominal deflection per pressure
+    times ``relative_sd``. The second coefficient is the curvature, which is multiplied by q(F) = 4
     (F/F_max)(1 − F/F_max), where F is the force and F_max the largest force of the campaign. Its
     prior sd is ``curvature_um``; if this is 0, there is no curvature.
 
