@@ -19,6 +19,7 @@ from ldbb_bayes.reading.aligned_headers import with_aligned_headers
 from ldbb_bayes.reading.aligned_units import with_aligned_units
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
+from ldbb_bayes.reading.data_loggers import without_kinds_of_samples
 from ldbb_bayes.reading.encodings import encoding_of
 from ldbb_bayes.reading.index_rows import with_index_names
 from ldbb_bayes.reading.json_tables import is_json, sheets_of_json
@@ -104,7 +105,7 @@ def read_sheets(
     if encoding is None:
         encoding = encoding_of(raw)
     text = with_names_of_dump(without_quote_marks(decode_text(path, raw, encoding)))
-    text = without_queries(text)
+    text = without_kinds_of_samples(without_queries(text))
     entries = _sheets_of_entries(Sheet(path, "", [], encoding, ","), text)
     if entries:
         return [_with_plain_cells(sheet) for sheet in entries]

@@ -20,8 +20,11 @@ _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
 # Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
 # number, as in "100 mm", the cell is a length and not a unit.
 _LARGEST_FACTOR = 10.0
-# Largest number of characters that a cell in a row of units may have if it is not a known unit.
+# Largest number of characters that a cell in a row of units may have if it is not a known unit; and
+# the same if the row has many known units.
 _LONGEST_UNIT = 4
+_LONGEST_UNIT_AMONG_KNOWN = 8
+_MANY_UNITS = 3
 
 
 def row_of_units(cells: Sequence[str], separator: str) -> list[str]:
@@ -83,7 +86,8 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 
     At least two cells must be known units or texts in brackets, and at least one of these cells
     must be a known unit. A single known unit is enough if no other cell is filled, or if another
-    cell is the German word Grad (degree). All other filled cells must have at most four characters.
+    cell is the German word Grad (degree). All other filled cells must have at most four characters,
+    or eight characters in a row with three known units.
     """
     n_known = 0
     n_bracketed = 0
@@ -101,4 +105,5 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
         n_needed = min(1, n_needed)
     if n_known == 0 or n_certain < n_needed:
         return False
-    return all(len(cell) <= _LONGEST_UNIT for cell in uncertain)
+    longest = _LONGEST_UNIT_AMONG_KNOWN if n_known >= _MANY_UNITS else _LONGEST_UNIT
+    return all(len(cell) <= longest for cell in uncertain)

@@ -435,6 +435,22 @@ def run_in_cases() -> dict[str, FieldCase]:
     return cases
 
 
+def logger_cases() -> dict[str, FieldCase]:
+    """Return files of a data logger, with units and kinds of samples below the names."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        stamp = f'"2026-03-04 11:05:{k // 2:02d}"'
+        return [stamp, k, *field.plain(circle, k), f"{circle.force_N:g}", 22.1]
+
+    above = (
+        '"TOA5","Lab","CR6","11234","CR6.Std.12.02","CPU:bar.CR6","40121","Circle"\n'
+        '"TIMESTAMP","RECORD","Theta","BarElong_Avg","Force_Avg","PTemp_Avg"\n'
+        '"TS","RN","deg","um","N","Deg C"'
+    )
+    files = field.texts('"","","Smp","Avg","Avg","Avg"', row, above=above, suffix=".dat")
+    return {"logger": FieldCase("files of a data logger", "a file in the format TOA5", files)}
+
+
 def dotted_cases() -> dict[str, FieldCase]:
     """Return tables whose headers have dots or words in front of their units."""
     kind = "words in front of units"
