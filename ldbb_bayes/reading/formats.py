@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
 
-__all__ = ["format_of"]
+__all__ = ["advice_on_format", "format_of"]
 
 # Regular expression for the beginning of a file in XML or HTML.
 _MARKUP = re.compile(r"<(?:\?xml|!doctype|!--|[a-z][\w:.-]*[\s>/])", re.IGNORECASE)
@@ -20,10 +20,15 @@ _WEB_PAGE = re.compile(r"<(?:!doctype html|html|table)", re.IGNORECASE)
 # or an entry of a list.
 _YAML_LINE = re.compile(r"(?:- )?[^\W\d][\w. -]*:(?:\s.*)?|- .*|[-+\d.,eE\[\] ]+|#.*|---")
 _SUFFIXES_OF_YAML = (".yml", ".yaml")
-# Regular expression for a line with a name and a list of numbers, as in "angle = [0, 5, 10]".
-_NAMED_LIST = re.compile(
-    rf"(?P<name>[^\W\d][\w. -]*?)\s*[=:]\s*[\[({{]?(?:\s*{NUMBER_IN_TEXT}[,;\s]){{9}}.*"
+# Regular expression for the name of a list of numbers, such as "angle" or "run(1).theta".
+_NAME = r"(?P<name>[^\W\d][\w.(){} -]*?)"
+# Regular expression for a line that opens a list of numbers, which ends in a later line, as in
+# "angle = [ ..." or "angle = np.array([0, 5,".
+_OPENED_LIST = re.compile(
+    rf"{_NAME}\s*(?:=|<-)\s*[\w.]*\(?[\[({{](?:\s*{NUMBER_IN_TEXT}[,;\s])*\s*(?P<dots>\.\.\.)?\s*"
 )
+# Regular expression for a line with a name and a list of numbers, as in "angle = [0, 5, 10]".
+_NAMED_LIST = re.compile(rf"{_NAME}\s*[=:]\s*[\[({{]?(?:\s*{NUMBER_IN_TEXT}[,;\s]){{9}}.*")
 
 
 def format_of(sheet: Sheet) -> str:
@@ -40,10 +45,59 @@ def format_of(sheet: Sheet) -> str:
         return "a page in HTML" if _WEB_PAGE.match(texts[0]) else "XML"
     if _is_yaml(sheet, texts):
         return "YAML"
-    lists = [match["name"] for match in map(_NAMED_LIST.fullmatch, texts) if match]
-    if len(lists) >= 2:
-        return f"lists of numbers in lines: {lists[0]!r} and {lists[1]!r}"
-    return ""
+    return _format_of_lists(sheet, texts)
+
+
+def _format_of_lists(sheet: Sheet, texts: Sequence[str]) -> str:
+    """Return a description of a text that holds lists of numbers; empty for any other text.
+
+    ``texts`` are the lines of the file.
+    """
+    lists = _names_of_lists(texts)
+    if len(lists) < 2:
+        return ""
+    names = f"{lists[0]!r} and {lists[1]!r}"
+    if _is_program_of_matlab(sheet, texts):
+        return f"a program of MATLAB with vectors in lines: {names}"
+    return f"lists of numbers in lines: {names}"
+
+
+def advice_on_format(sheet: Sheet) -> str:
+    """Return the advice of the error message about a file in a format that cannot be imported.
+
+    For a program of MATLAB, the advice names a command that saves vectors as columns.
+    """
+    advice = (
+        "Save the readings as CSV: the line 'Angle [deg],Reading [um]', and below it a line such as"
+        " '5.0,-1.234' for each reading."
+    )
+    texts = [text.strip() for _, text in sheet.texts(sheet.rows)]
+    lists = _names_of_lists(texts)
+    if len(lists) < 2 or not _is_program_of_matlab(sheet, texts):
+        return advice
+    columns = f"[{lists[0]}(:) {lists[1]}(:)]"
+    return f"{advice} In MATLAB, for each circle: writematrix({columns}, '36 N.csv')."
+
+
+def _names_of_lists(texts: Sequence[str]) -> list[str]:
+    """Return the names of the lists of numbers that lines of a text hold or open."""
+    names = []
+    for text in texts:
+        match = _NAMED_LIST.fullmatch(text) or _OPENED_LIST.fullmatch(text)
+        if match:
+            names.append(match["name"])
+    return names
+
+
+def _is_program_of_matlab(sheet: Sheet, texts: Sequence[str]) -> bool:
+    """Return whether a text is a program of MATLAB, by its name or by lines that go on after dots.
+
+    ``texts`` are the lines of the file.
+    """
+    if sheet.path.suffix.lower() == ".m":
+        return True
+    openings = [_OPENED_LIST.fullmatch(text) for text in texts]
+    return any(opening is not None and opening["dots"] for opening in openings)
 
 
 def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:

@@ -22,7 +22,7 @@ from ldbb_bayes.reading.column_roles import (
     names_columns,
     unit_of,
 )
-from ldbb_bayes.reading.formats import format_of
+from ldbb_bayes.reading.formats import advice_on_format, format_of
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
@@ -137,8 +137,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
             raise
         raise NoTableError(
             f"{sheet.place} must hold a table with one row for each reading, got {text_format}."
-            " Save the readings as CSV: the line 'Angle [deg],Reading [um]', and below it a line"
-            " such as '5.0,-1.234' for each reading."
+            f" {advice_on_format(sheet)}"
         ) from error
 
 

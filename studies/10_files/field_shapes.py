@@ -140,6 +140,19 @@ def share_cases() -> dict[str, FieldCase]:
     return cases
 
 
+def _vectors_of_matlab() -> str:
+    """Return a program of MATLAB that defines the angles and readings of three circles."""
+    lines = ["% theta: deg;  dL: um, bar elongation positive"]
+    for number, circle in enumerate(TRUTH, start=1):
+        lines.append(f"run({number}).F = {circle.force_N:g}; % N")
+        for name, numbers in {"theta": circle.angle_deg, "dL": circle.reading_um}.items():
+            lines.append(f"run({number}).{name} = [ ...")
+            for first in range(0, len(numbers), 12):
+                lines.append(" ".join(f"{x:g}" for x in numbers[first : first + 12]) + " ...")
+            lines.append("];")
+    return "\n".join(lines)
+
+
 def wide_cases() -> dict[str, FieldCase]:
     """Return tables with a row for each circle, and with several lines above their columns."""
     angles = ";".join(f"{angle:g}" for angle in TRUTH[0].angle_deg)
@@ -175,6 +188,13 @@ def wide_cases() -> dict[str, FieldCase]:
             {"all.csv": "\n".join(["单位: μm", *rows, ""]).encode()},
             told="table on its side: the table is turned: its rows are read as columns (line 2",
         )
+    cases["vectors_of_matlab"] = FieldCase(
+        "programs of MATLAB",
+        "vectors in lines that go on after three dots",
+        {"ldbb.m": _vectors_of_matlab().encode()},
+        refusal="In MATLAB, for each circle: writematrix([run(1).theta(:) run(1).dL(:)]",
+        mended={name: content.lstrip(b"\n") for name, content in field.texts("").items()},
+    )
     lines = (
         ";K1;K2;K3\nKraft [daN];10;30;60\nEbene;XY;XY;XY\nBahn;G3;G3;G3",
         "Ebene;XY;XY;XY\nDirection;CCW;CCW;CCW\nForce;100 N;300 N;600 N",

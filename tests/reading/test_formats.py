@@ -43,6 +43,32 @@ def test_lists_in_lines_are_named(tmp_path: Path) -> None:
     assert said in refusal(tmp_path, "run.toml", lines)
 
 
+@pytest.mark.parametrize("name", ["run.m", "run.txt"])
+def test_a_program_of_matlab_is_named_with_its_command(name: str, tmp_path: Path) -> None:
+    lines = ["% theta: deg", "run(1).F = 36; % N"]
+    for vector, k in (("run(1).theta", 0), ("run(1).dL", 1)):
+        numbers = [f"{pair[k]:g}" for pair in NUMBERS]
+        lines.append(f"{vector} = [ ...")
+        for first in range(0, len(numbers), 12):
+            lines.append("   " + " ".join(numbers[first : first + 12]) + " ...")
+        lines.append("];")
+    text = refusal(tmp_path, name, lines)
+    assert "got a program of MATLAB with vectors in lines: 'run(1).theta' and 'run(1).dL'." in text
+    assert text.endswith("writematrix([run(1).theta(:) run(1).dL(:)], '36 N.csv').")
+
+
+def test_lists_that_go_on_in_further_lines_are_named(tmp_path: Path) -> None:
+    lines = []
+    for name, k in (("angle", 0), ("reading", 1)):
+        lines.append(f"{name} = np.array([")
+        for first in range(0, len(NUMBERS), 12):
+            numbers = NUMBERS[first : first + 12]
+            lines.append("    " + ", ".join(f"{pair[k]:g}" for pair in numbers) + ",")
+        lines.append("])")
+    said = "got lists of numbers in lines: 'angle' and 'reading'."
+    assert said in refusal(tmp_path, "run.py", lines)
+
+
 def test_tests_named_t1_are_rows_and_no_header(tmp_path: Path) -> None:
     lines = ["test,force_N,angle_deg,reading_um", *[f"T1,36,{a},{r}" for a, r in NUMBERS]]
     path = tmp_path / "run.csv"
