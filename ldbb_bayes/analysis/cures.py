@@ -171,7 +171,7 @@ def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[Circul
 
 
 def _at_other_forces(plan: Campaign) -> list[CircularTest]:
-    """Return two copies of the test with the lowest force, at other forces.
+    """Return two copies, at other forces, of the test of a plan with the lowest force.
 
     One copy is at half the lowest force of the plan, the other at 1.5 times the highest force.
     """

@@ -41,7 +41,7 @@ class AnsweringProcess:
     async def ask(
         self, work: Callable[..., dict[str, Any]], session: Session, *arguments: Any
     ) -> dict[str, Any]:
-        """Return the result of a function that runs in the process, or an error message.
+        """Return the result of a function run in the answering process, or an error message.
 
         The function must return within two minutes. The two minutes do not include the time spent
         waiting for the answers to other requests.
@@ -74,7 +74,7 @@ class AnsweringProcess:
             self._waiting -= 1
 
     async def _answer(self, call: Callable[[], dict[str, Any]], session: Session) -> dict[str, Any]:
-        """Return the result of ``call``, which runs in the process, or an error message.
+        """Return the result of ``call``, which runs in the answering process, or an error message.
 
         If the process dies, the call is repeated in a new process. If the call takes longer than
         two minutes, the process is ended and replaced, and the call is not repeated.

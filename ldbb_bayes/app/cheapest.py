@@ -38,7 +38,8 @@ __all__ = [
 CHEAPEST = "cheapest"
 # Name of the option of the command ``design`` with which users give the prices of certificates.
 _CERTIFICATES = "certificates"
-# Name of the command-line option for the share of machines on which all goals are to be met.
+# Name of the command-line option for the share of machines on which all goals for uncertainties are
+# to be met.
 _PROBABILITY = "probability"
 
 
@@ -171,7 +172,7 @@ def _check_entry(name: str, value: Any) -> None:
 def find_cheapest_campaigns(
     folder: Path, asked: Mapping[str, Any], progress: Callable[[int, int], None] | None
 ) -> dict[str, Any]:
-    """Find the cheapest campaigns that reach the goals, and write the files of these campaigns.
+    """Find the cheapest campaigns that reach the uncertainty goals, and write their files.
 
     The search and the files are the same as those of the command ``design`` with ``--goal``.
 

@@ -303,7 +303,7 @@ def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
-    """Return the files of a session, and the options that describe their content.
+    """Return the files of a session, and the command-line options that describe their content.
 
     Parameters
     ----------

@@ -12,7 +12,8 @@ from ldbb_bayes.units import display_unit, two_digits
 
 __all__ = ["GOAL_PREFIX", "goal_texts", "with_goals"]
 
-# Beginning of the name of every entry field for a goal; the name of the parameter follows.
+# Beginning of the name of every entry field for a goal (limit of an uncertainty); the name of the
+# parameter follows.
 GOAL_PREFIX = "goal_"
 # Number of characters that are read of a text typed as a goal for an uncertainty; further
 # characters are ignored.

@@ -64,7 +64,7 @@ async def _begin_session(request: Request) -> Response:
 
 
 def _language_of(request: Request) -> str:
-    """Return the language of the page that the browser prefers; English if the page lacks it."""
+    """Return the page's language that the browser prefers; English if there are no such texts."""
     preferred = request.headers.get("accept-language", "").strip().lower()
     for language in LANGUAGES:
         if preferred.startswith(language):

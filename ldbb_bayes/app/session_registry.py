@@ -133,7 +133,7 @@ class SessionRegistry:
             fit.outcome = _refusal_of_files(session, error)
 
     async def search(self, session: Session) -> None:
-        """Search for the cheapest campaign that reaches the goals of a session.
+        """Search for the cheapest campaign that reaches the uncertainty goals of a session.
 
         The session is one browser tab. The search runs in a separate process, which reads a copy of
         the campaign of the session's report. The result of the search, or an error message, is then

@@ -27,7 +27,8 @@ from ldbb_bayes.files import write_whole
 
 __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "warm"]
 
-CHOICES_NAME = "said.json"  # name of the file with the texts that the user typed on the page
+# name of the file with the texts that the user typed on the browser page
+CHOICES_NAME = "said.json"
 PROGRESS_NAME = "progress.json"  # name of the file with the progress of a computation
 OUTCOME_NAME = "outcome.json"  # name of the file with a computation's result or error message
 _LONGEST_MESSAGE = 300

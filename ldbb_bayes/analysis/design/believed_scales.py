@@ -193,9 +193,9 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
 class _EffectBlock(NamedTuple):
     """A block of the design matrix: the effects on all tests, or the effects on one test alone.
 
-    The design matrix has one row for each of the N reduced readings of all tests, and one column
-    for each of the C effects. The block has n of these rows and c of these columns. In these c
-    columns, the elements in all other rows are zero.
+    The design matrix has one row for each of the N reduced readings (combinations of a test's
+    readings) of all tests, and one column for each of the C effects. The block has n of these rows
+    and c of these columns. In these c columns, the elements in all other rows are zero.
     """
 
     # indices, among the reduced readings (combinations of the readings of a test) of all tests, of
@@ -265,12 +265,12 @@ def _information_at(
 
 
 def _precision(blocks: list[_EffectBlock], variances: Array, noise: float) -> Array:
-    """Return the inverse of the covariance V of N reduced readings, shape (N, N).
+    """Return the inverse covariance of N reduced readings (combinations of readings), shape (N, N).
 
-    V = B + X Xᵀ. B is the block-diagonal covariance due to the white noise and to the effects on
-    single tests, with one block for each test. X are the changes of the readings when each effect
-    on all tests changes by its standard deviation. By the Woodbury identity, V⁻¹ = B⁻¹ − B⁻¹ X (1 +
-    Xᵀ B⁻¹ X)⁻¹ Xᵀ B⁻¹.
+    The covariance is V = B + X Xᵀ. B is the block-diagonal covariance due to the white noise and to
+    the effects on single tests, with one block for each test. X are the changes of the readings
+    when each effect on all tests changes by its standard deviation. By the Woodbury identity, V⁻¹ =
+    B⁻¹ − B⁻¹ X (1 + Xᵀ B⁻¹ X)⁻¹ Xᵀ B⁻¹.
     """
     on_all_tests, *on_one_test = blocks
     shared = on_all_tests.columns * np.sqrt(variances[on_all_tests.effects])

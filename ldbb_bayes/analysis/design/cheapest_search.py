@@ -317,8 +317,8 @@ class _Search:
     def start(self, progress: _Progress) -> bool:
         """Set the number of circles at which the search in a `CampaignFamily` begins.
 
-        Return whether the goals are reached with the largest number of circles allowed. If not,
-        there is nothing to search for in this family.
+        Return whether the goals for uncertainties are reached with the largest number of circles
+        allowed. If not, there is nothing to search for in this family.
         """
         family = progress.family
         progress.started = True

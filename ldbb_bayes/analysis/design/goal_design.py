@@ -163,7 +163,7 @@ class CustomaryPlan(Result):
 
 @dataclass(frozen=True, eq=False)
 class GoalDesign(Result):
-    """The cheapest campaigns that reach every goal, and the reasons why some goals are not reached.
+    """The cheapest campaigns for uncertainty goals, and reasons why some goals are not reached.
 
     Examples
     --------

@@ -67,7 +67,8 @@ _MOST_CIRCLES = 20
 # The uncertainty after very many circles is computed as if each of the best next circles were run
 # this number of times.
 _VERY_MANY = 1e6
-# Number of possible next circles that the result lists, the best first.
+# Number of possible next circles that the result of the choice of the next circle lists, the best
+# first.
 _LISTED = 5
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9

@@ -35,8 +35,8 @@ __all__ = ["QuickForecast", "limits_of_goals"]
 # standard uncertainty that the goal permits; s is this number. For two equal values r and s = 16,
 # the result is 4 % too large.
 _SHARPNESS = 16.0
-# Largest number of passes of the search. In each pass, the search tries to exchange one circle of
-# every candidate test in the campaign for a circle of a better candidate.
+# Largest number of passes of the search for a campaign. In each pass, the search tries to exchange
+# one circle of every candidate test in the campaign for a circle of a better candidate.
 _MOST_PASSES = 4
 # An exchange of circles must reduce the distance from the goals by more than this number. Rounding
 # errors alone therefore do not cause an exchange.
@@ -122,9 +122,9 @@ class QuickForecast:
         """Search the campaign of ``circles`` circles that comes closest to the uncertainty goals.
 
         Circles are added one by one; each time, the circle is added that makes the distance from
-        the goals smallest. Then one circle of each candidate test in the campaign is exchanged for
-        a circle of the best candidate, if this reduces the distance. These exchanges are repeated
-        until nothing changes, at most four times.
+        the goals for uncertainties smallest. Then one circle of each candidate test in the campaign
+        is exchanged for a circle of the best candidate, if this reduces the distance. These
+        exchanges are repeated until nothing changes, at most four times.
 
         Parameters
         ----------

@@ -246,7 +246,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     scale = abs(objective.sensitivity(tests * initial)[1] @ initial) * tests
 
     def loss(share: Array) -> tuple[Any, Any]:
-        """Return the scaled negative criterion for shares of candidates, and its derivatives."""
+        """Return the scaled negative design criterion for given shares, and its derivatives."""
         try:
             value, slope = objective.sensitivity(tests * np.maximum(share, 0.0))
         except np.linalg.LinAlgError:
