@@ -49,8 +49,6 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
     names is a row of one cell. The units of the numbers are not in the rows; they are returned as
     the second part of the result. Both parts are empty for a text without such lines.
     """
-    if text.count("=") + text.count(":") < 2 * _FEWEST_LINES:
-        return UnitsOfCells([], {})
     lines = text.split("\n")
     parts = [_named_numbers(line) for line in lines]
     names = _names_of_most_lines(parts)
@@ -97,11 +95,14 @@ def _with_last(cells: Sequence[str], last: str, has_last: bool) -> list[str]:
 def _named_numbers(line: str) -> _NamedNumbers:
     """Return the names and numbers in a line, and the other words of the line."""
     line = line[:LONGEST_TEXT]
+    has_addresses = _ADDRESSES.fullmatch(line.strip()) is not None
+    if not has_addresses and "=" not in line and ":" not in line:
+        return _NamedNumbers((), [], [], "")
     names = []
     numbers = []
     units = []
     words = line
-    pattern = _ADDRESS if _ADDRESSES.fullmatch(line.strip()) else _PAIR
+    pattern = _ADDRESS if has_addresses else _PAIR
     for match in pattern.finditer(line):
         unit = unit_named(match["unit"] or "")
         names.append(match["name"])
