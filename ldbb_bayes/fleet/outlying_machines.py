@@ -238,7 +238,7 @@ class _Prediction(NamedTuple):
     log_integral: Array
     #: differences between c parameters and their predictions from the other machines, divided by
     #: the standard deviations of these differences, shape (c, k, n), for n machines and k random
-    #: draws of the spreads
+    #: draws of the spreads (standard deviations from machine to machine)
     z: Array
 
 

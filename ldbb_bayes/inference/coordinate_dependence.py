@@ -154,9 +154,9 @@ class _Polynomials:
     # weighted skewness, over n points (values of the hyper-parameters), of each of their first k
     # coordinates, shape (k,)
     skewness: Array
-    # weighted standard deviations over n points of k polynomials of degree two, one polynomial for
-    # each of k coordinates, before the polynomials are scaled to a standard deviation of one, shape
-    # (k,)
+    # weighted standard deviations, over n points (values of the hyper-parameters), of k polynomials
+    # of degree two, one polynomial for each of k coordinates, before the polynomials are scaled to
+    # a standard deviation of one, shape (k,)
     square_sd: Array
     # values at n points of k orthonormal polynomials of degree one, one for each of k coordinates
     # of the points, shape (n, k)

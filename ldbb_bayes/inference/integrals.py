@@ -118,12 +118,13 @@ class Integral:
     #: upper limit of the share of the integral that belongs to the nodes (points) at which the
     #: density was not evaluated because of their small weight
     left_out: float = 0.0
-    #: difference between the values of ln ∫ f from the two grids of a lattice [nat], with the wider
-    #: spacing of nodes before the spacing was last reduced; zero for a sample, and for a lattice
-    #: whose spacing was not reduced
+    #: difference between the values of ln ∫ f, for the density f, from the two grids of a lattice
+    #: [nat], with the wider spacing of nodes before the spacing was last reduced; zero for a
+    #: sample, and for a lattice whose spacing was not reduced
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes (points) only
-    #: and inferred at all others (`density_ratio`); zero if the density was evaluated at all nodes
+    #: error of ln ∫ f, for the density f, [nat] that arises if the density was evaluated at some
+    #: nodes (points) only and inferred at all others (`density_ratio`); zero if the density was
+    #: evaluated at all nodes
     ratio_error: float = 0.0
 
     @cached_property
@@ -153,7 +154,7 @@ class Integral:
 
     @cached_property
     def grid_difference(self) -> float:
-        """Absolute difference between the values of ln ∫ f on the two grids of a lattice [nat]."""
+        """Absolute difference of ln ∫ f, for a density f, between a lattice's two grids [nat]."""
         share = np.maximum(np.bincount(self.estimate, self.weight), _TINY)
         return abs(float(np.diff(np.log(share))[0]))
 

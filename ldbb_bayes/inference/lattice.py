@@ -28,13 +28,13 @@ __all__ = ["grow_lattice"]
 # this value; for a smaller error, a fine lattice is used.
 _LOOSE_TOLERANCE = 1e-2
 # First step (spacing of the points) of a coarse lattice, in units of the standard deviation of the
-# Gaussian that is fitted to the density at its highest mode.
+# Gaussian that is fitted to the density to be integrated at its highest mode.
 _LOOSE_STEP = 2.0
 # First step (spacing of the points) of a fine lattice, as a fraction of the step with which the
-# integral of a Gaussian density would reach the tolerance.
+# integral of a Gaussian density would have just the error that is allowed.
 _STEP_MARGIN = 0.93
-# Points are added to a coarse lattice until the log density at its outermost points is lower than
-# the highest log density by this number [nat].
+# Points are added to a coarse lattice until the logarithm of the density to be integrated at its
+# outermost points is lower than the highest log density by this number [nat].
 _LOOSE_DEPTH = 9.0
 # Points are added to a fine lattice until the log density at its outermost points is lower than the
 # highest log density by this number plus ln(1 / tolerance) [nat]. The tolerance is the error

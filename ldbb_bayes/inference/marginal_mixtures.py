@@ -57,11 +57,11 @@ class _Truncation(NamedTuple):
     #: the mirror image of the interval in the lower tail is used, because cumulative probabilities
     #: in the upper tail are so close to one that their difference would be inaccurate.
     sign: Array
-    #: probability, before truncation, that a Gaussian is below the interval to which it is
+    #: probability, before truncation, that a Gaussian variable is below the interval to which it is
     #: truncated; if ``sign`` is −1, that it is above the lower bound of the interval
     below: Array
-    #: probability, before truncation, that a Gaussian is in the interval to which it is truncated;
-    #: if ``sign`` is −1, minus this probability
+    #: probability, before truncation, that a Gaussian variable is in the interval to which it is
+    #: truncated; if ``sign`` is −1, minus this probability
     inside: Array
 
 
@@ -73,14 +73,17 @@ class MarginalMixtures(NamedTuple):
     """
 
     beta: Array  #: n posterior draws of the p parameters, shape (n, p)
-    #: means, before truncation, of n Gaussian densities of each of p parameters, shape (n, p)
+    #: means, before truncation, of n Gaussian densities (one for each posterior draw) of each of p
+    #: parameters, shape (n, p)
     mean: Array
-    #: standard deviations, before truncation, of n Gaussian densities of each of p parameters,
-    #: shape (n, p)
+    #: standard deviations, before truncation, of n Gaussian densities (one for each posterior draw)
+    #: of each of p parameters, shape (n, p)
     sd: Array
-    #: lower bounds of n truncated Gaussian densities of each of p parameters, shape (n, p)
+    #: lower bounds of n truncated Gaussian densities (one for each posterior draw) of each of p
+    #: parameters, shape (n, p)
     low: Array
-    #: upper bounds of n truncated Gaussian densities of each of p parameters, shape (n, p)
+    #: upper bounds of n truncated Gaussian densities (one for each posterior draw) of each of p
+    #: parameters, shape (n, p)
     high: Array
 
     def _truncation(self) -> _Truncation:

@@ -70,8 +70,8 @@ _BELOW_MODE = 4.0
 # lower than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
-# The search for a maximum of the density with one hyper-parameter held near zero ends when a step
-# increases the log density by at most this value [nat].
+# The search for a maximum of the posterior density of the hyper-parameters with one hyper-parameter
+# held near zero ends when a step increases the log density by at most this value [nat].
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from coarse nodes [nat].
@@ -185,7 +185,7 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Modes (maxima) of the density, at most three, the highest first.
+        """Modes (maxima) of the posterior density, at most three, the highest first.
 
         The density is taken in normal scores of the h hyper-parameters, coordinates in which most
         of the priors are standard normal (`normal_scores`). Negligible modes are left out. Each
@@ -195,8 +195,8 @@ class HyperPosterior:
         summits: list[Array] = []
 
         def is_known(point: Array) -> bool:
-            # Whether a point of the search for maxima of the density is near a maximum that has
-            # been reached from an earlier starting point.
+            # Whether a point of the search for maxima of the posterior density is near a maximum
+            # that has been reached from an earlier starting point.
             return not _is_separate(point, summits)
 
         for start in self._starts():

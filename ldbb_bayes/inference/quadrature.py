@@ -24,7 +24,7 @@ LARGEST_LATTICE_DIMENSION = 4
 _DIMENSION_OF_FINE_LATTICE = 5
 _FINE_TOLERANCE = 3e-3
 # The error of importance sampling must be at most this fraction of the tolerance, because averages
-# over its points have further errors.
+# over its weighted points have further errors.
 _SHARE_OF_TOLERANCE = 0.8
 
 

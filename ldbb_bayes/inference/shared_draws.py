@@ -91,8 +91,8 @@ def _draw_standard(
     mean = conditional.mean @ conditional.physical.rows.T
 
     def is_outside(draws: Array, index: Index) -> Array:
-        # For each draw, whether a compliance is negative; ``index`` holds the indices of the
-        # values of the hyper-parameters to which the draws belong.
+        # For each random draw of the parameters, whether a compliance is negative; ``index`` holds
+        # the indices of the values of the hyper-parameters to which the draws belong.
         compliances = np.einsum("np,npm->nm", draws, spread[index]) + mean[index]
         return (compliances < 0.0).any(axis=1)
 

@@ -455,7 +455,7 @@ class _TableOrder(NamedTuple):
     # moment): 0, 1 or 2
     rotations: int
     # rank of the displacement or rotation i of the compliance C_ijk in the order of Table 1 of the
-    # paper
+    # article on the model
     twist: int
     # rank of the force or moment j of the compliance C_ijk in the order of Table 1 of the article
     # on the model

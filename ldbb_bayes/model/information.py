@@ -53,7 +53,8 @@ class Information:
     #: modelled but not of interest.
     names: tuple[str, ...]
     #: Class name of the nuisance term (an effect modelled but not of interest) to which each of the
-    #: model's m coefficients belongs, or `OWN` for a parameter of interest.
+    #: model's m coefficients belongs, or the word ``Parameters`` (the constant `OWN`) for a
+    #: parameter of interest.
     owners: tuple[str, ...]
     #: Prior sd of each of the model's m coefficients in internal units (mm, N, rad), shape (m,). If
     #: the prior of a coefficient is flat, its typical magnitude is stored instead.
@@ -72,7 +73,7 @@ class Information:
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
-        """Raise an `InputError` if a prior sd in ``scale`` is not positive and finite."""
+        """Raise an `InputError` if the prior sd of a coefficient is not positive and finite."""
         if not (np.isfinite(self.scale) & (self.scale > 0)).all():
             raise InputError(
                 f"prior sd must be positive and finite, got {self.scale.min():g} …"

@@ -47,7 +47,8 @@ class NearUniform(NamedTuple):
     """
 
     #: Norms, at uniform angles, of the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ: the
-    #: diagonal of S in RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
+    #: diagonal of S in RᵀR = S (1 + V λ Vᵀ) S, shape (25,). R is the triangular factor in the QR
+    #: decomposition of these functions at the test's angles.
     column_norms: Array
     #: Departures λ from uniform angles in RᵀR = S (1 + V λ Vᵀ) S, shape (25,), sorted so that the
     #: largest absolute value is first. R is the triangular factor in the QR decomposition of the

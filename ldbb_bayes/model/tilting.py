@@ -194,7 +194,7 @@ class Tilted(NamedTuple):
 
     @property
     def log_bound(self) -> Array:
-        """Upper bound of the log probability that all constraints hold, shape (w,).
+        """Upper bound of the log probability that all constraints on a vector hold, shape (w,).
 
         There is one bound for each of w sets of constraints: the log importance weight at its
         saddle point. The dependent constraints (linear combinations of the independent constraints)
