@@ -21,8 +21,8 @@ __all__ = ["Meaning", "same_meaning", "stands_for"]
 # called its meaning. The type is a dictionary: the keys are the labels of the joints' compliances,
 # and the values are their weights.
 Meaning = Mapping[str, float]
-# A fitted compliance stands for a weighted sum of the compliances of joints. The weights are
-# rounded to this number of significant digits.
+# A fitted compliance stands for a weighted sum of the compliances of joints. The weights of this
+# sum are rounded to this number of significant digits.
 _DIGITS = 7
 # Two weighted sums of joints' compliances are treated as the same if the standard deviation of
 # their difference is at most this share of the fitted compliance's default prior sd. The limit is a

@@ -82,7 +82,7 @@ def draw_control_chart(trend: Trend) -> Figure:
 
 
 class _PanelData(NamedTuple):
-    """Values of one parameter for n campaigns, in the unit of the panel's vertical axis."""
+    """Values of one parameter for n campaigns, in the unit in which a control chart shows them."""
 
     place: Array  #: positions of n campaigns on the horizontal axis of a control chart, 1 to n
     #: estimate of a parameter from each of n campaigns alone, in the unit of the vertical axis of a

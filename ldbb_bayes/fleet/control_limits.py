@@ -25,8 +25,9 @@ __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 # the machine does not change. It is the probability that a normally distributed value lies within
 # three standard deviations of its mean.
 LIMITS = 0.997
-# The earlier campaigns predict a distribution for an estimate. A standard deviation of this
-# distribution below this number is replaced by this number, to prevent a division by zero.
+# The earlier campaigns predict a distribution for the estimate of a parameter from the next
+# campaign. A standard deviation of this distribution below this number is replaced by this number,
+# to prevent a division by zero.
 _SMALLEST_SD = 1e-300
 
 

@@ -72,9 +72,9 @@ __all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "
 
 # Smallest number of machines in a population with which the machines are compared with one another.
 _FEWEST_MACHINES = 6
-# A machine is flagged as not belonging to the population if its p-value is below this value. If all
-# machines belong to the population, the probability that any machine is flagged is at most this
-# value.
+# A machine is flagged as not belonging to the population if the p-value of the hypothesis that it
+# belongs to the population is below this value. If all machines belong to the population, the
+# probability that any machine is flagged is at most this value.
 _FALSE_ALARMS = 0.05
 # Pattern of the names of compliances at the reference force; it does not match names of slopes,
 # which are coefficients of the change of a compliance with force.
@@ -128,14 +128,14 @@ class PooledParameter(Result):
     internal units (mm, N, rad).
     """
 
-    unit: str  #: internal unit of the parameter, composed of mm, N and rad
+    unit: str  #: internal unit of one parameter of the machines, made of mm, N and rad
     #: standard deviation of the prior of the parameter's mean over the population, in ``unit``;
     #: this prior has the mean zero
     prior_sd: float
-    mean: Summary  #: mean of the parameter over the machines of the population
-    #: spread of the parameter: the standard deviation of the machines about the mean
+    mean: Summary  #: mean of one parameter over the machines of the population
+    #: spread of one parameter: the standard deviation of the machines about their mean
     spread: Summary
-    #: prediction of the parameter for a machine of the population that was not measured
+    #: prediction of one parameter for a machine of the population that was not measured
     next: Summary
     #: part of the posterior sd of the parameter's mean, in ``unit``, that is due to the errors of
     #: the one instrument that all campaigns used; measurements of more machines do not reduce this

@@ -93,7 +93,7 @@ class ParameterChange(Result):
     and changes are in internal units (mm, N, rad).
     """
 
-    unit: str  #: internal unit of the parameter, composed of mm, N and rad
+    unit: str  #: internal unit of one parameter of the machine, made of mm, N and rad
     #: posterior probability that this parameter of the machine has changed over time; the model
     #: allows a change of one parameter only
     probability: float

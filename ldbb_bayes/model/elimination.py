@@ -85,8 +85,8 @@ class Update(NamedTuple):
     """
 
     #: Slice that selects some groups of columns from the list of all groups that are eliminated at
-    #: the same time from the matrix P. The elimination of a selected group changes later columns of
-    #: P. Groups that change the same columns are adjacent in the list.
+    #: the same time from the precision matrix P. The elimination of a selected group changes later
+    #: columns of P. Groups that change the same columns are adjacent in the list.
     groups: slice
     #: Number of borders. When a group of columns of a matrix is eliminated, m later columns change;
     #: the set of these m columns is called the border of the group. Several groups may have the
@@ -110,8 +110,9 @@ class Update(NamedTuple):
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated at the same time.
 
-    Each group has s columns. The elimination of a group changes entries of P = Aᵀ D⁻¹ A in m other
-    columns, which are eliminated later; ``border`` holds the indices of these m columns.
+    Each group has s columns. The elimination of a group changes entries of the precision matrix P =
+    Aᵀ D⁻¹ A (D is the noise covariance) in m other columns, which are eliminated later; ``border``
+    holds the indices of these m columns.
     """
 
     #: Rows of the workspace that belong to the groups of columns of one front. A front consists of
@@ -195,10 +196,10 @@ class _Family(NamedTuple):
 class EliminationPlan:
     """Order in which columns of a design matrix A are eliminated, and storage of the results.
 
-    The results are the entries of the Cholesky factor L of P = Aᵀ D⁻¹ A. They are stored in an
-    array, the workspace, and the plan assigns a row of this array to each entry. A plan depends
-    only on ``signs`` and on which elements of A are zero. Several models of one campaign can
-    therefore share a plan.
+    The results are the entries of the Cholesky factor L of the precision matrix P = Aᵀ D⁻¹ A, where
+    D is the noise covariance. They are stored in an array, the workspace, and the plan assigns a
+    row of this array to each entry. A plan depends only on ``signs`` and on which elements of A are
+    zero. Several models of one campaign can therefore share a plan.
 
     Parameters
     ----------

@@ -171,7 +171,8 @@ class StructuredGaussian:
             _round_to_ten_digits(rows.variance), axis=0, return_index=True, return_inverse=True
         )
         self._kinds = kinds.ravel()
-        # Each row of ``rows.variance`` holds the factors from which the variance of one observation
+        # Each row of the array ``rows.variance`` belongs to one observation equation (a reading or
+        # the prior of a coefficient), and holds the factors from which the variance of this
         # equation is computed. The nonzero factors of an equation have the same sign. They are
         # negative only in the prior of a coefficient that removes noise from the readings instead
         # of adding noise.

@@ -240,11 +240,11 @@ class Orthant:
         *,
         seed: int = 0,
     ) -> NoisyLogProbability:
-        """Return ln P(u ≥ 0) for w vectors u, from quasi-random points that differ between vectors.
+        """Return ln P(u ≥ 0) for w Gaussian vectors u, from other quasi-random points for each.
 
-        The errors due to the quasi-random points, called noise, are independent between vectors. In
-        a mean over many vectors they largely cancel, so that few points suffice for each vector. In
-        all other respects, the method works like `log_probability`.
+        The errors due to the quasi-random points, called noise, are independent between the vectors
+        u. In a mean over many vectors they largely cancel, so that few points suffice for each
+        vector. In all other respects, the method works like `log_probability`.
 
         Parameters
         ----------
@@ -261,11 +261,12 @@ class Orthant:
     def _estimate(
         self, tolerance: float, largest_noise: float, points: _Points
     ) -> NoisyLogProbability:
-        """Return ln P(u ≥ 0) for w vectors u, from analytical bounds or from quasi-random points.
+        """Return ln P(u ≥ 0) for w Gaussian vectors u, from analytical bounds or random points.
 
         The bounds are used for vectors for which their largest error is at most ``tolerance``
         [nat]. For other vectors, the number of points is increased until the noise, the error due
-        to the random points, is at most ``largest_noise`` [nat]. ``points`` generates the points.
+        to the quasi-random points, is at most ``largest_noise`` [nat]. ``points`` generates the
+        points.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
