@@ -240,7 +240,7 @@ class Orthant:
         *,
         seed: int = 0,
     ) -> NoisyLogProbability:
-        """Return ln P(u ≥ 0) for w Gaussian vectors u, from other quasi-random points for each.
+        """Return ln P(u ≥ 0) for w Gaussian vectors u, each from different quasi-random points.
 
         The errors due to the quasi-random points, called noise, are independent between the vectors
         u. In a mean over many vectors they largely cancel, so that few points suffice for each
