@@ -193,6 +193,8 @@ def _hint_on_unit(role: str, unit: str) -> str:
         return " deg if they have decimals; or write them as in 12°30'15\""
     if role == "angle" and comparable(unit) in _GRADS:
         return " gon (400 in a turn) or --angle-unit deg (360)"
+    if role == "angle" and not any(scaled_unit(unit) in units for units in UNITS.values()):
+        return " (--angle-unit '0.01 deg' for counts of 0.01°)"
     if role == "force" and comparable(unit) in _KILOGRAMS:
         return " kgf (the weight of a kilogram)"
     return ""
@@ -238,7 +240,8 @@ def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
 
     A role is what the column holds, such as angle or reading. Some instruments give readings in
     counts (digital steps), and a line above the table may state the size of one count. If the
-    readings are in counts or have no stated unit, this size is returned as their unit. Times of day
+    readings are in counts or have no stated unit, this size is returned as their unit. So is the
+    size of one count of an encoder for angles whose header has a word for counts. Times of day
     are treated as times with the unit s in their header.
     """
     evidence = []
@@ -250,9 +253,10 @@ def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
     evidence += _evidence_of_header(recording, role, evidence)
     for statement in recording.statements.get(f"{role}_unit", ()):
         evidence.append(_UnitEvidence([statement.value], cited_line(statement.line)))
-    scales = recording.statements.get("reading_scale", ())
+    scales = recording.statements.get(f"{role}_scale", ())
     without_counts = [other for other in evidence if not _is_count(other.units)]
-    if role == "reading" and scales and not without_counts:
+    may_be_counts = role != "angle" or _heads_counts(recording, role)
+    if scales and not without_counts and may_be_counts:
         return [_UnitEvidence([scale.value], cited_line(scale.line)) for scale in scales]
     return evidence
 
@@ -291,6 +295,14 @@ def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvi
     if role == "angle" and names_degrees and are_in_seconds:
         return ""
     return unit
+
+
+def _heads_counts(recording: Recording, role: str) -> bool:
+    """Return whether the header of the column with a role has a word for counts of an encoder."""
+    heading = recording.heading
+    header = heading.headers[heading.roles[role]][:LONGEST_TEXT]
+    words = re.split(r"[\W_]+", comparable(header))
+    return any(COUNT.fullmatch(word) for word in words)
 
 
 def _is_count(units: Sequence[str]) -> bool:

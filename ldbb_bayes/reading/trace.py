@@ -180,13 +180,23 @@ def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
     n_turns = float(np.ptp(angle_deg)) / TURN_DEG
     n_readings = len(angle_deg)
     if n_turns > _MORE_THAN_A_TURN and n_readings < _FEWEST_ANGLES_OF_TURN * n_turns:
+        count = _unit_of_counts(n_turns)
         raise OpenQuestionError(
             f"{recording.place}: a turn must have {_FEWEST_ANGLES_OF_TURN} angles or more, got"
             f" {n_readings} in {n_turns:.4g} turns. Say in which unit the angles are:"
-            " --angle-unit.",
+            f" --angle-unit, such as '{count}' for counts.",
             "angle_unit",
-            list(UNITS["angle"]),
+            [*UNITS["angle"], count],
         )
+
+
+def _unit_of_counts(n_turns: float) -> str:
+    """Return the unit of angles in counts (steps of an encoder), such as ``0.01 deg``.
+
+    One count is a decimal fraction of a degree, for which the angles cover about one turn.
+    ``n_turns`` is the number of turns that the angles would cover in degrees.
+    """
+    return f"{10.0 ** -max(1, round(np.log10(n_turns))):g} deg"
 
 
 def _plane_of(recording: Recording) -> str:

@@ -38,8 +38,9 @@ __all__ = [
 
 _WORDS = WORDS["unit_lines"]
 # Keys of the dict with the units that a line states. There is one key for the unit of each role of
-# a column. The key ``reading_scale`` is for the size of one count (digital step) of the instrument.
-UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale")
+# a column. The key ``reading_scale`` is for the size of one count (digital step) of the instrument,
+# and ``angle_scale`` for the size of one count of the encoder of the angles.
+UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale", "angle_scale")
 # Regular expression for a line that states units: a label with a word such as "unit", a separator,
 # and the units.
 _LINE = re.compile(
@@ -136,6 +137,14 @@ _SCALES = (
         rf"(?<!\w)(?:1\s*)?(?:{_WORDS['count']})\s*(?:{_WORDS['equals']})?\s*{_SIZE}", re.IGNORECASE
     ),
 )
+# Regular expression for the number of counts in a turn, as in "36000 counts per revolution".
+_COUNTS_OF_TURN = re.compile(
+    rf"(?<![\w.,])(?P<number>\d+)\s*(?:{_WORDS['count']})\s*(?:{_WORDS['per']})\s*"
+    r"(?P<turn>[^\W\d_]+)",
+    re.IGNORECASE,
+)
+# Number of degrees in a turn.
+_TURN_DEG = 360.0
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
 # Units that are also ordinary words, such as "in". If a text contains such a word and also another
 # unit for the same kind of column, the word is not taken as a unit.
@@ -155,8 +164,9 @@ def units_stated(text: str) -> dict[str, str]:
     """Return a dict with the units that a line states.
 
     The keys are ``reading_unit``, ``angle_unit`` and so on. The value for the key ``reading_scale``
-    is the size of one count (digital step) of the instrument, such as ``0.1 um``. A unit that is
-    not known is returned as written, and several units for one role of a column (angle, reading, …)
+    is the size of one count (digital step) of the instrument, such as ``0.1 um``, and the value for
+    ``angle_scale`` the size of one count of an encoder, such as ``0.01 deg``. A unit that is not
+    known is returned as written, and several units for one role of a column (angle, reading, …)
     are returned as one text. In both cases, an error is raised later, but only if the table itself
     does not state the unit.
     """
@@ -165,6 +175,9 @@ def units_stated(text: str) -> dict[str, str]:
     scale = _size_of_count(text)
     if scale:
         stated["reading_scale"] = scale
+    scale_of_angles = _size_of_angular_count(text)
+    if scale_of_angles:
+        stated["angle_scale"] = scale_of_angles
     stated |= units_in_sentences(text)
     units_of_line = _units_of_whole_line(text)
     if units_of_line:
@@ -359,6 +372,17 @@ def _size_of_count(text: str) -> str:
         if match is not None:
             return scaled_unit(re.sub(r"[;|]", " ", match["size"]))
     return ""
+
+
+def _size_of_angular_count(text: str) -> str:
+    """Return the size of one count of an encoder, such as ``0.01 deg``, from the counts in a turn.
+
+    The result is an empty string if the line does not state the number of counts in a turn.
+    """
+    match = _COUNTS_OF_TURN.search(text)
+    if match is None or unit_named(match["turn"]) != "turn" or int(match["number"]) == 0:
+        return ""
+    return f"{_TURN_DEG / int(match['number']):.12g} deg"
 
 
 def _role_of_label(label: str) -> str | None:

@@ -33,7 +33,7 @@ _MOST_TEXTS = 6
 _TEXT_SHOWN = 160
 # A line of a file that states the size of one count (digital step) of the instrument is not always
 # used in an import. It was used if a note cites it.
-_CITED_WHERE_USED = {"reading_scale"}
+_CITED_WHERE_USED = {"reading_scale", "angle_scale"}
 # Regular expression for a number in an unused text of a file. Of texts that differ only in numbers,
 # only one gets a note.
 _NUMBER = re.compile(r"[\d.,]+")

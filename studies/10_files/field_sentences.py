@@ -148,8 +148,20 @@ def unit_cases() -> dict[str, FieldCase]:
         kind,
         "angles in counts of 0.001° below 'Angle [deg]'",
         field.texts(HEADER, in_units(0.001, 1.0), separator=";"),
-        refusal="Say in which unit the angles are: --angle-unit",
-        step=("--angle-unit", "mdeg"),
+        refusal="Say in which unit the angles are: --angle-unit, such as '0.001 deg'",
+        step=("--angle-unit", "0.001 deg"),
+    )
+    cases["counts_of_an_encoder"] = FieldCase(
+        kind,
+        "angles in counts, and a line '36000 counts per revolution'",
+        field.texts(
+            "counts;Reading [um]",
+            in_units(0.01, 1.0),
+            above="encoder: 36000 counts per revolution, zero at +X, counts up counter-clockwise",
+            separator=";",
+        ),
+        options=("--angle-column", "counts"),
+        told="unit of the angle: 0.01 deg (line 1",
     )
     header = "force.pound.force;angle.gradians;reading.um"
     cases["dots_of_r"] = FieldCase(
