@@ -395,10 +395,11 @@ def _averaged_prior(
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the dictionary in an averaged posterior.
 
-    A model is described by its name, the alternative explanations that it includes, its log
-    evidence and its posterior probability. Models with the same name differ in these explanations.
-    The result therefore also holds sums of probabilities: for each name, the sum over all models
-    with this name; for each alternative explanation, the sum over all models that include it.
+    The entry ``models`` lists for each model its name, the alternative explanations that it
+    includes (``rivals``), its log evidence and its posterior probability. Models with the same name
+    differ in these explanations. The entry ``probability`` therefore holds sums: for each name, the
+    sum over all models with this name; for each explanation, the sum over all models that include
+    it. The entry ``log_evidence_error`` is the largest numerical error of the log evidences [nat].
     """
     models = []
     for combination, nodes, probability in zip(

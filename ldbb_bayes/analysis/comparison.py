@@ -829,10 +829,12 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factors of all models over the first model, and their errors [nat].
+    """Return the log Bayes factor of each further model over the first, and its error [nat].
 
-    ``nodes_by_model`` holds the posterior of each model, with its evidence. The keys of the result
-    have the form "linear/constant", where "constant" is the name of the first model.
+    The error is the numerical error of the log Bayes factor. ``nodes_by_model`` holds the posterior
+    of each model as nodes (weighted values of the hyper-parameters), with the model's evidence. The
+    keys of the result have the form "linear/constant", where "constant" is the name of the first
+    model.
     """
     first, *other_names = nodes_by_model
     factors = {}

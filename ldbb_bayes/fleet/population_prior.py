@@ -118,6 +118,10 @@ class PopulationPrior(Shown):
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
         """Return sentences that state why the population's prior may not suit a campaign.
 
+        Such reasons are that the population has other campaigns of this very machine, that its
+        reference force is outside the campaign's range of force, and doubts about the population
+        itself.
+
         Parameters
         ----------
         campaign : Campaign
@@ -131,10 +135,12 @@ class PopulationPrior(Shown):
         Raises
         ------
         InputError
-            If the prior is not for the campaign's machine, or was made from the campaign itself.
+            If the campaign's machine is not of the population's kind (other chain of axes, or
+            compliances with another meaning), or if the campaign belongs to the population: its
+            readings would count twice.
         """
         require_campaign(campaign)
-        self._check_machine(campaign)
+        self._check_applies_to(campaign)
         doubts = []
         if campaign.machine_id in self.machine_ids:
             doubts.append(PAGE["own_machine"].format(machine=campaign.machine_id))
@@ -147,7 +153,7 @@ class PopulationPrior(Shown):
         doubts += [f"The population says: {doubt}" for doubt in self.population_doubts]
         return tuple(doubts)
 
-    def _check_machine(self, campaign: Campaign) -> None:
+    def _check_applies_to(self, campaign: Campaign) -> None:
         """Raise an `InputError` if the population's prior does not apply to a campaign.
 
         The campaign's machine must have the topology (chain of joints) of the population's

@@ -74,23 +74,25 @@ _TINY = 1e-300
 
 
 class ProposalDensity(Protocol):
-    """Density from which random points are drawn for an integral by importance sampling.
+    """Proposal: density from which points are drawn for an integral by importance sampling.
 
-    The points are the nodes of the integral.
+    The points are the nodes of the integral. They have h dimensions, one for each variable of
+    integration.
     """
 
     def log_density(self, points: Array) -> Array:
-        """Return the log of the density from which points are drawn, at n points, shape (n,).
+        """Return the log of the normalised proposal density at n points, shape (n,).
 
-        ``points``, shape (n, h), holds the points in h dimensions.
+        ``points``, shape (n, h), holds the points, which have h dimensions.
         """
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return ``size`` random draws in h dimensions, shape (size, h).
+        """Return ``size`` points drawn at random from the proposal density, shape (size, h).
 
-        With a ``temperature`` above one, the draws come from a wider density, whose widths in all
-        directions are multiplied by the square root of ``temperature``. ``rng`` generates the
-        random numbers.
+        The points have h dimensions, one for each variable of the integral. With a ``temperature``
+        above one, they are drawn from a wider density: the proposal density with its widths in all
+        directions multiplied by the square root of ``temperature``. ``rng`` generates the random
+        numbers.
         """
 
 

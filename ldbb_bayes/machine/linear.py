@@ -234,16 +234,17 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circular tests can separate, and the set that each represents.
 
     The compliances and sets (Table 2 of the article on the model) are computed numerically from the
-    readings per unit compliance. The function examines the planar compliances of every tested plane
-    (motion and load in the plane), and all other compliances of the joints that change a reading.
-    Compliances that change readings in proportion to each other form a set. The following rules
-    choose the compliance that represents a set, in the order of their importance. For the machine
-    in the article, the rules give the choice of the article:
+    readings per unit compliance. A compliance of a joint is its motion in one direction per unit of
+    one force or moment. All compliances whose motion and load lie in a tested plane are examined,
+    and those other compliances that change a reading. Compliances that change readings in
+    proportion to each other form a set. The following rules choose the compliance that represents a
+    set, in the order of their importance. For the machine in the article, the rules give the choice
+    of the article:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer a displacement caused by a force to a rotation caused by a force, and the latter to a
        rotation caused by a moment;
-    3. prefer a compliance at the joint whose axis is the direction of the deflection;
+    3. prefer a compliance at the joint that moves in the direction of the deflection;
     4. of rotations, prefer a compliance at a joint whose axis lies in the plane of the rotation;
     5. choose the first compliance in alphabetical order.
 

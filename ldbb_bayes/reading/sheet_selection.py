@@ -249,9 +249,9 @@ def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
         log.add(sheet.place, "repeated headers", headers, reason, remedy)
     if sheet.line_of_angles:
         value = "the table is turned: its rows are read as columns"
-        reason = CitedLine(f"line {sheet.line_of_angles} holds the angles", sheet.line_of_angles)
+        cited = CitedLine(f"line {sheet.line_of_angles} holds the angles", sheet.line_of_angles)
         remedy = "a column for each circle"
-        log.add(sheet.place, "table on its side", value, reason, remedy)
+        log.add(sheet.place, "table on its side", value, cited, remedy)
     if sheet.factor:
         remedy = "write the numbers without a factor (format long g)"
         value = f"{float(sheet.factor):g} in all columns"

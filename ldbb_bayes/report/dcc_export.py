@@ -315,13 +315,14 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
 
 
 def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection) -> dict[str, Any]:
-    """Return a dictionary with what the certificate file states about a direction in a plane.
+    """Return what the certificate file states about one direction of the stiffness in a plane.
 
-    The direction is stated as an angle from the machine axis ``axis`` [°]. ``name`` is the name of
-    the angle that programs use, and ``shown`` is the symbol that people read. The entry ``within``
-    is the share of the posterior draws of the direction that lie within the mean direction ± U,
-    where U is the expanded uncertainty (k = 2). The dictionary is empty if the readings do not
-    determine the direction.
+    This is the direction of least or greatest stiffness, or the principal axis. It is stated as an
+    angle from the machine axis ``axis`` [°]. ``name`` is the name of the angle that programs use,
+    and ``shown`` is the symbol that people read. The entry ``within`` is the share of the posterior
+    draws of the direction that lie within the mean direction ± U, where U is the expanded
+    uncertainty (k = 2). The entry ``verdict`` is a remark for the reader. The dictionary is empty
+    if the readings do not determine the direction.
     """
     if not direction.is_determined:
         return {}

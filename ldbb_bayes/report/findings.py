@@ -88,9 +88,11 @@ class Findings:
     def probabilities(self) -> Mapping[str, float]:
         """Posterior probabilities of the averaged models and of alternative explanations.
 
-        The keys are the names of models and explanations. An alternative explanation is an effect
-        other than compliance, such as a nonlinear mount, that may explain why the readings change
-        with force. The mapping is empty if no average over models was computed.
+        The keys are the names of models and explanations. The probabilities of the models sum to
+        one. An alternative explanation is an effect other than compliance, such as a nonlinear
+        mount, that may explain why the readings change with force. A model may include it in
+        addition; its probability, from 0 to 1, is that of all models that include it. The mapping
+        is empty if no average over models was computed.
         """
         averaged = record_of(self.posterior_of_certificate).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})

@@ -422,9 +422,9 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
     The columns are the posterior mean, sd and credible interval, and the prior mean and sd. The
     column of prior means is left out if all prior means are zero. Instead of the slopes, which are
     the coefficients of compliances as functions of force, the table shows the change of each
-    compliance over the tested forces. The table shows the factor λ of a circle only if the
-    posterior median of λ is at least 2.5; λ states how many times larger the circle's random shift
-    and unexplained deviations are than those of the other circles.
+    compliance over the tested forces. The factor λ of a circle is shown only if its posterior
+    median is at least 2.5. It states how many times larger than those of other circles are the
+    shifts of the circle's zero and centre, and its deviations that the model does not explain.
 
     Parameters
     ----------

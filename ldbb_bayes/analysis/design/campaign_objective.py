@@ -38,11 +38,12 @@ _PREDICTED_FORCES = 33
 def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     """Return the weights W, shape (s, s), of criterion I for s chosen parameters.
 
-    W is such that tr(W S⁻¹) is the mean relative variance of the compliances, where S is the
-    precision of the chosen parameters. The relative variance of compliance j at force F is the
-    variance of C_j(F) divided by the prior variance of C_j. The mean is over the compliances that
-    the chosen parameters describe, and over the range of force of the campaign that the design
-    starts from.
+    Criterion I (I-optimality) is the mean relative variance of the predicted compliances, tr(W
+    S⁻¹). S is the posterior precision matrix of the chosen parameters, each divided by its
+    ``bound.scale``. The relative variance of compliance j at force F is the variance of C_j(F)
+    divided by the prior variance of C_j at the reference force. The mean is over the compliances
+    that the chosen parameters describe, and over the range of force of the pilot: the campaign that
+    the design starts from.
     """
     pilot_forces = (bound.pilot or bound.campaign).forces_N
     columns = [bound.names.index(name) for name in chosen]
