@@ -17,6 +17,7 @@ from ldbb_bayes.reading.column_roles import (
     BRACKET,
     count_numbers,
     find_columns,
+    has_role,
     heads_loads,
     is_rule,
     names_columns,
@@ -28,7 +29,7 @@ from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_rows import row_of_units, without_comment_sign
-from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, scaled_unit
+from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, UNITS, scaled_unit, size_of_unit
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
 
@@ -256,7 +257,7 @@ def _check_units_align(
 
     Some columns have no unit if there are fewer units than columns. An empty cell between two
     separators, or in a workbook, shows a column without a unit; blanks show it if the units align
-    with the names.
+    with the names. Between separators, units that fit the first names belong to them.
 
     Parameters
     ----------
@@ -267,7 +268,10 @@ def _check_units_align(
     names
         Names of the columns.
     """
-    if not sheet.separator or len(units_below) >= len(names) or "" in units_below:
+    if not sheet.separator or len(units_below) >= len(names) or "" in sheet.rows[row].cells:
+        return
+    pairs = zip(names, units_below, strict=False)
+    if sheet.separator != " " and all(_fits_name(name, unit) for name, unit in pairs):
         return
     line = sheet.rows[row].line
     units = ", ".join(units_below)
@@ -276,6 +280,12 @@ def _check_units_align(
         f" for {len(names)} columns. Write '-' in place of each unit that is missing in line"
         f" {line}."
     )
+
+
+def _fits_name(name: str, unit: str) -> bool:
+    """Return whether the name of a column names a quantity that has this unit."""
+    quantity = unit_of(name).name
+    return any(has_role(quantity, role) and size_of_unit(role, unit) for role in UNITS)
 
 
 def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> list[str]:

@@ -12,6 +12,8 @@ __all__ = ["COMMENT_SIGN", "joined_factors", "row_of_units", "without_comment_si
 
 # Regular expression for a sign, such as #, with which a line of a file begins if it is a comment.
 COMMENT_SIGN = re.compile(r"^\s*(?:#|%|//)(?=\s|$)")
+# Signs that stand in place of a unit below the name of a column without a unit.
+_DASHES = ("-", "–", "—")
 # Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
 # Regular expression for a factor, such as 0.1 in "0.1 um", in a row of units whose cells are
@@ -30,7 +32,8 @@ _MANY_UNITS = 3
 def row_of_units(cells: Sequence[str], separator: str) -> list[str]:
     """Return the units in a row of cells below a header; an empty list if it is not a unit row.
 
-    An unknown unit is returned as it is written. A row with a load, such as 36 N, is not a row of
+    An unknown unit is returned as it is written, and a dash in place of a unit as an empty text. A
+    row with a load, such as 36 N, is not a row of
     units. ``separator`` is the separator of the cells. If the separator is a blank, a factor such
     as 0.1 is joined to the unit that follows it.
     """
@@ -39,7 +42,8 @@ def row_of_units(cells: Sequence[str], separator: str) -> list[str]:
     units = []
     for cell in cells:
         text = _text_of_unit(cell)
-        units.append(_unit_in_row(text) or text)
+        is_dash = text in _DASHES
+        units.append("" if is_dash else _unit_in_row(text) or text)
     holds_load = any(load_in_name([cell]) is not None for cell in cells)
     if holds_load or not _holds_only_units(cells):
         return []
@@ -97,7 +101,7 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
             n_known += 1
         elif _BRACKETED.fullmatch(cell):
             n_bracketed += 1
-        elif cell:
+        elif cell and cell not in _DASHES:
             uncertain.append(cell)
     n_certain = n_known + n_bracketed
     n_needed = min(2, n_certain + len(uncertain))

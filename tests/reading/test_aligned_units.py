@@ -59,3 +59,17 @@ def test_a_sign_stands_for_a_missing_unit(tmp_path: Path) -> None:
 def test_a_wrong_unit_is_refused_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(lb.InputError, match="got 'mm' in line 2"):
         imported(tmp_path, NAMES, "         mm          mm")
+
+
+@pytest.mark.parametrize("names", ["Angle;Deviation;Remark", "Angle;Deviation;Temp;Remark"])
+def test_units_that_fit_the_first_names_belong_to_them(names: str, tmp_path: Path) -> None:
+    rest = ";ok" * (names.count(";") - 1)
+    rows = [f"{5 * k};{0.1 * k:.3f}{rest}" for k in range(72)]
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join([names, "deg;mm", *rows, ""]))
+    assert reading_of(lb.import_campaign(path)) == pytest.approx(100.0)
+
+
+def test_a_dash_is_no_unit(tmp_path: Path) -> None:
+    result = imported(tmp_path, NAMES, "        deg            -")
+    assert result.layout.columns == {"angle": "Angle", "reading": "Deviation"}
