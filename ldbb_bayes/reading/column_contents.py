@@ -9,14 +9,22 @@ from dataclasses import replace
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.column_roles import has_role, names_any_role, unit_of
 from ldbb_bayes.reading.headers import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, PLANES_OF_G_CODE, plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import direction_named
-from ldbb_bayes.reading.words import LONGEST_NAME, ROLES, UNITS, comparable, unit_named
+from ldbb_bayes.reading.words import (
+    LONGEST_NAME,
+    OTHER_QUANTITY,
+    ROLES,
+    UNITS,
+    comparable,
+    unit_named,
+    without_accents,
+)
 
 __all__ = [
     "check_angle_columns",
@@ -91,13 +99,15 @@ def with_condition_that_names_tests(
 def _names_only(header: str, unit: str, role: str) -> bool:
     """Return whether a header names a role, such as force, and nothing else.
 
-    Further words are accepted if ``unit``, the unit of the column, is a unit of this role.
+    Further words are accepted if ``unit``, the unit of the column, is a unit of this role. The unit
+    alone is enough if the words name neither another role nor another quantity, such as a maximum.
     """
     name = unit_of(header).name
+    is_in_unit = unit in UNITS.get(role, {})
     if not has_role(name, role):
-        return False
-    words = re.findall(r"[^\W\d_]+", comparable(name))
-    return unit in UNITS.get(role, {}) or set(words) <= set(ROLES[role])
+        return is_in_unit and not (names_any_role(name) or OTHER_QUANTITY.search(name))
+    words = re.findall(r"[^\W\d_]+", without_accents(comparable(name)))
+    return is_in_unit or set(words) <= set(map(without_accents, ROLES[role]))
 
 
 def _states_condition(role: str, cell: str) -> bool:

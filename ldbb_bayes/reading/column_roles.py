@@ -27,6 +27,7 @@ from ldbb_bayes.reading.words import (
     joined_prefixes,
     unit_in_shares,
     unit_named,
+    without_accents,
 )
 
 __all__ = [
@@ -334,12 +335,12 @@ def _unread_unit_at_end(header: str) -> Header:
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 
-    For the role "test", every word of the name must be a word for a test or a word such as
-    "number". For the roles "force" and "pressure", the name must not contain a word such as
-    "maximum", which shows that the column holds another quantity.
+    Accents are ignored. For the role "test", every word of the name must be a word for a test or a
+    word such as "number". For the roles "force" and "pressure", the name must not contain a word
+    such as "maximum", which shows that the column holds another quantity.
     """
-    name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
-    role_words = ROLES[role]
+    name_words = re.findall(r"[^\W\d_]+", without_accents(comparable(name[:LONGEST_NAME])))
+    role_words = [without_accents(word) for word in ROLES[role]]
     if role == "time":
         name_words = [word for word in name_words if word not in _NO_TIMES]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):

@@ -10,6 +10,7 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ __all__ = [
     "size_of_unit",
     "unit_in_shares",
     "unit_named",
+    "without_accents",
 ]
 
 # Number of characters that are examined at the beginning of a line; all further characters are
@@ -38,6 +40,8 @@ LONGEST_TEXT = 300
 LONGEST_NAME = 200
 # Longest text that can be a unit [characters].
 _LONGEST_UNIT = 40
+# Largest number of texts without accents that are stored, because many steps ask for them again.
+_KEPT_WORDS = 4096
 # Regular expression for a unit with a factor. An example is 0.1 µm, the unit of readings in counts
 # (digital steps) of 0.1 µm.
 _SCALED_UNIT = re.compile(
@@ -106,6 +110,17 @@ def comparable(text: str) -> str:
     micro, by one character. Blanks, dots and colons at both ends are removed.
     """
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
+
+
+@lru_cache(maxsize=_KEPT_WORDS)
+def without_accents(text: str) -> str:
+    """Return a text without accents and other marks on letters: ``forca`` for ``força``.
+
+    Files are often written without these marks.
+    """
+    letters = unicodedata.normalize("NFD", text)
+    plain = "".join(letter for letter in letters if unicodedata.category(letter) != "Mn")
+    return unicodedata.normalize("NFC", plain)
 
 
 def _unit_sizes() -> dict[str, dict[str, float]]:

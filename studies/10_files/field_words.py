@@ -11,6 +11,7 @@ import field_files as field
 import numpy as np
 from field_directions import direction_cases
 from field_files import TRUTH, Circle, FieldCase
+from field_languages import language_cases
 from field_layouts import layout_cases
 from field_passages import passage_cases
 from field_printouts import printout_cases
@@ -58,6 +59,7 @@ def word_cases() -> dict[str, FieldCase]:
         **passage_cases(),
         **printout_cases(),
         **sentence_cases(),
+        **language_cases(),
         **harmless_cases(),
     }
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.force_laws import states_force_law
 
 
@@ -242,3 +242,37 @@ def test_runs_beside_forces_are_read_once_the_forces_are_given(tmp_path: Path) -
     path = written(tmp_path, RUNS, "{a},{r}.25,{r}.5,{r}.75", name="a.csv")
     tests = imported(path, {"forces_N": [36.0, 400.0, 400.0]}).tests
     assert [test.force_N for test in tests] == [36.0, 400.0, 400.0]
+
+
+@pytest.mark.parametrize("header", ["forca_N", "force_N", "loading_N", "ciężar_N"])
+def test_a_column_in_newtons_that_names_tests_states_their_force(
+    tmp_path: Path, header: str
+) -> None:
+    path = written(tmp_path, f"{header},angle_deg,reading_um", "36,{a},{r}.25", name="a.csv")
+    (test,) = imported(path, {"columns": {"test": header}}).tests
+    assert test.force_N == 36.0
+
+
+def test_a_largest_force_that_names_tests_is_not_their_force(tmp_path: Path) -> None:
+    path = written(tmp_path, "max_N,angle_deg,reading_um", "36,{a},{r}.25", name="a.csv")
+    with pytest.raises(lb.InputError, match="force or pressure must be known"):
+        imported(path, {"columns": {"test": "max_N"}})
+
+
+@pytest.mark.parametrize("header", ["ângulo", "angulo", "ÚHEL", "uhel", "kąt", "kat"])
+def test_a_header_without_accents_names_the_same_column(header: str) -> None:
+    assert has_role(header, "angle")
+
+
+def test_a_closing_quotation_mark_is_no_inch(tmp_path: Path) -> None:
+    path = written(tmp_path, "Angle [deg],Reading [um]", above='# write.csv(x, encoding = "latin1")')
+    notes = lb.import_campaign(path).assumptions
+    (told,) = [note.because for note in notes if note.what == "radius_mm"]
+    assert "latin1" not in told
+
+
+def test_a_length_in_inches_is_told_as_a_possible_radius(tmp_path: Path) -> None:
+    path = written(tmp_path, "Angle [deg],Reading [um]", above='# fixture 6"')
+    notes = lb.import_campaign(path).assumptions
+    (told,) = [note.because for note in notes if note.what == "radius_mm"]
+    assert 'fixture 6"' in told

@@ -1,0 +1,48 @@
+"""Field files in further languages, and files whose comments name more than one quantity."""
+
+from __future__ import annotations
+
+from field_files import TRUTH, FieldCase
+
+__all__ = ["language_cases"]
+
+NEWTONS_PER_KGF = 9.80665
+
+
+def language_cases() -> dict[str, FieldCase]:
+    """Return the cases of files in further languages."""
+    return {**portuguese_cases()}
+
+
+def portuguese_cases() -> dict[str, FieldCase]:
+    """Return one long table as R writes it in Brazil, without accents."""
+    comment = '# gerado por: write.csv2(df, "ensaio.csv", fileEncoding = "latin1")  R 4.3.1'
+
+    def lines(name_of_tests: str) -> list[str]:
+        rows = [comment, f'"{name_of_tests}";"forca_kgf";"angulo_gon";"leitura_mm"']
+        for number, circle in enumerate(TRUTH, start=1):
+            for angle_deg, reading_um in zip(circle.angle_deg, circle.reading_um, strict=True):
+                cells = (
+                    f"E{number}",
+                    f"{circle.force_N / NEWTONS_PER_KGF:.9f}",
+                    f"{angle_deg / 0.9:.9f}",
+                    f"{reading_um / 1e3:.9f}",
+                )
+                rows.append(";".join(cells).replace(".", ","))
+        return rows
+
+    kind = "tables of another language"
+    return {
+        "r_in_brazil": FieldCase(
+            kind,
+            "forca_kgf, angulo_gon and leitura_mm, and the tests in a column ensaio",
+            {"ensaio.csv": "\n".join([*lines("ensaio"), ""]).encode("latin1")},
+        ),
+        "r_in_brazil_without_tests": FieldCase(
+            kind,
+            "forca_kgf, angulo_gon and leitura_mm, and no column that names the tests",
+            {"ensaio.csv": "\n".join([*lines("grupo"), ""]).encode("latin1")},
+            refusal="If each value is a test, give --test-column 'forca_kgf'",
+            step=("--test-column", "forca_kgf"),
+        ),
+    }
