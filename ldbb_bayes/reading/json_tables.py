@@ -160,8 +160,13 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
         properties = _statements_beside(content, columns)
         yield EntryTable(_name_in(content) or name, [*statements, *properties], header, rows)
     for table in inner_tables:
-        table.statements = [*statements, *table.statements]
-        table.header = table.header or _names_of_columns(content, len(table.rows[0]))
+        outer_statements = list(statements)
+        key = _key_of_header(content, len(table.rows[0]))
+        if key and not table.header:
+            table.header = list(content[key])
+            repeated = _statements_of(key, content[key])
+            outer_statements = [line for line in statements if line not in repeated]
+        table.statements = [*outer_statements, *table.statements]
         yield table
 
 
@@ -266,8 +271,8 @@ def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -
     return statements
 
 
-def _names_of_columns(content: Mapping[str, Any], width: int) -> list[str]:
-    """Return the names of a table's columns from a list under a key such as "columns".
+def _key_of_header(content: Mapping[str, Any], width: int) -> str:
+    """Return the key, such as "columns", under which a list holds the names of a table's columns.
 
     ``content`` is the dict that contains the table, and ``width`` is the number of columns. The
     result is empty if there is no such list.
@@ -275,8 +280,8 @@ def _names_of_columns(content: Mapping[str, Any], width: int) -> list[str]:
     for key, value in content.items():
         is_list = key.casefold() in _KEYS_OF_HEADER and isinstance(value, list)
         if is_list and len(value) == width and all(type(name) is str for name in value):
-            return list(value)
-    return []
+            return key
+    return ""
 
 
 def _are_records(content: Sequence[Any]) -> bool:

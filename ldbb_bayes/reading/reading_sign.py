@@ -157,12 +157,25 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
         elif recording.layout.sign is None:
             raise OpenQuestionError(
                 f"{recording.place}: one sign of the readings must mean a longer bar, got"
-                f" {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --sign 1 (positive is"
-                " longer) or -1.",
+                f" {_words_on_sign(text)!r} in {source}. Say which: --sign 1 (positive is longer)"
+                " or -1.",
                 "sign",
                 ("1", "-1"),
             )
     return sources
+
+
+def _words_on_sign(text: str) -> str:
+    """Return a text for a message; of a long text, the part with the words on the sign.
+
+    The part begins at the first word for a sign or for a shorter or longer bar.
+    """
+    text = text.strip()
+    first = _WORD.search(text)
+    if len(text) <= _TEXT_SHOWN or first is None:
+        return text[:_TEXT_SHOWN]
+    start = min(first.start(), len(text) - _TEXT_SHOWN)
+    return text[start:][:_TEXT_SHOWN]
 
 
 def _sign_of_difference(text: str) -> int | None:

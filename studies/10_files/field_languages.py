@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+
+import numpy as np
 from field_files import TRUTH, FieldCase
 
 __all__ = ["language_cases"]
@@ -11,7 +14,7 @@ NEWTONS_PER_KGF = 9.80665
 
 def language_cases() -> dict[str, FieldCase]:
     """Return the cases of files in further languages."""
-    return {**portuguese_cases()}
+    return {**portuguese_cases(), **pandas_cases()}
 
 
 def portuguese_cases() -> dict[str, FieldCase]:
@@ -45,4 +48,29 @@ def portuguese_cases() -> dict[str, FieldCase]:
             refusal="If each value is a test, give --test-column 'forca_kgf'",
             step=("--test-column", "forca_kgf"),
         ),
+    }
+
+
+def pandas_cases() -> dict[str, FieldCase]:
+    """Return files in JSON as pandas splits them, with attributes in sentences."""
+    files = {}
+    for circle in TRUTH:
+        attributes = {
+            "force_N": circle.force_N,
+            "angle": "bar angle in rad, zero on the -X axis, counterclockwise",
+            "deviation": "radial deviation in inches, positive when the bar is extended",
+        }
+        rows = []
+        for angle_deg, reading_um in zip(circle.angle_deg, circle.reading_um, strict=True):
+            angle_rad = float(np.deg2rad((angle_deg + 180.0) % 360.0))
+            rows.append([round(angle_rad, 9), round(float(reading_um) / 25_400.0, 12)])
+        content = {"attrs": attributes, "columns": ["theta", "dev"], "data": rows}
+        files[f"run_{circle.force_N:g}.json"] = json.dumps(content).encode()
+    return {
+        "split_by_pandas": FieldCase(
+            "JSON and Octave",
+            "attributes, names of columns and rows; 'positive when the bar is extended'",
+            files,
+            told="sign of the reading: 1: a longer bar is positive (line 3",
+        )
     }

@@ -265,7 +265,9 @@ def test_a_header_without_accents_names_the_same_column(header: str) -> None:
 
 
 def test_a_closing_quotation_mark_is_no_inch(tmp_path: Path) -> None:
-    path = written(tmp_path, "Angle [deg],Reading [um]", above='# write.csv(x, encoding = "latin1")')
+    path = written(
+        tmp_path, "Angle [deg],Reading [um]", above='# write.csv(x, encoding = "latin1")'
+    )
     notes = lb.import_campaign(path).assumptions
     (told,) = [note.because for note in notes if note.what == "radius_mm"]
     assert "latin1" not in told

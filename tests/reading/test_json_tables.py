@@ -68,3 +68,35 @@ def test_json_without_a_table_is_refused_with_the_step(tmp_path: Path) -> None:
     step = "got JSON without lists of angles and readings of the same length. Save the readings as"
     with pytest.raises(lb.InputError, match=step):
         imported(tmp_path, {"force_N": 36, "angle_deg": ANGLES, "reading_um": READINGS[1:]})
+
+
+ATTRIBUTES = {
+    "force_N": 36,
+    "angle": "bar angle in deg, zero on the -X axis, counterclockwise",
+    "deviation": "radial deviation in um, positive when the bar is extended",
+}
+SPLIT = {
+    "attrs": ATTRIBUTES,
+    "columns": ["theta", "dev"],
+    "data": [list(pair) for pair in zip(ANGLES, READINGS, strict=True)],
+}
+
+
+def test_a_list_of_names_of_columns_is_no_text_about_angles(tmp_path: Path) -> None:
+    result = imported(tmp_path, SPLIT)
+    because = [note.because for note in result.assumptions if note.what == "angle"]
+    assert because == ["line 2"]
+    assert not any("columns: theta" in note.value for note in result.assumptions)
+
+
+def test_a_bar_that_is_extended_is_longer(tmp_path: Path) -> None:
+    notes = imported(tmp_path, SPLIT).assumptions
+    (sign,) = [note for note in notes if note.what == "sign of the reading"]
+    assert (sign.value, sign.because) == ("1: a longer bar is positive", "line 3")
+
+
+def test_an_open_sign_is_quoted_with_its_words(tmp_path: Path) -> None:
+    text = "radial deviation as shown by the usual display of the bar, positive shorter longer"
+    attributes = ATTRIBUTES | {"deviation": text, "reading unit": "um"}
+    with pytest.raises(lb.InputError, match="positive shorter longer' in line 3"):
+        imported(tmp_path, SPLIT | {"attrs": attributes})
