@@ -96,7 +96,7 @@ def test_a_bar_that_is_extended_is_longer(tmp_path: Path) -> None:
 
 
 def test_an_open_sign_is_quoted_with_its_words(tmp_path: Path) -> None:
-    text = "radial deviation as shown by the usual display of the bar, positive shorter longer"
-    attributes = ATTRIBUTES | {"deviation": text, "reading unit": "um"}
-    with pytest.raises(lb.InputError, match="positive shorter longer' in line 3"):
-        imported(tmp_path, SPLIT | {"attrs": attributes})
+    text = "radial deviation as shown by the usual display of the bar is positive shorter longer"
+    content = {"force_N": 36, "deviation": text, **CIRCLE}
+    with pytest.raises(lb.InputError, match="positive shorter longer' in line 2"):
+        imported(tmp_path, content)
