@@ -421,10 +421,11 @@ class ReadableFrame(pd.DataFrame):
 def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
     """Return a data frame as it is displayed, with substitutes for some of its rows.
 
-    `with_rows_instead` states which rows are replaced and which rows are their substitutes. If
-    ``all_rows`` is true, the substitutes are added, and the replaced rows stay. If the number of
-    rows has changed since `with_rows_instead` was called, the user has selected rows; the data
-    frame is then returned unchanged.
+    `with_rows_instead` states which rows are replaced, which rows are their substitutes, and above
+    which row the substitutes stand. If ``all_rows`` is true, the substitutes are added, and the
+    replaced rows stay. The data frame is returned unchanged if it has no substitutes. The same
+    holds if the number of rows has changed since `with_rows_instead` was called, because the user
+    has then selected rows.
     """
     instead: _RowsInstead | None = frame.attrs.get("rows_instead")
     if instead is None or len(frame) != instead.length:

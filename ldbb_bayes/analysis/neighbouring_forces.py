@@ -103,16 +103,19 @@ def local_fits(
     all_tests = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     tables = []
-    near = None
+    previous_mode = None
     for names in _neighbouring_pairs(campaign):
         bound = all_tests.keeping(names)
-        posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
-        near = posterior.plain.mode
+        # The search for the mode of the posterior starts from the mode of the previous pair.
+        posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=previous_mode)
+        previous_mode = posterior.plain.mode
         nodes = posterior.nodes(_TOLERANCE)
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE, components=_MOMENT_NODES)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
-        window = replace(campaign.select(names), foreseen=campaign.scope)
-        squares = fit_least_squares(window, fixed=constant.fixed).table
+        # With all tests of the campaign as foreseen tests, the least-squares fit has the same
+        # parameters for every pair.
+        pair = replace(campaign.select(names), foreseen=campaign.scope)
+        squares = fit_least_squares(pair, fixed=constant.fixed).table
         forces = bound.setting.force_N
         columns = {
             "force_low_N": float(forces.min()),

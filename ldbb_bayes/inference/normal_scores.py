@@ -66,7 +66,12 @@ class NormalScores:
 
     @cached_property
     def _mean(self) -> Array:
-        """Means of the normal priors of k hyper-parameters before truncation, shape (k,)."""
+        """Means of the normal priors of k hyper-parameters before truncation, shape (k,).
+
+        The k hyper-parameters are those with truncated normal priors: lengths and decays.
+        """
+        # Lengths have half-normal priors, which are normal with mean zero before they are
+        # truncated. For decays, the prior's field ``scale`` holds the mean.
         mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
         return np.asarray(mean[self._has_normal_prior])
 

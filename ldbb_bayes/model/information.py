@@ -214,6 +214,9 @@ class Information:
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
         """Return a square root R of the posterior precision matrix RᵀR of the free coefficients.
 
+        The coefficients are divided by their prior sd, so that their prior precision is one. If the
+        prior of the parameters of interest is flat, their prior precision is zero.
+
         ``rows`` is the design matrix of the model's m coefficients for k reduced readings (numbers
         that replace the readings of the tests) with unit noise, shape (k, m). ``free`` are the
         indices of the free coefficients, which are those not taken as known.

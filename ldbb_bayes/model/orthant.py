@@ -137,7 +137,8 @@ class NoisyLogProbability(NamedTuple):
     #: quasi-random point satisfies all constraints
     common_error: Array
     #: error of the log probability ln P(u ≥ 0) of each of w Gaussian vectors u that is due to the
-    #: limited number of quasi-random points [nat], shape (w,)
+    #: limited number of quasi-random points [nat], shape (w,): the standard error, times a factor
+    #: from Student's t
     noise: Array
 
 
@@ -244,7 +245,8 @@ class Orthant:
 
         The errors due to the quasi-random points, called noise, are independent between the vectors
         u. In a mean over many vectors they largely cancel, so that few points suffice for each
-        vector. In all other respects, the method works like `log_probability`.
+        vector. The noise is stated as a standard error, times a factor from Student's t. In all
+        other respects, the method works like `log_probability`.
 
         Parameters
         ----------

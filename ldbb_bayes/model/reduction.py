@@ -112,6 +112,11 @@ class Reduced:
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
     """Return the readings of one test, reduced to at most 25 numbers and a sum of squares.
 
+    The model describes readings by the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ. The
+    matrix B of these functions at the test's angles has the QR decomposition B = Q R. The at most
+    25 numbers are Qᵀ · readings; the sum of squares is that of the part of the readings that the
+    functions cannot describe. The result also holds the triangular factor R.
+
     Parameters
     ----------
     angle_rad
@@ -121,6 +126,8 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
     """
     n = len(angle_rad)
     readings = np.zeros(n) if reading_mm is None else reading_mm
+    # Triangular factor of the matrix B with the readings as its last column. It is updated with
+    # one chunk of readings after the other.
     triangle = np.zeros((0, SIZE + 1))
     for start in range(0, n, _CHUNK):
         chunk = slice(start, start + _CHUNK)

@@ -356,8 +356,9 @@ _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """Return the names of the geometric errors of a campaign's machine.
 
-    Each set-up has separate offsets of the tool ball. The names of these offsets end in the number
-    of the set-up, except for the first set-up.
+    Each set-up has separate offsets of the tool ball from its nominal position, one along each
+    axis. An offset is left out if no test of the set-up, run or foreseen, is in a plane with this
+    axis. The names of the offsets end in the number of the set-up, except for the first set-up.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):

@@ -62,9 +62,10 @@ def _first_wild_part(path: Path) -> int | None:
 def _files_matching(text: str, path: Path, wild_part: int) -> list[Path]:
     """Return the files that match a pattern with ``*`` or ``?``.
 
-    If only folders match, the folders are returned. ``text`` is the pattern as the user wrote it,
-    and ``path`` is the same pattern as a path. ``wild_part`` is the index of the first part of the
-    path that contains ``*`` or ``?``.
+    If only folders match, the folders are returned. Hidden files and folders are left out. Raise
+    an `InputError` if nothing matches. ``text`` is the pattern as the user wrote it, and ``path``
+    is the same pattern as a path. ``wild_part`` is the index of the first part of the path that
+    contains ``*`` or ``?``.
     """
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")

@@ -95,7 +95,7 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
     make a separation possible.
     """
     passages: list[Passage] = [verdicts_table(result)]
-    pairs = wording.paired_cure_items(result)
+    pairs = wording.paired_remedy_items(result)
     if pairs:
         passages += [wording.IN_PAIRS, pairs]
     if result.certificates:

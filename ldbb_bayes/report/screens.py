@@ -37,14 +37,15 @@ def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
 
     The first table has one row for each parameter. It states the expanded uncertainty U (k = 2),
     the verdict, the cheapest remedy that reduces U markedly (a certificate, or a change of the
-    tests), and U with this remedy. The verdict names the largest source of variance. The second
-    table has one row for each certificate of the instrument. The row names the parameters that the
-    certificate would make less uncertain. The method ``details`` of the result returns all tables
+    tests), and U with this remedy. The verdict names the largest source of variance. A list follows
+    of pairs of remedies, for parameters that need two remedies. The second table has one row for
+    each certificate of the instrument. The row names the parameters that the certificate would make
+    less uncertain. The method ``details`` of the result returns all tables
     and sentences, with the combinations of parameters that the readings cannot separate.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]
-    pairs = wording.paired_cure_items(result)
+    pairs = wording.paired_remedy_items(result)
     if pairs:
         passages += [wording.IN_PAIRS, pairs]
     if result.certificates:

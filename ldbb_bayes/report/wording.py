@@ -113,7 +113,7 @@ __all__ = [
     "nuisance_words",
     "origin_words",
     "origins_in_words",
-    "paired_cure_items",
+    "paired_remedy_items",
     "peculiarity_sentences",
     "percent_of",
     "population_doubts",
@@ -862,7 +862,7 @@ def cure_in_words(remedy: Remedy | None) -> str:
     return _step_words(remedy.kind, remedy.certificate)
 
 
-def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
+def paired_remedy_items(result: Identifiability) -> tuple[str, ...]:
     """Return descriptions of pairs of remedies for parameters that need two remedies.
 
     A remedy is a certificate of the instrument or a change of the plan of tests. Each description

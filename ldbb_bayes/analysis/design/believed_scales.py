@@ -349,10 +349,12 @@ class _EffectColumns(NamedTuple):
 
 
 def _effects_on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColumns:
-    """Return the design matrix of the effects that are common to all tests, and their variances.
+    """Return the design matrix of effects that all tests have in common, and their variances.
 
-    These are the effects of the parameters, and of nuisance coefficients that act in several tests.
-    ``values`` holds w values of each hyper-parameter, by name; lengths are in mm.
+    These are the parameters, and the nuisance coefficients with the same value in all tests.
+    Noise, and coefficients with separate values in each test, are left to `_effects_on_one_test`.
+    ``values`` holds w values of each hyper-parameter, by name; lengths are in mm. The variances are
+    prior variances, computed for each of the w values.
     """
     factors = [test.factor for test in bound.reduced]
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
@@ -370,7 +372,7 @@ def _effects_on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int)
     """Return the design matrix of effects that change one test only, and their variances.
 
     ``r`` is the index of the test. ``values`` holds w values of each hyper-parameter, by name;
-    lengths are in mm. The variances are computed for each of the w values.
+    lengths are in mm. The variances are prior variances, computed for each of the w values.
     """
     factor = bound.reduced[r].factor
     columns = [np.empty((len(factor), 0))]

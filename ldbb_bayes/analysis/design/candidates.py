@@ -209,28 +209,29 @@ def grid_of_tests(
 def bind_tests(
     model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model applied to a plan that consists of the given tests.
+    """Return the model applied to planned tests.
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
     from the pilot. The model also has the parameters that only the pilot's tests can determine,
-    even if the plan leaves these tests out. The exception is hysteresis, because the pilot's
-    directions of travel are ignored.
+    even if these tests are left out. An exception is hysteresis, whose coefficients depend on the
+    directions of travel: the directions of tests of the pilot that are left out are ignored.
 
     Parameters
     ----------
     model
-        Model that is applied to the plan.
+        Model that is applied to the tests.
     pilot
         The campaign or plan that the design starts from.
     tests
-        Planned tests.
+        Planned tests, without those of the pilot.
     keep_pilot_tests
-        Whether the plan begins with the tests of the pilot.
+        Whether the model is applied to the tests of the pilot and the planned tests together. If
+        so, the tests of the pilot come first. If not, it is applied to the planned tests alone.
 
     Returns
     -------
     BoundModel
-        The model applied to the plan.
+        The model applied to the tests.
     """
     plan = replace(pilot, tests=tuple(tests), foreseen=(), pilot=None, adds_to_pilot=False)
     if not keep_pilot_tests:

@@ -130,17 +130,19 @@ class GoalPlan(Result):
     model: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
-        """Return the campaign as a plan, in the order in which to run it.
+        """Return the tests of this campaign as a plan, in the order in which to run them.
 
         Returns
         -------
         Campaign
-            The plan, whose instrument has the certificates of the campaign.
+            The plan. Its instrument has the calibration certificates that are to be bought for this
+            campaign (``certificates``).
 
         Raises
         ------
         InputError
-            If the design was read from a file.
+            If the design was read from a file, which does not hold the plan. The plan is saved as a
+            separate file.
         """
         if not isinstance(self.planned, Campaign):
             raise InputError(
