@@ -187,7 +187,7 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
         re.IGNORECASE,
     )
     if unit == "":
-        return _ratio(match, text, subject)
+        return _number_without_unit(match, text, subject)
     written = None
     if match is not None:
         written = _size_of(match[2])
@@ -207,7 +207,7 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     return float(f"{float(match[1]) * (written.factor / wanted.factor):.15g}")
 
 
-def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
+def _number_without_unit(match: re.Match[str] | None, text: str, subject: str) -> float:
     """Return the number in a text that must not contain a unit.
 
     ``match`` is the match of a regular expression: its group 1 is the number, and its group 2 holds

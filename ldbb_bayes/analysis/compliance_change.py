@@ -87,7 +87,8 @@ class ChangeWithForce(Result):
         """Probability that a compliance does not change at all with force.
 
         In an average over models, this is the probability of the models in which the compliance is
-        constant. For a single model, it is zero.
+        constant. For a single model, it is zero: `change_with_force` returns only compliances that
+        change with force in the model.
         """
         remaining = 1.0 - self.probability_of_increase - self.probability_of_decrease
         return max(round(remaining, _DECIMALS_OF_PROBABILITY), 0.0)

@@ -61,12 +61,13 @@ def uniformity_p_value(p_values: Array) -> Array:
 
     The values may depend on one another. The i-th smallest of n independent uniform values has the
     distribution Beta(i, n + 1 − i). From this distribution, a two-sided p-value is computed for
-    each value, and `pooled_p_value` combines the n two-sided p-values into one. This is the test
-    called POT by Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026),
-    with one difference: large two-sided p-values are not left out before pooling, because the test
-    would otherwise reject too often for small n. The test detects values that are too small. It
-    also detects values that are all too near one, such as the p-values of circles whose predicted
-    uncertainties are too large.
+    each value, and `pooled_p_value` combines the n two-sided p-values into one (Cauchy combination,
+    which allows for dependence). This is the test called POT by Tesso and Vehtari (LOO-PIT
+    predictive model checking, arXiv:2603.02928, 2026), with one difference: they leave out large
+    two-sided p-values before pooling. Here, all n are pooled, because without the large ones the
+    test rejects too often for small n. The test detects values that are too small. It also detects
+    values that are all too near one, such as the p-values of circles whose predicted uncertainties
+    are too large.
 
     Parameters
     ----------

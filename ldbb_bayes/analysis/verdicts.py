@@ -740,7 +740,12 @@ def judge(
     contraction: float,
     likeness: Mapping[tuple[str, str], float] | None = None,
 ) -> PartneredVerdict:
-    """Return the verdict on a parameter by the rules in `Verdict`.
+    """Return the verdict on a parameter, and the effects with which it is confounded.
+
+    The parameter is confounded if effects whose standard uncertainties are assumed cause more than
+    half of its variance; prior-limited if its posterior sd is more than half of its prior sd; and
+    otherwise identified. `Verdict` states the rules in full. With a flat prior, a parameter is
+    never prior-limited.
 
     Parameters
     ----------

@@ -98,6 +98,9 @@ class _Location(NamedTuple):
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     """Return the place in a file at which pydantic has found an error.
 
+    The place is stated as the keys that lead to the invalid entry (positions in lists from 1), and
+    the class that describes valid content of the table or entry at the end of these keys.
+
     Parameters
     ----------
     model

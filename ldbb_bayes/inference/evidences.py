@@ -240,7 +240,11 @@ class Evidences(Shown):
 
     @property
     def every(self) -> list[Evidence]:
-        """Evidences of models that were computed so far to the tolerance of this object."""
+        """Evidences of all models for which this object has computed the evidence so far.
+
+        Each log evidence was computed with the tolerance of this object: the error allowed in it.
+        Rough evidences, with a larger tolerance, are not included.
+        """
         return [nodes.evidence for nodes in self._nodes.values()]
 
 

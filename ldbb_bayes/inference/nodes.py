@@ -794,13 +794,14 @@ class Nodes:
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return ``size`` posterior draws of parameters and hyper-parameters.
 
-        Hyper-parameters (scales of the noise and of other effects; scales that are lengths are in
-        mm) are picked from the nodes (weighted values) in proportion to the weights. Parameters
-        (compliances, their changes with force, geometric errors; in mm, N and rad) are drawn at
-        random given the picked hyper-parameters and the readings. For p parameters and h
-        hyper-parameters, the results have the shapes (size, p) and (size, h). If the posterior of
-        the nodes is ``truncated``, no compliance is negative in any draw. ``rng`` generates the
-        random numbers.
+        Hyper-parameters φ (scales of the noise and of other effects; scales that are lengths are in
+        mm) are picked from the nodes (weighted values) in proportion to the weights. The nodes hold
+        them as unbounded coordinates, such as ln φ, which are called free. Parameters (compliances,
+        their changes with force, geometric errors; in units composed of mm, N and rad, such as
+        mm/N) are drawn at random given the picked hyper-parameters and the readings. For p
+        parameters and h hyper-parameters, the results have the shapes (size, p) and (size, h). If
+        the posterior of the nodes is ``truncated``, no compliance is negative in any draw. ``rng``
+        generates the random numbers.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)

@@ -189,8 +189,10 @@ class Machine(Shown):
     def _check_frame(self, axis: str, frame: Sequence[float]) -> None:
         """Raise an `InputError` unless the position of a joint's frame is valid.
 
-        ``axis``, the axis of the joint, must be a linear axis of the topology. ``frame``, the
-        position, must be three finite numbers of at most ``LARGEST_MM`` [mm].
+        The frame is the coordinate system in which the compliances and errors of the joint act.
+        ``axis``, the axis of the joint, must be a linear axis of the topology; all other joints are
+        modelled as rigid. ``frame`` is the position (X, Y, Z) of the frame's origin. It must be
+        three finite numbers with absolute values of at most ``LARGEST_MM`` [mm].
         """
         require(
             axis in LINEAR and axis in self.topology,

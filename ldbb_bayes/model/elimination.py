@@ -278,12 +278,14 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return the changes of later columns when the groups of columns of a front are eliminated.
+        """Return descriptions of what the elimination of a front changes in later columns.
 
-        The columns are those of a sparse matrix. The groups of a front are eliminated together.
-        ``families`` sorts them: the groups of a family change the same later columns. Consecutive
-        families are treated in the same `Update` if they have equal numbers of groups and no two of
-        them change the same later column.
+        The columns are those of the precision matrix P. A front is a set of groups of columns that
+        are eliminated at the same time; all of its groups have equal numbers of columns. Each group
+        changes some later columns, its border. ``families`` holds the groups of the front; the
+        groups of a family have the same border. Consecutive families are treated in the same
+        `Update` if they have equal numbers of groups and no two of them change the same later
+        column. An `Update` states which entries of P change, not by how much.
         """
         updates = []
         start = 0

@@ -433,10 +433,15 @@ def _edges_of_nearest_point(
 ) -> Array:
     """Return approximate edges at the most probable vector x that satisfies d constraints.
 
-    The edges, shape (d,), are the lower limits of shifted normal variables. The constraints on the
-    standard normal vector x are unit · x ≥ bound, where ``unit`` has the shape (d, d) and ``bound``
-    the shape (d,). ``coupling`` is unit unitᵀ − I.
+    Newton's method in `_solve_edges` starts from these edges e, shape (d,). Each x_j is drawn above
+    a lower limit from a normal density shifted by its tilt μ_j; the edge e_j is this limit minus
+    μ_j. The constraints on the standard normal vector x are unit · x ≥ bound, where ``unit`` has
+    the shape (d, d), with ones on the diagonal, and ``bound`` the shape (d,). ``coupling`` is C =
+    unit unitᵀ − I.
     """
+    # The edges solve e + C m = bound, where m are the inverse Mills ratios of e. At the most
+    # probable x, some constraints are binding: they hold with equality. Where an edge is large, e
+    # is about m, so that (C + I) m = bound for these constraints; m is zero for all others.
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))

@@ -298,7 +298,8 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
     """Return whether files state a single plane and all tests are in this plane.
 
-    The keys of ``places`` are the stated planes.
+    The keys of ``places`` are the planes that lines and names state, and the values say which line
+    or name states each. A test without a plane is not in the stated plane.
     """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)

@@ -335,9 +335,12 @@ def _unread_unit_at_end(header: str) -> Header:
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 
-    Accents are ignored. For the role "test", every word of the name must be a word for a test or a
-    word such as "number". For the roles "force" and "pressure", the name must not contain a word
-    such as "maximum", which shows that the column holds another quantity.
+    Accents are ignored. A word of the name may also only begin with a word for the role, as
+    ``angles`` begins with ``angle``, unless the word for the role is as short as ``t``. For the
+    role "time", words that begin in this way but mean something else are passed over. For the role
+    "test", every word of the name must be a word for a test or a word such as "number". For the
+    roles "force" and "pressure", the name must not contain a word such as "maximum", which shows
+    that the column holds another quantity.
     """
     name_words = re.findall(r"[^\W\d_]+", without_accents(comparable(name[:LONGEST_NAME])))
     role_words = [without_accents(word) for word in ROLES[role]]
@@ -347,12 +350,8 @@ def has_role(name: str, role: str) -> bool:
         return False
     if role == "test" and not set(name_words) <= {*role_words, *_NUMBERING}:
         return False
-    for role_word in role_words:
-        if role_word in name_words:
-            return True
-        if len(role_word) > _SHORT_WORD and any(w.startswith(role_word) for w in name_words):
-            return True
-    return False
+    beginnings = tuple(word for word in role_words if len(word) > _SHORT_WORD)
+    return any(word in role_words or word.startswith(beginnings) for word in name_words)
 
 
 def names_any_role(cell: str) -> bool:
@@ -570,8 +569,10 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 
     Columns that already have a role are not considered. Several columns of readings are accepted if
     their headers state loads, such as 36 N, or name runs, such as Run 1; each column is then a
-    separate test. ``place`` names the table in error messages. ``headers`` are the headers of all
-    columns.
+    separate test. A column whose header is a field of a test (`PER_TEST`), such as ``force_N``,
+    gets no role here, unless it holds the readings. Raise an `InputError` if several columns could
+    have the role, or if a column of readings holds angles. ``place`` names the table in error
+    messages. ``headers`` are the headers of all columns.
     """
     free = _free_columns(role, roles, headers)
     candidates = _candidates(role, free, headers)

@@ -189,14 +189,24 @@ def _hint_on_unit(role: str, unit: str) -> str:
         )
     if role == "reading":
         return " (--unit '0.1 um' for counts of 0.1 µm)"
-    if role == "angle" and names_sexagesimal(unit):
-        return " deg if they have decimals; or write them as in 12°30'15\""
-    if role == "angle" and comparable(unit) in _GRADS:
-        return " gon (400 in a turn) or --angle-unit deg (360)"
-    if role == "angle" and not any(scaled_unit(unit) in units for units in UNITS.values()):
-        return " (--angle-unit '0.01 deg' for counts of 0.01°)"
+    if role == "angle":
+        return _hint_on_unit_of_angle(unit)
     if role == "force" and comparable(unit) in _KILOGRAMS:
         return " kgf (the weight of a kilogram)"
+    return ""
+
+
+def _hint_on_unit_of_angle(unit: str) -> str:
+    """Return the end of the advice for a unit that is unknown for angles; empty if there is none.
+
+    The advice begins with the option ``--angle-unit``.
+    """
+    if names_sexagesimal(unit):
+        return " deg if they have decimals; or write them as in 12°30'15\""
+    if comparable(unit) in _GRADS:
+        return " gon (400 in a turn) or --angle-unit deg (360)"
+    if not any(scaled_unit(unit) in units for units in UNITS.values()):
+        return " (--angle-unit '0.01 deg' for counts of 0.01°)"
     return ""
 
 

@@ -270,7 +270,8 @@ class _SheetColumns:
         The keys are the names of the fields. Columns without a role hold no angle, reading or other
         quantity that the package reads. Such a column states a field only if the cells are equal in
         all rows of the test. For example, a column ``R [mm]`` whose cells are all 100 states the
-        radius. ``rows`` are the indices of the rows of the test.
+        radius. Only radius, feed, start angle and overshoot can be stated in this way
+        (``_FIELDS_OF_COLUMNS``). ``rows`` are the indices of the rows of the test.
         """
         statements = {}
         for key, statements_of_field in statements_in(self.constant_lines(rows)).items():
@@ -990,8 +991,10 @@ def layout_names(sheet: Sheet, label: str) -> list[str]:
 def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool) -> dict[str, Any]:
     """Return the values that tables [[test]] of the layout give for the fields of one test.
 
-    A table may name the test by its label, or by the name of its sheet or file. If several tables
-    give a value for the same field, the table with the most specific name is used.
+    A table names the test by its entry ``file``: the label of the test, or the name of its sheet or
+    file. If several tables give a value for the same field, the table with the most specific name
+    is used. Raise an `InputError` if a table for a file with several tests states a force or
+    pressure.
 
     Parameters
     ----------
@@ -1002,8 +1005,7 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     layout
         Layout with these tables.
     holds_several
-        Whether the file holds several tests. If it does, a table that names the file must not
-        state a force or pressure.
+        Whether the file holds several tests.
     """
     entries = {entry.file: entry for entry in layout.test}
     fields: dict[str, Any] = {}

@@ -67,8 +67,8 @@ def may_be_stepped(recording: Recording) -> bool:
 def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     """Return the angles [deg] that lines above a table state, shape (n,), one for each reading.
 
-    The use of these lines is noted. Return None if no line states a step, or if the column of
-    angles agrees with the lines.
+    The use of these lines is noted. Return None if no line states a step other than zero, or if a
+    column with the numbers 0, 1, 2 and so on agrees with the lines, so that it may hold the angles.
 
     Parameters
     ----------
@@ -80,8 +80,9 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     Raises
     ------
     InputError
-        If the start is not stated, if readings are missing between others, or if the end does not
-        agree with the number of readings.
+        If a step is stated without a start, or an end without a step; if a step is positive in a
+        test run CW whose end is not stated; if the test leaves out rows of the table; or if the end
+        does not agree with the number of readings.
     """
     start = _stated_angle(recording, _START)
     end = _stated_angle(recording, _END)

@@ -295,7 +295,9 @@ def _zone_of(text: str) -> float | None:
 def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
     """Return the timestamp in the first name that contains one; None if no name contains one.
 
-    ``names`` are the names of a test and its file, such as ``2026-11-20_14-03-12 36N``.
+    A timestamp is a date (year, month, day) with a time of day, which may lack the seconds. A name
+    whose date or time does not exist is passed over. ``names`` are the names of a test and its
+    file, such as ``2026-11-20_14-03-12 36N``.
     """
     for name in names:
         match = _STAMP_IN_NAME.search(name[:LONGEST_TEXT])

@@ -306,7 +306,11 @@ def _is_about_angles(text: str) -> bool:
 
 
 def _direction_after(text: str) -> set[str]:
-    """Return the directions CW and CCW that a line states after a word such as "direction"."""
+    """Return the directions, CW and CCW, that a line states after a word such as "direction".
+
+    ``text`` is the rest of the line after this word, or a whole line about travel. If the text
+    names both directions, the directions after its last separator, such as a colon, are returned.
+    """
     senses = senses_in(text) | _senses_of_arcs(text)
     if not senses:
         # After a word for direction, "right" means clockwise and "left" counter-clockwise.

@@ -286,8 +286,10 @@ def _panel_head(trace_data: _TraceData, plane: str) -> str:
 def _draw_force_scale(figure: Figure, trace_data: _TraceData) -> None:
     """Draw the colour scale of forces on the right-hand side of the figure.
 
-    On the scale, forces increase upwards if the trace at the largest force lies outside the trace
-    at the smallest force, and downwards if not.
+    The scale has one coloured field for each force of the tests; at most ``_MOST_NAMED_FORCES`` of
+    the forces are written [N]. The figure shows the readings of each test as a trace around the
+    circle. On the scale, forces increase upwards if the trace at the largest force lies outside the
+    trace at the smallest force (larger mean reading), and downwards if not.
     """
     forces_N = trace_data.bound.setting.force_N
     levels = np.unique(forces_N)
