@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
@@ -331,6 +331,12 @@ def _unread_unit_at_end(header: str) -> Header:
     return Header(header, "")
 
 
+@cache
+def _plain_words(role: str) -> tuple[str, ...]:
+    """Return the words for a role of a column without accents."""
+    return tuple(without_accents(word) for word in ROLES[role])
+
+
 @lru_cache(maxsize=_KEPT_HEADERS)
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
@@ -343,7 +349,7 @@ def has_role(name: str, role: str) -> bool:
     that the column holds another quantity.
     """
     name_words = re.findall(r"[^\W\d_]+", without_accents(comparable(name[:LONGEST_NAME])))
-    role_words = [without_accents(word) for word in ROLES[role]]
+    role_words = _plain_words(role)
     if role == "time":
         name_words = [word for word in name_words if word not in _NO_TIMES]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):

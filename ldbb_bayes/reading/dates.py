@@ -7,20 +7,21 @@ from datetime import date
 
 __all__ = ["iso_date"]
 
-# First three letters of the name of each month in English, and in German if they differ.
+# Beginnings of the name of each month in English, and in German, Spanish, Portuguese, Italian and
+# French if they differ.
 _MONTHS = (
-    "jan",
-    "feb",
-    "mar mär",
-    "apr",
-    "may mai",
-    "jun",
-    "jul",
-    "aug",
-    "sep",
-    "oct okt",
-    "nov",
-    "dec dez",
+    ("jan", "ene", "gen"),
+    ("feb", "fev", "fév"),
+    ("mar", "mär"),
+    ("apr", "abr", "avr"),
+    ("may", "mai", "mag"),
+    ("jun", "giu", "juin"),
+    ("jul", "lug", "juil"),
+    ("aug", "ago", "aoû", "aou"),
+    ("sep", "set"),
+    ("oct", "okt", "out", "ott"),
+    ("nov",),
+    ("dec", "dez", "dic", "déc"),
 )
 
 
@@ -54,6 +55,6 @@ def _month_number(name: str) -> str:
     Return "0" if the word is not the name of a month.
     """
     for k, beginnings in enumerate(_MONTHS, start=1):
-        if name[:3] in beginnings:
+        if name.startswith(beginnings):
             return str(k)
     return "0"

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
-from ldbb_bayes.reading.cited_lines import CitedLine, cited_line
+from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.timestamps import (
     Rank,
@@ -22,6 +22,7 @@ from ldbb_bayes.reading.timestamps import (
     epoch_stamp,
     stamp_in_name,
     stamps_in,
+    unread_stamp,
 )
 from ldbb_bayes.results import Array
 
@@ -64,7 +65,7 @@ class _Times(NamedTuple):
     seconds: Array | None
     # reason why the times are not known; if they are known, a note on how an ambiguous date was
     # read, or an empty text
-    reason: str
+    reason: str | CitedLine
 
 
 def take_start_times(
@@ -99,8 +100,7 @@ def take_start_times(
         start = _start_of_test(recording)
         if start is not None:
             starts.append(start)
-    titles = [recording.title for recording in recordings]
-    times = _times_of_tests(starts, titles)
+    times = _times_of_tests(starts, recordings)
     if times.seconds is None:
         if campaign.get("order") is None and campaign.get("drift", True):
             log.add("", "order", "as listed", times.reason, _OPTIONS_LISTED)
@@ -111,14 +111,25 @@ def take_start_times(
     return {start.column for start in starts if start.column}
 
 
-def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
+def _unread_line(recordings: Sequence[Recording]) -> CitedLine | None:
+    """Return a note on the first line with a date and time that are not understood, or None."""
+    for recording in recordings:
+        for line, text in recording.heading.lines_above:
+            unread = unread_stamp(text)
+            if unread:
+                return quoted_line(line, unread, "not understood")
+    return None
+
+
+def _times_of_tests(starts: Sequence[_Start], recordings: Sequence[Recording]) -> _Times:
     """Return the start times of the tests, or the reason why they are not known.
 
-    ``starts`` holds the timestamps of the tests that have one, and ``titles`` the names of all
-    tests.
+    ``starts`` holds the timestamps of the tests that have one, and ``recordings`` all tests.
     """
     if not starts:
-        return _Times(None, "nothing says when the tests were run")
+        nothing = "nothing says when the tests were run"
+        return _Times(None, _unread_line(recordings) or nothing)
+    titles = [recording.title for recording in recordings]
     if len(starts) < len(titles):
         stated = [start.title for start in starts]
         lacking = [title for title in titles if title not in stated]

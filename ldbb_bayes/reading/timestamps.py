@@ -15,12 +15,38 @@ from typing import NamedTuple
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["Rank", "Timestamp", "epoch_stamp", "stamp_in_name", "stamps_in", "without_stamps"]
+__all__ = [
+    "Rank",
+    "Timestamp",
+    "epoch_stamp",
+    "stamp_in_name",
+    "stamps_in",
+    "unread_stamp",
+    "without_stamps",
+]
 
 # Regular expressions for words that precede a timestamp in a line; the keys are kinds of words,
 # such as "start".
 _WORDS = {kind: re.compile(words, re.IGNORECASE) for kind, words in WORDS["stamps"].items()}
 _MONTH = WORDS["parts"]["month"]
+_MARKS = WORDS["stamps"]
+# Regular expressions for dates and times in East Asian files, such as 2026年11月20日 and 14时3分,
+# and for a word for the morning or afternoon in front of a time.
+_DATE_WITH_MARKS = re.compile(
+    rf"(?P<year>\d{{4}})\s?{_MARKS['year']}\s?(?P<month>\d\d?)\s?{_MARKS['month']}"
+    rf"\s?(?P<day>\d\d?)\s?{_MARKS['day']}"
+)
+_TIME_WITH_MARKS = re.compile(
+    rf"(?P<hours>\d\d?)\s?{_MARKS['hours']}\s?(?P<minutes>\d\d?)\s?{_MARKS['minutes']}"
+    rf"(?:\s?(?P<seconds>\d\d?)\s?{_MARKS['seconds']})?"
+)
+_HALF_DAY_IN_FRONT = re.compile(
+    rf"(?:(?P<morning>{_MARKS['morning']})|{_MARKS['afternoon']})\s?(?P<time>\d\d?:\d\d(?::\d\d)?)"
+)
+# Regular expression for a date with words between day, month and year, such as 10 de junio de 2026.
+_DATE_WITH_WORDS = re.compile(
+    rf"(?P<day>\d\d?) de (?P<month>{_MONTH}) del? (?P<year>\d{{4}})", re.I
+)
 # Regular expression for a date. The year has four digits; if it follows a point or a slash, it may
 # also have two digits.
 _DATE = (
@@ -38,7 +64,8 @@ _TIME = (
 # Regular expression for a date and a time of day in either order, for a date alone, or for a time
 # of day alone.
 _STAMP = re.compile(
-    rf"(?<![\d:.,/+-])(?:(?P<date>{_DATE})(?:(?:T|[ ,;|\t]{{1,3}}|\s+(?:at|um)\s+){_TIME})?"
+    rf"(?<![\d./+-])(?<!\d[:,])(?:(?P<date>{_DATE})"
+    rf"(?:(?:T|[ ,;|\t]{{1,3}}|\s+(?:{_MARKS['between']})\s+){_TIME})?"
     rf"|{_TIME.replace('?P<', '?P<only_')}(?:[ ,;|\t]{{1,3}}(?:on |am )?(?P<date_after>{_DATE}))?)",
     re.IGNORECASE,
 )
@@ -108,7 +135,8 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
     """
     stamps = []
     end = 0
-    for match in _STAMP.finditer(text[:LONGEST_TEXT]):
+    text = _in_numbers(text[:LONGEST_TEXT])
+    for match in _STAMP.finditer(text):
         words_before = text[end : match.start()]
         end = match.end()
         rank_of_words = _rank_from_words(words_before)
@@ -122,6 +150,47 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
         if stamp is not None:
             stamps.append(stamp)
     return stamps
+
+
+def unread_stamp(text: str) -> str:
+    """Return a line with a date and a time of day after words that are not understood.
+
+    The result is empty if the line has no such timestamp, if the words before it say that it is the
+    time of a test, or if they say that it is the time of something else, such as a calibration.
+    """
+    end = 0
+    text = _in_numbers(text[:LONGEST_TEXT])
+    for match in _STAMP.finditer(text):
+        words_before = text[end : match.start()]
+        end = match.end()
+        is_understood = _rank_from_words(words_before) is not None
+        if _has_date_and_time(match) and not (
+            is_understood or _WORDS["other"].search(words_before)
+        ):
+            return text.strip()
+    return ""
+
+
+def _in_numbers(text: str) -> str:
+    """Return a text with dates and times in forms that have only numbers and names of months.
+
+    For example, ``2026年11月20日 14时3分`` becomes ``2026-11-20 14:03``.
+    """
+    text = _DATE_WITH_MARKS.sub(r"\g<year>-\g<month>-\g<day>", text)
+    text = _TIME_WITH_MARKS.sub(_time_in_numbers, text)
+    text = _HALF_DAY_IN_FRONT.sub(_time_with_half_day, text)
+    return _DATE_WITH_WORDS.sub(r"\g<day> \g<month> \g<year>", text)
+
+
+def _time_in_numbers(match: re.Match[str]) -> str:
+    """Return a matched time of day with marks, such as 14时3分, as ``14:03``."""
+    parts = [part.zfill(2) for part in match.groups() if part]
+    return ":".join(parts)
+
+
+def _time_with_half_day(match: re.Match[str]) -> str:
+    """Return a matched time after a word for the morning or afternoon with AM or PM behind it."""
+    return f"{match['time']} {'AM' if match['morning'] else 'PM'}"
 
 
 def without_stamps(text: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import field_files as field
 import numpy as np
 from field_files import TRUTH, FieldCase
 
@@ -14,7 +15,7 @@ NEWTONS_PER_KGF = 9.80665
 
 def language_cases() -> dict[str, FieldCase]:
     """Return the cases of files in further languages."""
-    return {**portuguese_cases(), **pandas_cases()}
+    return {**portuguese_cases(), **pandas_cases(), **stamp_cases()}
 
 
 def portuguese_cases() -> dict[str, FieldCase]:
@@ -74,3 +75,29 @@ def pandas_cases() -> dict[str, FieldCase]:
             told="sign of the reading: 1: a longer bar is positive (line 3",
         )
     }
+
+
+def stamp_cases() -> dict[str, FieldCase]:
+    """Return files that state when they were measured in further languages."""
+    lines = {
+        "japanese": "測定日時,2026/11/20 14:0{k}:00",
+        "chinese": "测量时间:2026年11月20日 下午2时0{k}分",
+        "korean": "측정일시: 2026-11-20 오후 2:0{k}",
+        "czech": "Datum měření: 20. 11. 2026 14:0{k}",
+        "polish": "Data pomiaru: 20.11.2026 godz. 14:0{k}",
+        "spanish": "Fecha: 20 de noviembre de 2026, 14:0{k}",
+        "portuguese": "Data do ensaio: 20/11/2026 às 14:0{k}",
+    }
+    cases = {}
+    for language, line in lines.items():
+        files = {}
+        for number, circle in enumerate(TRUTH):
+            above = line.format(k=3 * number)
+            files |= field.texts("Angle [deg],Reading [um]", above=above, circles=[circle])
+        cases[f"stamp_{language}"] = FieldCase(
+            "times of tests in other languages",
+            f"a line '{line.format(k=0)}'",
+            files,
+            told="time_s: 100N at 0 min, 300N at 3 min, 600N at 6 min (line 1",
+        )
+    return cases
