@@ -178,8 +178,9 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     Raises
     ------
     InputError
-        If the text is not a finite number with a unit of the same kind as ``unit``. If ``unit`` is
-        empty, the text must be a number without a unit.
+        If the text is not a number with a unit of the same kind as ``unit``. If ``unit`` is empty,
+        the text must be a number without a unit. Also if the number is too large for a computer, as
+        1e999 is, before or after the conversion.
     """
     match = re.fullmatch(
         r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)",
@@ -198,13 +199,11 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
             f"{subject} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5"
             f" {label}."
         )
-    require(
-        math.isfinite(float(match[1])),
-        f"{subject} must be a finite number, got {text!r}. Correct it.",
-    )
     # The converted number is rounded to fifteen digits, so that 60 nm/N is 6e-5 mm/N and not
     # 6.000000000000001e-05.
-    return float(f"{float(match[1]) * (written.factor / wanted.factor):.15g}")
+    number = float(f"{float(match[1]) * (written.factor / wanted.factor):.15g}")
+    _check_finite(number, text, subject)
+    return number
 
 
 def _number_without_unit(match: re.Match[str] | None, text: str, subject: str) -> float:
@@ -212,12 +211,25 @@ def _number_without_unit(match: re.Match[str] | None, text: str, subject: str) -
 
     ``match`` is the match of a regular expression: its group 1 is the number, and its group 2 holds
     the characters after the number. ``match`` is None if the text does not begin with a number.
-    Raise an `InputError` if ``text`` is not a number alone; ``subject`` is the name of the quantity
-    in the message.
+    Raise an `InputError` if ``text`` is not a finite number alone; ``subject`` is the name of the
+    quantity in the message.
     """
     if match is None or match[2].strip():
         raise InputError(f"{subject} must be a number without a unit, got {text!r}. Write 1.5.")
-    return float(match[1])
+    number = float(match[1])
+    _check_finite(number, text, subject)
+    return number
+
+
+def _check_finite(number: float, text: str, subject: str) -> None:
+    """Raise an `InputError` if the number read from a text is infinite, as for 1e999.
+
+    ``subject`` is the name of the quantity in the message, which quotes ``text``.
+    """
+    require(
+        math.isfinite(number),
+        f"{subject} must be a finite number, got {text!r}. Correct it.",
+    )
 
 
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:

@@ -159,5 +159,6 @@ def test_three_digits_need_no_power_of_ten(value: float, text: str) -> None:
     assert units.three_digits(value) == text
 
 
-def test_a_quantity_is_finite() -> None:
-    refuses("must be a finite number", units.to_inside, "1e999 mm", "mm")
+@pytest.mark.parametrize(("text", "unit"), [("1e999 mm", "mm"), ("1e308 m", "mm"), ("1e999", "")])
+def test_a_quantity_is_finite(text: str, unit: str) -> None:
+    refuses("must be a finite number", units.to_inside, text, unit)

@@ -637,8 +637,8 @@ def _check_models(
     """Raise an `InputError` if the models cannot be compared by evidence for this campaign.
 
     There must be at least two models. No two of them may be equal, each must have a proper prior,
-    and the campaign must have readings. The tolerance of ``evidences`` must be between 0.0001 and
-    1 nat.
+    and the campaign must have readings that are not all zero. The tolerance of ``evidences`` must
+    be between 0.0001 and 1 nat.
     """
     require_models(models)
     require_campaign(campaign)

@@ -55,7 +55,8 @@ def local_fits(
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
     If the estimates of a compliance from different pairs differ by more than their uncertainties,
-    the compliance changes with force.
+    the compliance changes with force. A pair then estimates about C + F dC/dF at its mean force F,
+    which differs from the compliance C at this force.
 
     Parameters
     ----------
@@ -83,8 +84,8 @@ def local_fits(
     Raises
     ------
     InputError
-        For one force level, a plan (a campaign without readings), a flat prior, or a probability
-        that is not between 0 and 1.
+        For one force level, a plan (a campaign without readings), readings that are all zero, a
+        flat prior, or a probability that is not between 0 and 1.
 
     Examples
     --------

@@ -143,10 +143,11 @@ class TriedCures:
         """Return the names of the parameters that are confounded after the remedies ``steps``.
 
         A remedy is a certificate of the instrument or a change of the plan. A parameter is
-        confounded if the sum of the shares of its variance that some effects cause is more than one
-        half. Only effects are meant whose standard uncertainty is assumed, and which cause errors
-        of all parameters in nearly the same proportions (`confounding_sources`). The result is
-        empty if the remedies cannot be applied one after the other.
+        confounded if some effects together cause more than half of its variance, and two conditions
+        hold for these effects: their standard uncertainties are assumed, neither measured nor
+        stated, and they cause errors of all parameters in nearly the same proportions
+        (`confounding_sources`). The result is empty if the remedies cannot be applied one after the
+        other.
         """
         if steps not in self._confounded_with:
             names = set()

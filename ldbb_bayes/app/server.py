@@ -81,7 +81,11 @@ async def _send_static(request: Request) -> Response:
 
 
 async def _say_unexpected(request: Request, error: Exception) -> Response:
-    """Return the response to a request that caused an unexpected error."""
+    """Return the response to a request that caused an unexpected error, with HTTP status 500.
+
+    Its message is in English, whatever the language of the page. Of the error, it states only the
+    name of the class, such as KeyError.
+    """
     message = str(words_of_page(LANGUAGES[0])["errors"]["unexpected"])
     return refused(message.format(error=type(error).__name__), 500)
 
@@ -159,7 +163,10 @@ async def _lifespan(app: Starlette) -> AsyncIterator[None]:
 
 
 def _delete_folders_of_dead_servers() -> None:
-    """Delete the temporary folders of servers whose processes ended without deleting them."""
+    """Delete the temporary folders of servers whose processes ended without deleting them.
+
+    On Windows, nothing is deleted, because `_is_running` takes every process to be running.
+    """
     for folder in Path(tempfile.gettempdir()).glob(f"{_FOLDER_PREFIX}*-*"):
         process = folder.name.removeprefix(_FOLDER_PREFIX).partition("-")[0]
         if process.isdecimal() and not _is_running(int(process)):
@@ -167,7 +174,10 @@ def _delete_folders_of_dead_servers() -> None:
 
 
 def _is_running(process: int) -> bool:
-    """Return whether a process is running. ``process`` is the id of the process."""
+    """Return whether a process is running; always true on Windows, which cannot be asked safely.
+
+    ``process`` is the id of the process.
+    """
     if os.name != "posix":
         # On Windows, ``os.kill(process, 0)`` would end the process instead of asking whether it
         # runs. The process is therefore assumed to be running.

@@ -239,7 +239,10 @@ def _check_restart(*, resume: bool, retry: bool, force: bool) -> None:
 
 
 def _checked_seed(seed: int) -> int:
-    """Return the seed as an integer; raise an `InputError` if it is not from 0 to 2^63 − 1."""
+    """Return the seed as an integer from 0 to 2^63 − 1.
+
+    Raise a `TypeError` if ``seed`` is not an integer, and an `InputError` if it is out of range.
+    """
     number = operator.index(seed)
     if not 0 <= number < 2**63:
         raise InputError(

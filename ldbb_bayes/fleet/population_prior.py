@@ -135,9 +135,10 @@ class PopulationPrior(Shown):
         Raises
         ------
         InputError
-            If the campaign's machine is not of the population's kind (other chain of axes, or
-            compliances with another meaning), or if the campaign belongs to the population: its
-            readings would count twice.
+            If the campaign's machine has another topology (chain of joints) than the population; if
+            the campaign lacks compliances of the population, or they stand for other sums of joint
+            compliances; or if the campaign belongs to the population: its readings would count
+            twice.
         """
         require_campaign(campaign)
         self._check_applies_to(campaign)

@@ -801,7 +801,8 @@ class Nodes:
         mm/N) are drawn at random given the picked hyper-parameters and the readings. For p
         parameters and h hyper-parameters, the results have the shapes (size, p) and (size, h). If
         the posterior of the nodes is ``truncated``, no compliance is negative in any draw. ``rng``
-        generates the random numbers.
+        generates the random numbers. Raise an `InputError` if repeated rejection finds no draw
+        without negative compliances.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)

@@ -212,7 +212,7 @@ class Information:
         return self._root_of(self._all_rows, np.arange(len(self.names)))
 
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
-        """Return a square root R of the posterior precision matrix RᵀR of the free coefficients.
+        """Return the upper triangular root R of the free coefficients' posterior precision RᵀR.
 
         The coefficients are divided by their prior sd, so that their prior precision is one. If the
         prior of the parameters of interest is flat, their prior precision is zero.

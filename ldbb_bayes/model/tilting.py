@@ -435,9 +435,9 @@ def _edges_of_nearest_point(
 
     Newton's method in `_solve_edges` starts from these edges e, shape (d,). Each x_j is drawn above
     a lower limit from a normal density shifted by its tilt μ_j; the edge e_j is this limit minus
-    μ_j. The constraints on the standard normal vector x are unit · x ≥ bound, where ``unit`` has
-    the shape (d, d), with ones on the diagonal, and ``bound`` the shape (d,). ``coupling`` is C =
-    unit unitᵀ − I.
+    μ_j. The constraints on the standard normal vector x are unit · x ≥ bound, where ``unit`` is a
+    lower triangular matrix with ones on the diagonal, shape (d, d), and ``bound`` has the shape
+    (d,). ``coupling`` is C = unit unitᵀ − I.
     """
     # The edges solve e + C m = bound, where m are the inverse Mills ratios of e. At the most
     # probable x, some constraints are binding: they hold with equality. Where an edge is large, e

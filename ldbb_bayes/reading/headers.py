@@ -536,7 +536,10 @@ def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log which column was assumed for each unstated role, such as angle."""
+    """Add to the log which column was assumed for each unstated role, such as angle.
+
+    The columns are also kept in the log for the layout that it completes (`AssumptionLog.keep`).
+    """
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():
         if role not in layout.columns:

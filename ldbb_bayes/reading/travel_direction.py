@@ -306,10 +306,11 @@ def _is_about_angles(text: str) -> bool:
 
 
 def _direction_after(text: str) -> set[str]:
-    """Return the directions, CW and CCW, that a line states after a word such as "direction".
+    """Return the directions, CW and CCW, that a text on the direction of travel states.
 
-    ``text`` is the rest of the line after this word, or a whole line about travel. If the text
-    names both directions, the directions after its last separator, such as a colon, are returned.
+    ``text`` is what follows a word such as "direction", or a whole statement about travel that
+    contains no such word. The words G2 and G3 count as CW and CCW. If the text names both
+    directions, the directions after its last separator, such as a colon, are returned.
     """
     senses = senses_in(text) | _senses_of_arcs(text)
     if not senses:

@@ -35,13 +35,16 @@ _MOST_DESIGNS = 2
 def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on how far the readings determine each parameter.
 
-    The first table has one row for each parameter. It states the expanded uncertainty U (k = 2),
-    the verdict, the cheapest remedy that reduces U markedly (a certificate, or a change of the
-    tests), and U with this remedy. The verdict names the largest source of variance. A list follows
-    of pairs of remedies, for parameters that need two remedies. The second table has one row for
-    each certificate of the instrument. The row names the parameters that the certificate would make
-    less uncertain. The method ``details`` of the result returns all tables
-    and sentences, with the combinations of parameters that the readings cannot separate.
+    The first table has one row for each parameter except slopes (coefficients of a compliance as a
+    polynomial in force). Instead of the slopes, it has one row for the change of each compliance
+    over the tested forces. It states the expanded uncertainty U (k = 2), the verdict, the cheapest
+    remedy that reduces U markedly (a certificate, or a change of the tests), and U with this
+    remedy. The verdict names the largest source of variance, or the effects with which the quantity
+    is confounded. If some parameters need two remedies, a list of pairs of remedies follows. If the
+    instrument lacks certificates, a second table has one row for each of them. The row names up to
+    four parameters that the certificate would make less uncertain. The method ``details`` of the
+    result returns all tables and sentences, with the combinations of parameters that the readings
+    cannot separate.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]

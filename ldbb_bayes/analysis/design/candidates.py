@@ -209,7 +209,7 @@ def grid_of_tests(
 def bind_tests(
     model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model applied to planned tests.
+    """Return the model applied to planned tests, alone or together with the pilot's tests.
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
     from the pilot. The model also has the parameters that only the pilot's tests can determine,

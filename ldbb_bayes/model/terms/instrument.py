@@ -278,7 +278,8 @@ class ForceError(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of the force error, given the coefficient's name.
 
-        The unit is N for the random error, and % for gain and curvature.
+        The random error is in N. Gain and curvature are ratios (internal unit 1), which reports
+        display in %.
         """
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
 
