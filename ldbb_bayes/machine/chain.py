@@ -176,7 +176,7 @@ class Machine(Shown):
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        """Check planes, topology and frames of joints, and store them in final types and order."""
+        """Check planes, topology and frames of joints; store planes and frames as tuples."""
         planes = (self.planes,) if isinstance(self.planes, str) else tuple(self.planes)
         check_known("plane", planes, PLANES)
         object.__setattr__(self, "planes", tuple(plane for plane in PLANES if plane in planes))

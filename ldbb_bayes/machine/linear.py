@@ -235,8 +235,8 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
     The compliances and sets (Table 2 of the article on the model) are computed numerically from the
     readings per unit compliance. A compliance of a joint is its motion in one direction per unit of
-    one force or moment. All compliances whose motion and load lie in a tested plane are examined,
-    and those other compliances that change a reading. Compliances that change readings in
+    one force or moment. The function examines all compliances whose motion and load lie in a tested
+    plane, and all other compliances that change a reading. Compliances that change readings in
     proportion to each other form a set. The following rules choose the compliance that represents a
     set, in the order of their importance. For the machine in the article, the rules give the choice
     of the article:

@@ -84,20 +84,19 @@ class Update(NamedTuple):
     ``first`` to m.
     """
 
-    #: Slice that selects some groups of columns from the list of all groups that are eliminated at
-    #: the same time from the precision matrix P. The elimination of a selected group changes later
-    #: columns of P. Groups that change the same columns are adjacent in the list.
+    #: Groups of columns whose elimination an `Update` describes: a slice of the list of all groups
+    #: that are eliminated at the same time. Groups that change the same later columns are adjacent
+    #: in the list.
     groups: slice
     #: Number of borders. When a group of columns of a matrix is eliminated, m later columns change;
     #: the set of these m columns is called the border of the group. Several groups may have the
     #: same border; different borders share no column.
     borders: int
-    #: Smallest row index i of the entries P_ij of the matrix P that change when a group of columns
-    #: of P is eliminated. The index counts only the m later columns that change, from 0.
+    #: Smallest row i in which an entry P_ij of the matrix P changes when a group of columns of P is
+    #: eliminated. i counts only the m later columns that change, from 0.
     first: int
-    #: One more than the largest row index i of the entries P_ij of the matrix P that change when a
-    #: group of columns of P is eliminated. The index counts only the m later columns that change,
-    #: from 0.
+    #: Largest row i in which an entry P_ij of the matrix P changes when a group of columns of P is
+    #: eliminated, plus 1. i counts only the m later columns that change, from 0.
     stop: int
     #: Rows of the workspace that hold the entries P_ij which change when groups of columns are
     #: eliminated, shape (borders, stop − first, m + 1 − first), where m is the number of later
@@ -259,9 +258,9 @@ class EliminationPlan:
 
         A front contains groups of columns of a matrix that are eliminated together. The groups of a
         family change the same later columns when they are eliminated. All groups of the front have
-        equal numbers of columns, and they change equal numbers of later columns. ``signs`` holds 1
-        for each coefficient with a positive prior variance, and −1 for each with a negative one,
-        which removes noise (`Observations.signs`).
+        equal numbers of columns, and they change equal numbers of later columns. ``signs`` holds
+        the sign, 1 or −1, of the prior variance of each coefficient. `Observations.signs` explains
+        why a prior variance may be negative.
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])

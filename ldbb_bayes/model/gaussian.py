@@ -285,7 +285,10 @@ class Gaussian(Shown):
 
     @cached_property
     def shift(self) -> Array:
-        """Vector η = precision matrix times mean of functions of q coefficients, shape (..., q)."""
+        """Vector η = P · mean of each Gaussian function of q coefficients, shape (..., q).
+
+        P is the precision matrix of the function.
+        """
         return np.einsum("...ij,...j->...i", self.precision, self.mean)
 
     @cached_property
@@ -339,9 +342,10 @@ class Gaussian(Shown):
         Parameters
         ----------
         combinations
-            Matrix A whose m rows are linear combinations of the q coefficients, shape (..., m, q).
-            The leading dimensions of A are broadcast with the dimensions "..." of the Gaussian
-            functions. If A is given, X is the square root of the covariance of the m combinations.
+            Matrix A, shape (..., m, q). Each of its m rows holds the weights of the q coefficients
+            in a linear combination. The leading dimensions of A are broadcast with the dimensions
+            "..." of the Gaussian functions. If A is given, X is the square root of the covariance
+            of the m combinations.
 
         Returns
         -------

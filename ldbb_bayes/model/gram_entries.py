@@ -65,9 +65,9 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index of the first column of a group whose Gram entries (scalar products of columns of the
-    #: design matrix) are in ``products``; the same for all groups. For all columns in ``products``,
-    #: entries above the row with this index are left out.
+    #: Index, within each group, of the first column whose Gram entries (scalar products of columns
+    #: of the design matrix) are in ``products``. For all columns in ``products``, entries above the
+    #: row with this index are left out.
     first: int
     #: For each group of columns of the design matrix, the indices of k kinds of rows, shape
     #: (groups, k). Rows of one kind have the same variance. The array ``products`` holds one sum of
@@ -120,7 +120,7 @@ class GramEntries:
         values: Array,
         kinds: NDArray[np.intp],
     ) -> None:
-        """Compute scalar products of the columns of a design matrix, also with the readings.
+        """Compute scalar products of columns with each other and with the readings.
 
         ``columns``, shape (rows, columns), is the design matrix, and ``values``, shape (rows,),
         holds the readings. The list of all products is divided into ``blocks``. ``place``, shape

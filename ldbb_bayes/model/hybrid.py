@@ -407,10 +407,11 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model with only the named rivals of the slopes.
+        """Return the same model without some effects that resemble a slope.
 
-        Rivals are effects that resemble a change of compliance with force, such as ``joint load``.
-        The property `rivals` lists the rivals of a model. All rivals except ``names`` are removed.
+        A slope is a change of a compliance with force. Effects that resemble it, such as ``joint
+        load``, are called rivals; the property `rivals` lists those of a model. The result has only
+        those rivals that are in ``names``.
         """
         model = self
         for name in self.rivals:
@@ -561,7 +562,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """
 
     def place(scale: Scale) -> int:
-        """Return the place of the hyper-parameter ``scale`` in the order of hyper-parameters."""
+        """Return a number for ``scale``; hyper-parameters are sorted by increasing numbers."""
         if scale.name in _HYPER_ORDER:
             return _HYPER_ORDER.index(scale.name)
         return len(_HYPER_ORDER) + int(scale.law == "circle")
@@ -860,8 +861,9 @@ class BoundModel(Shown):
         β are the p parameters of interest. A β holds the compliances C(F) that must not be
         negative, at tested forces F. The elements of A for slopes (changes of compliances with
         force) are powers of F − F0, where F0 is the reference force ``reference_force_N``. If
-        compliances are constant in force, A has rows for one tested force; if they are linear, for
-        the smallest and the largest tested force; if they are quadratic, for all tested forces.
+        compliances are constant in force, A has rows for only one tested force. If they are linear
+        in force, A has rows for the smallest and the largest tested force. If they are quadratic,
+        A has rows for all tested forces.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
@@ -1021,8 +1023,9 @@ class BoundModel(Shown):
 
         ``columns`` holds the columns and the noise of nuisance terms (effects modelled but not of
         interest). ``interest``, shape (tests, 25, p), holds the effects of the p parameters for
-        whose values the density is computed; None if it does not depend on parameters. The readings
-        that the least-squares estimate `centre` of the parameters predicts are subtracted.
+        whose values the density is computed; None if the density does not depend on parameters.
+        The readings that the least-squares estimate `centre` of the parameters predicts are
+        subtracted from the readings.
         """
         return StructuredGaussian(
             self.reduced,

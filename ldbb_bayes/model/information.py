@@ -348,8 +348,8 @@ class Information:
         ----------
         weights
             Weights of the m coefficients in q weighted sums, shape (q, m); the coefficients are in
-            units of their prior sds. If weights are given, the contributions are to the covariance
-            of the q sums, shape (q, q), and not to that of the parameters.
+            units of their prior sds. If weights are given, the result holds contributions to the
+            covariance of the q sums, shape (q, q), instead of that of the parameters.
         """
         joint = self.covariance()
         interest = self.interest

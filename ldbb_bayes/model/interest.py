@@ -159,8 +159,9 @@ class ParametersOfInterest:
 
         Some compliances of the machine are left out of the model, because their effect on the
         readings is a linear combination of the effects of compliances in the model. The estimates
-        of the compliances in the model then include parts of those left out. Their prior sds
-        therefore include contributions of the compliances left out, unless the user gave them.
+        of the compliances in the model then include parts of those left out. A prior sd that the
+        user gave is used unchanged. All other prior sds therefore include contributions of the
+        compliances left out.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)

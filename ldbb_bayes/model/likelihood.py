@@ -98,17 +98,17 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice that selects a batch of the values of the hyper-parameters that the caller gave.
+        """Slice that selects the batch from all values of the hyper-parameters.
 
-        A batch is a part of the values, which is processed at once.
+        The values were given by the caller. A batch consists of values that are processed together.
         """
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property
     def size(self) -> int:
-        """Number of values of the hyper-parameters in the batch, without repeated values.
+        """Number of values of the hyper-parameters in the batch, before the last value is repeated.
 
-        The last value is repeated to fill up the batch to a multiple of eight.
+        The last value is repeated to fill up the batch to a multiple of eight values.
         """
         return int(self.phi_index[-1] + 1 - self.phi_index[0])
 

@@ -86,10 +86,10 @@ class _Node(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of columns that one step eliminates, and number of columns that it changes.
+        """Number of columns of the node, and number of later columns that they change.
 
-        The step belongs to the factorisation of a sparse matrix. The columns that change are
-        eliminated in later steps.
+        The columns of the node are eliminated together from a sparse matrix. This changes columns
+        that are eliminated later.
         """
         return self.columns.bit_count(), self.border.bit_count()
 

@@ -132,13 +132,12 @@ class NoisyLogProbability(NamedTuple):
     #: log probability that no element of u is negative, for each of w Gaussian vectors u, shape
     #: (w,)
     log_value: Array
-    #: error of the log probability ln P(u ≥ 0) of each of w Gaussian vectors u that is due to
-    #: analytical bounds and to constraints u_j ≥ 0 left out [nat], shape (w,); infinite if no
+    #: largest error of each log probability ln P(u ≥ 0) [nat], shape (w,), that can arise because
+    #: analytical bounds are used or some constraints u_j ≥ 0 are left out; infinite if no
     #: quasi-random point satisfies all constraints
     common_error: Array
-    #: error of the log probability ln P(u ≥ 0) of each of w Gaussian vectors u that is due to the
-    #: limited number of quasi-random points [nat], shape (w,): the standard error, times a factor
-    #: from Student's t
+    #: error of each log probability ln P(u ≥ 0) [nat], shape (w,), that arises because the number
+    #: of quasi-random points is limited: the standard error, times a factor from Student's t
     noise: Array
 
 
@@ -804,7 +803,7 @@ def _core_rows(
     The rank is the number of linearly independent constraints; it is the same for all vectors. Each
     vector u = mean + spread @ e has m constraints u_j ≥ 0; e is standard normal with q elements,
     ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). For each vector, the
-    indices j are sorted so that the ratio of the mean of u_j to its sd increases.
+    indices j are sorted by the mean of u_j divided by the sd of u_j, the smallest ratio first.
     """
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)
@@ -827,11 +826,11 @@ def _binding_rows(
 ) -> list[int]:
     """Return the indices of linearly independent constraints on one vector, the tightest first.
 
-    There are m constraints on a standard normal vector e of q elements. First, the constraints are
-    chosen that hold with equality at the most probable e that satisfies all constraints. Further
+    There are m constraints on a standard normal vector e of q elements. Constraints that hold with
+    equality at the most probable e that satisfies all constraints are chosen first. Further
     constraints are then added one by one until there are ``rank`` constraints. The next constraint
     is always the one whose row has the longest component perpendicular to the rows of all
-    constraints that are already chosen. The result is sorted by increasing ``distance``.
+    constraints chosen before. The result is sorted by increasing ``distance``.
 
     Parameters
     ----------

@@ -252,8 +252,8 @@ class Prior(Shown):
     #: scale of the half-normal prior of τ, the sd of the balls' form error with 6 waves around the
     #: circle [µm]
     tau_um: float = 1.5
-    #: scale of the half-normal prior of ω, the sd of the machine's geometric and cyclic errors of
-    #: higher orders, with 6 waves around the circle [µm]
+    #: scale of the half-normal prior of ω [µm]. ω is the sd of those geometric and cyclic errors of
+    #: the machine that have 6 waves around the circle
     omega_um: float = 1.5
     #: scale of the half-normal prior of η, the sd of hysteresis that does not depend on force [µm]
     eta_um: float = 2.0
@@ -284,7 +284,7 @@ class Prior(Shown):
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Convert the prior's values with units to numbers; raise an `InputError` if invalid."""
+        """Convert values with units to numbers, and raise an `InputError` if a value is invalid."""
         self._convert_settings()
         self._convert_table("overrides", "prior sd of")
         self._convert_table("means", "prior mean of")

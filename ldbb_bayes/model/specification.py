@@ -293,11 +293,11 @@ def read_truths(path: Path) -> Truths:
 
 
 def _plan_of_truths(file: _TruthsFile, name: str) -> Campaign:
-    """Return the plan to simulate: one full circle at each force of a file of true values.
+    """Return the plan to simulate, with one full circle at each force that a file lists.
 
-    ``file`` is the content of the file, and ``name`` the name of the plan. Each circle has
-    ``file.readings`` readings at equally spaced angles. Raise an `InputError` if the plan would
-    have too many readings.
+    ``file`` is the content of the file, which also holds the true values for the simulation.
+    ``name`` is the name of the plan. Each circle has ``file.readings`` readings at equally spaced
+    angles. Raise an `InputError` if the plan would have too many readings.
     """
     total = file.readings * len(file.forces_N or ())
     require(

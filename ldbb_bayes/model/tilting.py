@@ -256,8 +256,8 @@ class Tilted(NamedTuple):
         follow from the constraints on x. ``x``, shape (d, s, w), holds s points of d coordinates
         for each of w sets of constraints. Each limit has the shape (s, w), or (1, w) if it is the
         same for all points. Only dependent constraints, which are linear combinations of the
-        independent constraints, can bound x_j from above. The upper limit is None if x_j is not the
-        last element of any dependent constraint.
+        independent constraints, can bound x_j from above. The upper limit is None if none of them
+        bounds x_j.
         """
         # The first constraint on the vector x depends only on its first element x_0. The lower
         # limit of x_0 is therefore the same for all points x.
@@ -301,11 +301,11 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return log tail probabilities from which a standard normal variable is drawn in an interval.
+    """Return log tail probabilities of random values of a standard normal variable in an interval.
 
-    The random value of the variable is the value that has the tail probability. The tail is to the
-    left of the value if ``interval.direction`` is −1, and to the right if it is 1. The tail
-    probability is uniformly distributed between those of the two ends of the interval. It is
+    The caller computes the random values from these probabilities. The tail of a value is to its
+    left if ``interval.direction`` is −1, and to its right if it is 1. The tail probability is
+    uniformly distributed between the tail probabilities of the two ends of the interval. It is
     computed from the random numbers ``uniform``, which are between 0 and 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)

@@ -135,17 +135,18 @@ class Truncation:
 class _Block(NamedTuple):
     """Parameters that have constraints in common, directly or through other parameters."""
 
-    columns: NDArray[np.intp]  # indices of the parameters
-    rows: NDArray[np.intp]  # indices of the constraints on these parameters
+    columns: NDArray[np.intp]  # indices of the parameters in the block
+    rows: NDArray[np.intp]  # indices of the constraints on the parameters in the block
 
 
 @lru_cache(maxsize=64)
 def _blocks_of(nonzero: bytes, p: int) -> tuple[_Block, ...]:
-    """Return the blocks of those parameters of p that have constraints.
+    """Sort parameters into blocks, so that no constraint depends on parameters of two blocks.
 
-    ``nonzero`` states, for each of m constraints and p parameters, whether the constraint depends
-    on the parameter. The array, shape (m, p), is passed as bytes, because arguments of a cached
-    function must be hashable.
+    There are p parameters; those that have no constraint are in no block. ``nonzero`` states, for
+    each of m constraints and p parameters, whether the constraint depends on the parameter. The
+    array, shape (m, p), is passed as bytes, because arguments of a cached function must be
+    hashable.
     """
     depends = np.frombuffer(nonzero, dtype=bool).reshape(-1, p)
     has_common = depends.T.astype(float) @ depends > 0.0
@@ -167,9 +168,9 @@ class _Limits(NamedTuple):
 
 
 class _DensityOnGrid(NamedTuple):
-    """Values of a density at the points of a grid; both arrays have the shape (..., points).
+    """Values of a density at the points of a grid. The density is not normalised.
 
-    The density is not normalised.
+    ``grid`` holds the points, and ``density`` the values there; both have the shape (..., points).
     """
 
     grid: Array
@@ -326,20 +327,19 @@ def _eliminate_last(
     the lower bounds ``edge``, shape (..., m) for many sets of bounds. The result is a pair in the
     same form: coefficients and lower bounds of constraints on the first k − 1 coordinates.
     Constraints that do not contain the last coordinate are kept. Each new constraint is the sum of
-    two old ones: one bounds the last coordinate from below, the other bounds it from above. They
-    are scaled so that the last coordinate cancels.
+    two old constraints: one bounds the last coordinate from below, the other bounds it from above.
+    Before they are added, the two are scaled so that the last coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)
     below, above = _opposite_pairs(last)
 
     def combine(values: Array) -> Array:
-        """Return coefficients or lower bounds of constraints without the last coordinate.
+        """Return the coefficients, or the lower bounds, of the new constraints.
 
-        Two old constraints are combined into one, so that the last coordinate cancels.
-
-        ``values`` are the coefficients or the lower bounds of the old constraints, with one row for
-        each constraint.
+        The new constraints do not contain the last coordinate. They are the old constraints that do
+        not contain it, and sums of two old constraints in which it cancels. ``values`` holds the
+        coefficients, or the lower bounds, of the old constraints, with one row for each constraint.
         """
         scale = last.reshape(-1, *[1] * (values.ndim - 1))
         pairs = values[below] / scale[below] - values[above] / scale[above]

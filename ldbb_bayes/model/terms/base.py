@@ -318,9 +318,10 @@ class Term(Shown):
         """Return whether a certificate states the uncertainty of a coefficient of this term.
 
         ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates. The
-        term may assume uncertainties for several properties, such as bar_length. A property counts
-        for the coefficient if its name begins the coefficient's name. If several properties do so,
-        the one with the longest name counts.
+        term may assume uncertainties for several properties, such as bar_length. A coefficient
+        belongs to the property with whose name its own name begins, as bar_length_150 belongs to
+        bar_length. If there are several such properties, it belongs to the one with the longest
+        name.
         """
         stated = False
         longest = -1

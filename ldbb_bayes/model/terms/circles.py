@@ -150,7 +150,7 @@ class CircleScale(Term):
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the hyper-parameters: for each test, a factor λ on the noise of its circle.
+        """Return the factors λ on the noise of the circles; each factor is a hyper-parameter.
 
         ``setting`` describes the test conditions. The result is an empty tuple for campaigns with
         fewer than four tests.
@@ -241,7 +241,7 @@ class Hysteresis(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """The scale η of the part of hysteresis that does not depend on force, a hyper-parameter.
+        """Hyper-parameter η: the scale of the part of hysteresis that does not depend on force.
 
         If the field ``law`` is ``fixed``, the result is an empty tuple, and the field
         ``constant_um`` is used instead of η. The model of a campaign has η only if circles run in

@@ -21,13 +21,13 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# The coefficients of a model are listed with the class name of the nuisance term (an effect
-# modelled but not of interest) to which each of them belongs. Parameters of interest belong to no
-# nuisance term and are listed with the word ``Parameters`` instead.
+# Word that stands for the parameters of interest where each coefficient of a model is listed with
+# the class name of its nuisance term (an effect modelled but not of interest). The parameters of
+# interest belong to no nuisance term.
 OWN = "Parameters"
-# The sources of noise of a model are listed with the class name of the nuisance term (an effect
-# modelled but not of interest) to which each of them belongs. The white noise of the readings
-# belongs to no nuisance term and is listed with the word ``ReadingNoise`` instead.
+# Word that stands for the white noise of the readings where each source of noise is listed with the
+# class name of its nuisance term (an effect modelled but not of interest). The white noise belongs
+# to no nuisance term.
 NOISE = "ReadingNoise"
 # The scale τ of the balls' form errors, and the scale ω of the machine's errors of higher orders,
 # apply to harmonics cos nθ, sin nθ of this order n. At any other order, the scales are multiplied

@@ -161,8 +161,8 @@ class JointLoad(Term):
         """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
 
         The formulas are in `JointLoad`. ``force_N`` holds the forces F; ``setting`` holds the
-        reference force F0 and the largest force F_max. u is the component along an axis of the unit
-        vector along the bar. ``u_squared`` is u², ``u_cubed`` is |u|³ and ``u_contact`` is
+        reference force F0 and the largest force F_max. Let u be the component of the bar's unit
+        vector along an axis. ``u_squared`` is u², ``u_cubed`` is |u|³ and ``u_contact`` is
         |u|^(5/3), as numbers or as Fourier coefficients that are broadcast against the forces. The
         result has the shape (..., 3) [N].
         """
