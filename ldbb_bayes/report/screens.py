@@ -40,9 +40,10 @@ def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     over the tested forces. It states the expanded uncertainty U (k = 2), the verdict, the cheapest
     remedy that reduces U markedly (a certificate, or a change of the tests), and U with this
     remedy. The verdict names the largest source of variance, or the effects with which the quantity
-    is confounded. If some parameters need two remedies, a list of pairs of remedies follows. If the
-    instrument lacks certificates, a second table has one row for each of them. The row names up to
-    four parameters that the certificate would make less uncertain. The method ``details`` of the
+    is confounded. If some parameters need two remedies, a list of pairs of remedies follows. Unless
+    the prior is flat, a second table has one row for each certificate that the instrument lacks,
+    and, for several of them, one for all together. A row names up to four parameters that the
+    certificates would make less uncertain by more than a tenth. The method ``details`` of the
     result returns all tables and sentences, with the combinations of parameters that the readings
     cannot separate.
     """
