@@ -15,8 +15,8 @@ def run() -> None:
     ends with exit code 130.
     """
     # Let BLAS (the linear algebra library behind NumPy) use one thread, which is faster than
-    # several because the matrices are small. NumPy reads these
-    # environment variables when it is loaded.
+    # several because the matrices are small. NumPy reads these environment variables when it is
+    # loaded.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:

@@ -88,9 +88,10 @@ def check_seed(seed: object) -> None:
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """Put the place of the fault first in the message of an `InputError` from the ``with`` block.
+    """Put the place of a fault at the beginning of the message of an `InputError`.
 
-    The place is, for example, the name of the file that contains the fault.
+    The error is raised in the ``with`` block. The place is, for example, the name of the file that
+    contains the fault.
     """
     try:
         yield
@@ -113,9 +114,9 @@ class _Similarity(NamedTuple):
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is most similar to ``name``, a name that is probably misspelt.
 
-    Of several equally similar names, a name with the same letters as ``name``, in any order, is
-    preferred. If there is none, the name whose first common substring with ``name`` is longest is
-    preferred. Capital and small letters are not distinguished.
+    If several names are equally similar, a name with the same letters as ``name``, in any order, is
+    preferred. If there is no such name, the name whose first common substring with ``name`` is the
+    longest is preferred. Capital and small letters are not distinguished.
     """
     lower_name = name.lower()
 

@@ -203,8 +203,8 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
         ]
         text = f"{kind.__name__}({', '.join(assignments)})"
     while len(text) > longest and assignments:
-        # If the text of an object that is an attribute of another object is too long, only the
-        # name of its class is displayed.
+        # If the object is an attribute of another object, and its text is too long, only the name
+        # of its class is displayed.
         assignments = assignments[:-1] if longest == _LONGEST_REPR else []
         text = f"{kind.__name__}({', '.join([*assignments, '…'])})"
     return text
@@ -232,7 +232,7 @@ class Shown:
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
-        """Give a subclass the one-line ``repr`` of this class, unless it defines another."""
+        """Give a subclass the one-line ``repr`` of this class, unless the subclass defines one."""
         # The decorator ``dataclass`` writes a new method ``__repr__`` unless the class already has
         # one. Therefore ``__repr__`` is set here. Writing ``repr=False`` in every decorator would
         # not suffice, because users define subclasses too.

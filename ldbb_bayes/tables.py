@@ -27,8 +27,8 @@ __all__ = [
     "wrapped",
 ]
 
-# Largest number of rows of a data frame that are displayed. Of a longer data frame, only the first
-# and the last rows are displayed.
+# Largest number of rows of a data frame that are displayed. If a data frame has more rows, only its
+# first and its last rows are displayed.
 _MOST_ROWS = 60
 # Smallest line width for which tables and texts are laid out [characters]. This width is also used
 # if there is no terminal.
@@ -40,9 +40,9 @@ _TERMINAL_LINES = 24
 # Largest number of lines of a table that ``print`` shows with all columns. From a longer table,
 # ``print`` leaves out the columns that do not fit side by side.
 _SCREEN_LINES = 45
-# Smallest widths of the column headings of a displayed table [characters]. Headings are broken into
-# lines, but are not made narrower than the first of these widths. As long as the table is too wide,
-# the next width is tried.
+# Widths [characters] for the column headings of a displayed table. Headings that are wider than the
+# first width are broken into lines, between words. As long as the table is too wide, the headings
+# are broken again for the next width.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
@@ -446,13 +446,14 @@ class _RowsInstead(NamedTuple):
     The data frame itself keeps the rows that are not displayed.
     """
 
-    #: names of the rows of a data frame that are not displayed; only `ReadableFrame.details`
-    #: displays them
+    #: names of the rows of a data frame in whose place substitutes are displayed; only
+    #: `ReadableFrame.details` displays these rows too
     replaced: tuple[str, ...]
-    #: rows that are displayed in place of rows of a data frame; the keys are their names. Each
-    #: value is a dictionary of cells whose keys are the names of the columns.
+    #: substitutes, which are displayed in place of some rows of a data frame; the keys are the
+    #: names of the substitutes. Each value is a dictionary of cells whose keys are the names of the
+    #: columns.
     displayed: Mapping[str, Mapping[str, Any]]
-    #: index of the row of the data frame above which the substitutes for other rows are displayed
+    #: index of a row of the data frame; the substitutes for other rows are displayed above this row
     position: int
     #: number of rows that the data frame had when substitutes were defined for some of its rows
     length: int
@@ -568,7 +569,7 @@ def _heads_with_units(frame: pd.DataFrame) -> list[str]:
 
 
 def _row_label(label: Hashable) -> Hashable:
-    """Return the name of a data frame's row; a name of several parts is joined by slashes."""
+    """Return the name of a data frame's row; slashes separate the parts of the name, if any."""
     if isinstance(label, tuple):
         return " / ".join(map(str, label))
     return label

@@ -488,7 +488,7 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
 
 
 def _with_minus_sign(value: float, decimals: int) -> str:
-    """Return a value rounded to a number of decimals as text, with a true minus sign."""
+    """Return a value as text, with ``decimals`` decimals and a true minus sign."""
     return round_like(value, decimals).replace("-", "−")
 
 

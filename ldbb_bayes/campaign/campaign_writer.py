@@ -128,7 +128,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, first angle and arc of the evenly spaced angles of a planned test.
+    """Return the number, the first angle and the arc of a planned test's evenly spaced angles.
 
     The result is a dictionary with the keys of campaign.toml. Raise an `InputError` if the
     angles are not evenly spaced within one turn.

@@ -78,7 +78,7 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """What the certified quantity is, such as ``length``, by its name and attribute refType.
+        """What the certified quantity is, such as ``length``, as its name or refType shows.
 
         If the name and the refType of the quantity do not show its role, the names and refType
         attributes of the certificate's elements that contain the quantity are used. If these do not
@@ -286,8 +286,8 @@ class CalibrationCertificate(Shown):
         """Return the largest linearity error of a force device that the certificate states.
 
         The linearity error is the deviation from a straight line, as a ratio or as a force in
-        newtons. Errors are compared as ratios. Of several equally large errors, return the last
-        one. Return None if no error is stated.
+        newtons. Errors are compared as ratios. If several errors are equally large, return the last
+        of them. Return None if no error is stated.
         """
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])
@@ -341,8 +341,8 @@ class CalibrationCertificate(Shown):
         """Return lists of the certified quantities whose unit has the given dimension, such as m.
 
         There is one list for each role; the keys are the roles. A role says what a quantity is,
-        such as a length or a force. Quantities with an unknown unit are included; quantities
-        without a role are left out.
+        such as a length or a force. Quantities with an unknown unit are included too, but
+        quantities without a role are left out.
         """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
@@ -364,7 +364,7 @@ class CalibrationCertificate(Shown):
         return label
 
     def _quantities_in_words(self) -> str:
-        """Return names and units of the certificate's quantities as text, for error messages."""
+        """Return the names and units of the certificate's quantities as text, for messages."""
         return _listed(self.quantities) or "no number at all"
 
 
@@ -475,8 +475,8 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 def _largest_quantity(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
     """Return the certified quantity with the largest absolute value.
 
-    Of several equally large quantities, return the last one. Return None if ``quantities`` is
-    empty.
+    If several quantities are equally large, return the last of them. Return None if ``quantities``
+    is empty.
     """
     if not quantities:
         return None

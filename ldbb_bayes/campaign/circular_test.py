@@ -356,9 +356,10 @@ class CircularTest(TestFields):
 
     @property
     def planned_arc_deg(self) -> float:
-        """Arc [deg] of a planned test's angles in campaign.toml; ±360 for a full turn.
+        """Arc [deg] that the angles of a planned test cover, as campaign.toml states it.
 
-        The angles are evenly spaced. The arc is negative if the angles decrease.
+        The angles are evenly spaced. The arc is negative if the angles decrease. The arc of a full
+        turn is 360 or −360.
         """
         readings = len(self.angle_deg)
         turn_deg = readings * self.step_deg

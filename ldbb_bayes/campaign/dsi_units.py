@@ -36,7 +36,7 @@ class UnitSize(NamedTuple):
 
 
 def parse_unit(unit: str | None) -> UnitSize | None:
-    r"""Return size and dimension of a unit that is written in the notation of the D-SI.
+    r"""Return the size and the dimension of a unit that is written in the notation of the D-SI.
 
     The D-SI (Digital SI) is the notation of units in digital calibration certificates. Return None
     for an unknown unit.

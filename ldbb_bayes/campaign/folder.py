@@ -41,8 +41,8 @@ TRUTH_NAME = "truth.json"
 # Name of the file that states how the imported files were read, in the folder of an imported
 # campaign.
 IMPORT_NAME = "import.toml"
-# Largest number of characters of a name, machine_id or date that `labels_of` returns; longer ones
-# are left out.
+# Largest number of characters of a name, machine_id or date that `labels_of` returns; longer
+# texts are left out.
 _LONGEST_LABEL = 200
 
 
@@ -141,7 +141,8 @@ def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) 
     """Return the instrument with new values of the fields that ``certificates`` names.
 
     ``certificates`` holds new values; the keys are names of fields of `Instrument`. If a value of
-    the bar or of the force device is replaced, the name of the device's old certificate is removed.
+    the bar or of the force device is replaced, the name of the certificate that stated the old
+    value is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:
@@ -211,7 +212,7 @@ def files_of(folder: Path) -> set[str]:
 
 
 def pilot_of_plan(folder: Path | None) -> set[str]:
-    """Return a set that contains the name of the pilot's folder, or an empty set without a pilot.
+    """Return a set with the name of the pilot's folder, or an empty set if there is no pilot.
 
     The pilot is the campaign or plan from which the plan was designed. Its folder, which is inside
     the folder of the plan, holds only a copy and may be deleted when the plan is replaced.

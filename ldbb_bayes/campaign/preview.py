@@ -39,9 +39,9 @@ _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this multiple of the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
-# A difference between two forces of a test is reported if it exceeds this fraction of the force at
-# the campaign's largest pressure. The two forces are the force given for the test, and the force
-# that follows from the test's pressure by the campaign's force law.
+# The force given for a test may differ from the force that follows from the test's pressure by the
+# campaign's force law. The preview reports a difference that exceeds this fraction of the force at
+# the campaign's largest pressure.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
 # forces is probably wrong.
@@ -66,10 +66,10 @@ _SPIKE_SCATTERS = 8.0
 # level. The noise level is the standard deviation of the noise or the resolution of the readout,
 # whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Largest number of fits in each of the two steps of the search for spikes. In the first step, the
-# readings get new weights after each fit, and all these fits are made. In the second step, each fit
-# leaves out the spikes that the previous fit shows; the step ends early if the spikes no longer
-# change.
+# Largest number of fits in each of the two steps of the search for spikes. The first step always
+# makes this number of fits, and gives the readings new weights after each fit. In the second step,
+# each fit leaves out the spikes that the previous fit shows; the step ends early if the spikes no
+# longer change.
 _MAX_ROUNDS = 20
 # The sign of the readings is examined if at least this number of tests of the same circle each
 # cover a whole turn, which is an arc of more than `_WHOLE_TURN_DEG` [deg]. A remark is made if the
@@ -139,7 +139,7 @@ class _Remarks:
     """Remarks on what looks odd in a campaign, collected while the campaign is examined."""
 
     def __init__(self) -> None:
-        """Create an empty list of remarks, for the examination of a campaign that now begins."""
+        """Create an empty list, to which remarks on a campaign can be added."""
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
@@ -169,7 +169,7 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    #: arc of the circle that the angles at which the test's readings were taken cover [deg]
+    #: arc of the circle that the angles of the test cover [deg]
     arc_deg: float
     #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
@@ -264,8 +264,8 @@ class _Angles(NamedTuple):
     step_deg: float
     #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
-    #: usual gap between neighbouring angles on the circle [deg] (see `usual_gap`), at least
-    #: ``step_deg``
+    #: usual gap between neighbouring angles on the circle [deg] (see `usual_gap`), or ``step_deg``
+    #: if this is larger
     usual_step_deg: float
     #: direction in which the angles run from reading to reading: clockwise (CW), counterclockwise
     #: (CCW), or None if the direction changes
@@ -273,7 +273,7 @@ class _Angles(NamedTuple):
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
-    """Return steps and gaps of a test's angles [deg], and the direction in which the angles run.
+    """Return the steps and gaps of a test's angles [deg], and the direction in which they run.
 
     Steps are differences of the angle from one reading to the next; gaps lie between neighbouring
     angles on the circle. The direction is None unless the angles rise throughout or fall
@@ -371,10 +371,11 @@ def _order_shows_no_travel(campaign: Campaign) -> bool:
 
 
 def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark if the force given for a test differs from the force by the force law.
+    """Add a remark if the force given for a test does not agree with its pressure.
 
-    The campaign's force law states the force as a linear function of the pressure; it is applied to
-    the pressure given for the test. The remark is added to ``remarks``.
+    The campaign's force law states the force as a linear function of the pressure. The force given
+    for the test is compared with the force that the law gives for the pressure of the test. The
+    remark is added to ``remarks``.
     """
     force_N = float(test.force_N or 0.0)
     pressure_bar = float(test.pressure_bar or 0.0)
@@ -617,9 +618,9 @@ def _assumption_remarks(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on how the times at which the tests were run are known.
+    """Add a remark that says where the times of the tests come from.
 
-    From these times, a fit computes the drift of the bar's length and of the circle's centre.
+    A fit uses these times to compute the drift of the bar's length and of the circle's centre.
     """
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
@@ -710,7 +711,7 @@ def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
 def _remark_on_unit(
     quantity: str, value: float, unit: str, usual: tuple[float, float], remarks: _Remarks
 ) -> None:
-    """Add a remark that a value is probably in a wrong unit if it is outside its usual range.
+    """Add a remark if a value is outside its usual range, so that its unit is probably wrong.
 
     ``quantity`` is the name of the quantity, ``value`` its value in ``unit``, and ``usual`` holds
     the two ends of its usual range. The remark is added to ``remarks``.

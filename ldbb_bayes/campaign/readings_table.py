@@ -185,11 +185,11 @@ def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
 
 
 def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
-    """Return the column of angles and the column of readings of a table; the keys are column names.
+    """Return a dictionary with the column of angles and the column of readings of a table.
 
-    ``columns`` are all columns of the table. Raise an `InputError` if the table has no column, or
-    two columns with different units, for the angles or for the readings. Also raise it if the range
-    of the angles contradicts their unit.
+    The keys are the names of the columns. ``columns`` are all columns of the table. Raise an
+    `InputError` if the table has no column, or two columns with different units, for the angles or
+    for the readings. Also raise it if the range of the angles contradicts their unit.
     """
     angle = _present_name(path, columns, _ANGLES)
     reading = _present_name(path, columns, _READINGS)
@@ -210,7 +210,7 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _present_name(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return the one of two column names that occurs in a table; ``names`` holds both names.
+    """Return which of the two column names in ``names`` occurs in a table.
 
     ``columns`` holds the columns of the table; the keys are the names of the columns. Raise an
     `InputError` if the table has columns of both names, or no column of these names.

@@ -61,7 +61,7 @@ _CONTROL_Z = b"\x1a"
 
 
 class EmptyFileError(InputError):
-    """Error for a file with a table that is empty or consists only of blanks."""
+    """Error for a text table whose file is empty or contains only blanks."""
 
 
 class Row(NamedTuple):
@@ -198,11 +198,11 @@ def _split_at_blanks(content: str) -> list[str]:
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return the number of each row's line in the file, and the columns of a text table.
+    """Return the line numbers of the rows of a text table, and the columns of the table.
 
-    The table has ``width`` columns. Raise an `InputError` for a row with fewer cells, and for a row
-    with additional cells unless they are all empty. ``place`` is the file's name for error
-    messages.
+    The line numbers are those of the file. The table has ``width`` columns. Raise an `InputError`
+    for a row with fewer cells, and for a row with additional cells unless they are all empty.
+    ``place`` is the file's name for error messages.
     """
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):

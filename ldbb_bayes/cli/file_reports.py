@@ -262,9 +262,8 @@ def _analyse_for_sheets(
     """Return a fit of compliance linear in force, and an average over two models.
 
     The two models have constant and linear compliance. For the arguments see `_analyse`. This
-    function is used for a report without an annex, which is the part of a report after the first
-    part, the certificate. It therefore compares no models and chooses no tests to run next, because
-    only an annex shows these results.
+    function is used if a report consists only of its first part, the certificate. The second part,
+    the annex, would also show a comparison of models and a choice of the tests to run next.
     """
     seed = settings["seed"]
     begin_step("fit")

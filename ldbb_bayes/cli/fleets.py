@@ -28,8 +28,8 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-# largest number of campaigns that the command ``batch`` lists because their fit failed, and largest
-# number that it lists because their fit is doubtful
+# The command ``batch`` lists at most this number of campaigns that could not be fitted, and at most
+# this number of campaigns whose fit is doubtful.
 _LISTED = 10
 
 _CAMPAIGNS_HELP = (

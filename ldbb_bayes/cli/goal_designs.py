@@ -1,4 +1,4 @@
-"""Search for the cheapest campaign that reaches goals for uncertainties; files of the campaign.
+"""Functions that find the cheapest campaign that reaches given goals, and prepare its files.
 
 The command ``design`` with ``--goal`` and the page in the browser share these functions.
 """

@@ -39,9 +39,9 @@ def next_(
     # file, because they take a long time to load.
     from ldbb_bayes.report import next_circle_text, operator_sheet
 
-    # Refuse an output folder that holds files of other origin, before anything is computed. Files
-    # that this command wrote earlier may be replaced. They are the files named here, and the copy
-    # of the campaign (the pilot) from which an earlier plan in this folder was computed.
+    # Before anything is computed, refuse an output folder with files that this command did not
+    # write. The command writes the files named here, and a copy of the campaign from which the plan
+    # was computed (the pilot of the plan). These files may be replaced.
     output.check("campaign.toml", "next.json", operator_sheet.NAME, *pilot_of_plan(output.out))
     step = lb.analysis.next_circle(model, source.campaign, **settings)
     record = {

@@ -58,7 +58,7 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 
 
 class Kind(NamedTuple):
-    """A kind of value of command-line options: type of the typed value, and conversion function."""
+    """Kind of values of command-line options, with the function that converts typed values."""
 
     #: Type in which Typer, the library that reads the command line, returns the typed value of an
     #: option.
@@ -148,9 +148,8 @@ class Group:
     #: function that makes one argument of a command, such as the model, from the values of several
     #: command-line options
     make: Callable[..., Any]
-    #: parameter of the command that is not an option, such as a file; its value is the first
-    #: argument of the function ``make``, which makes one argument of the command from options. None
-    #: if there is no such parameter.
+    #: parameter of the command that is not an option, such as a file; None if there is no such
+    #: parameter. Its value is passed to the function ``make`` as the first argument.
     positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
@@ -265,7 +264,7 @@ class _CatalogueEntry(NamedTuple):
 
 
 def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
-    """Yield name and declaration of each option in one group of the file ``options.toml``.
+    """Yield the name and the declaration of each option in a group of the file ``options.toml``.
 
     ``entries`` is the content of the group. An option in a panel of the help gets the heading of
     the panel.

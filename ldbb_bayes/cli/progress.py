@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Function that updates a progress bar. Its arguments are usually two: the number of items, such as
+# Function that updates a progress bar. It usually has two arguments: the number of items, such as
 # fits, that are done, and the number of all items.
 Tell = Callable[..., None]
 # Function that begins a named step of a computation, and returns the function that reports the
@@ -24,7 +24,7 @@ Begin = Callable[[str], Tell | None]
 
 
 class _BarState(NamedTuple):
-    """State of a progress bar: completed share, from 0 to 1, and the text beside the bar."""
+    """State of a progress bar: the completed share, from 0 to 1, and the text beside the bar."""
 
     share: float
     text: str
@@ -63,7 +63,7 @@ def _progress_bar(
 
 
 def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
-    """Return completed share and text of a progress bar that counts items, such as fits."""
+    """Return the completed share and the text of a progress bar that counts items."""
     text = f"{done}/{total}"
     if failed:
         text += f", {failed} failed"
@@ -71,7 +71,7 @@ def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
 
 
 def _sampling_state(state: SamplingState) -> _BarState:
-    """Return completed share and text of a progress bar for the sampling of a posterior.
+    """Return the completed share and the text of a progress bar for the sampling of a posterior.
 
     The share is the effective sample size reached so far, divided by the required size.
     """
@@ -84,7 +84,7 @@ def _sampling_state(state: SamplingState) -> _BarState:
 
 
 def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
-    """Return completed share and text of a progress bar for a computation in named steps."""
+    """Return the completed share and the text of a progress bar for several named steps."""
     text = f"{step} {done}/{total}" if total else step
     return _BarState(share, text)
 
@@ -152,7 +152,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
-        """Report that a step of a computation begins; return the function for progress reports."""
+        """Report that a step begins, and return the function that reports the step's progress."""
         if update is None:
             return None
 

@@ -41,7 +41,7 @@ _ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": Fal
 
 
 def can_ask() -> bool:
-    """Return whether a user can answer questions: standard input and error are a terminal."""
+    """Return whether a user can answer questions: whether stdin and stderr are a terminal."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -80,10 +80,10 @@ def import_with_answers(
 
 
 def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) -> lb.reading.Layout:
-    """Ask the user what the tables do not state; return how to read them, with the answer.
+    """Ask the user what the tables do not state, and return ``layout`` with the answer added.
 
     ``question`` says what is missing, such as the unit of the readings. ``layout`` says how the
-    tables are to be read; the answer is added to it.
+    tables are to be read.
     """
 
     def read(answer: str) -> lb.reading.Layout:

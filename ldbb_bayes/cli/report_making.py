@@ -216,12 +216,11 @@ def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
 def _posteriors_by_name(
     posteriors: Sequence[xr.DataTree], paths: Sequence[Path]
 ) -> dict[str, xr.DataTree]:
-    """Return the posteriors with which the first one is compared in a report.
+    """Return the posteriors that a report compares with the first of ``posteriors``.
 
-    These are all ``posteriors`` except the first; the keys are the names of their campaigns.
-
-    If any two campaigns have the same name, the path of the fit is added to every name. ``paths``
-    are the paths of the fits, in the order of the posteriors.
+    These are all posteriors except the first; the keys are the names of their campaigns. If any two
+    campaigns have the same name, the path of the fit is added to every name. ``paths`` are the
+    paths of the fits, in the order of the posteriors.
     """
     names = [str(record_of(posterior)["campaign"]["name"]) for posterior in posteriors]
     ambiguous = len(set(names)) < len(names)

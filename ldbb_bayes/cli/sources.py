@@ -230,7 +230,7 @@ class ReportSource:
         return SourceCampaign(campaign, imported)
 
     def read_any(self) -> SourceCampaign:
-        """Return the campaign or plan that the user names, from its folder, a stored fit or tables.
+        """Return the campaign or plan in the folder, stored fit or tables that the user names.
 
         At a terminal, the user is asked for information that is needed to read the tables, but not
         about machine, mount and balls.
@@ -313,7 +313,7 @@ class ReportSource:
         instrument = lb.Instrument(**self.certificates)
 
         def import_with(layout: lb.reading.Layout) -> Imported:
-            """Import the files, whose tables are read as ``layout`` states; return the campaign."""
+            """Return the campaign imported from the files, whose tables have the given layout."""
             return lb.import_campaign(
                 self.typed_paths, layout=layout, **self.campaign_fields, instrument=instrument
             )

@@ -16,8 +16,8 @@ __all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "refuse_unwritable", "write_whole"
 
 # Largest size of a file with readings [bytes], enough for a million lines of sixty characters.
 LARGEST_TABLE_BYTES = 64 * 2**20
-# Numbers of operating-system errors that mean: the disk is full, the user's quota is used up, or
-# the file is too large for the system.
+# Numbers of the operating-system errors for a full disk, for a user's quota that is used up, and
+# for a file that is too large for the system.
 _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

@@ -90,16 +90,16 @@ class _Location(NamedTuple):
     # keys of a TOML file that lead from the outermost table to an invalid entry; entries of lists
     # are numbered from 1
     keys: list[str]
-    # class, of the library pydantic, that describes valid content of the table of the TOML file in
-    # which the invalid entry stands
+    # class of the library pydantic that describes valid content of the innermost table under
+    # ``keys``
     owner: Any
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     """Return the place in a file at which pydantic has found an error.
 
-    The place is stated as the keys that lead to the invalid entry (positions in lists from 1), and
-    the class that describes valid content of the table or entry at the end of these keys.
+    The place consists of the keys that lead to the invalid entry, with positions in lists counted
+    from 1, and of the class that describes valid content of the innermost table under these keys.
 
     Parameters
     ----------

@@ -108,12 +108,12 @@ class _Answer(NamedTuple):
 
 
 class _ProcessPool(Executor):
-    """Executor with one thread for each worker process; the thread sends jobs to this process."""
+    """Executor of worker processes; each worker gets its jobs from one thread of the executor."""
 
     def __init__(self, workers: int) -> None:
         """Create an executor with ``workers`` worker processes on this computer.
 
-        Each thread of the executor starts its worker process at the first job of the thread.
+        Each thread of the executor starts its worker process when the thread gets its first job.
         """
         self.workers = workers
         self._threads = ThreadPoolExecutor(workers)
@@ -241,8 +241,8 @@ def _send(connection: Connection, answer: _Answer) -> None:
 def _not_picklable(answer: _Answer, error: Exception) -> TypeError:
     """Return the error to send if the result or the exception of a job cannot be pickled.
 
-    ``answer`` holds the result or the exception. An exception has notes that state where it was
-    raised; they are copied to the error. ``error`` is the exception that pickling raised.
+    ``answer`` holds the result or the exception of the job. The notes of an exception, which state
+    where it was raised, are copied to the error. ``error`` is the exception that pickling raised.
     """
     reason = TypeError(
         f"{type(answer.content).__name__} must be picklable, got: {error}. Return arrays, numbers"
