@@ -219,7 +219,7 @@ class Kept:
     null: tuple[str, ...]
     #: names of compliances that are left out of ``names`` (those that circular tests can separate),
     #: because their effect on the reading is a linear combination of the effects of several
-    #: compliances in ``names``. If several compliances left out have effects proportional to each
+    #: compliances in ``names``. If the effects of several such compliances are proportional to each
     #: other, only one of them is named.
     dependent: tuple[str, ...]
     #: rank of the matrix with one column for each compliance that may change a reading; a column

@@ -128,7 +128,7 @@ class Front(NamedTuple):
     shape: tuple[int, int, int]
     #: Signs (+1 or −1) of the Cholesky pivots of the s columns of each group of columns, shape
     #: (groups, s); None if all are positive. A pivot is negative if the prior variance of the
-    #: coefficient of this column is negative, see `Observations.signs`.
+    #: coefficient of this column is negative (`Observations.signs` explains this).
     signs: Array | None
     #: Indices, in the design matrix, of the s columns of each group of columns that is eliminated,
     #: shape (groups, s).
@@ -277,10 +277,10 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return descriptions of what the elimination of a front changes in later columns.
+        """Return the changes of later columns of a matrix when a front is eliminated.
 
-        The columns are those of the precision matrix P. A front is a set of groups of columns that
-        are eliminated at the same time; all of its groups have equal numbers of columns. Each group
+        The matrix is the precision matrix P. A front is a set of groups of columns that are
+        eliminated at the same time; all of its groups have equal numbers of columns. Each group
         changes some later columns, its border. ``families`` holds the groups of the front; the
         groups of a family have the same border. Consecutive families are treated in the same
         `Update` if they have equal numbers of groups and no two of them change the same later

@@ -287,9 +287,9 @@ class Information:
     ) -> Array:
         """Return the posterior variances of the p parameters of interest, shape (p,).
 
-        The variances are divided by the squares of ``scale``, which are the prior variances unless
-        the prior is flat. Parameters of interest are compliances, their slopes (changes with force)
-        and geometric errors.
+        Each variance is divided by the square of the parameter's ``scale``, which is its prior sd
+        unless the prior is flat. Parameters of interest are compliances, their slopes (changes with
+        force) and geometric errors.
 
         Parameters
         ----------

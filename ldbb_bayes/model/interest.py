@@ -172,9 +172,9 @@ class ParametersOfInterest:
 
         ``size_of`` is a function that returns the prior sds or magnitudes for given names of
         compliances. The estimates of some compliances also include parts of compliances that are
-        left out of the model (`Kept.absorbed`). The prior sds or magnitudes of those left out are
-        multiplied by weights and added in quadrature. If several compliances left out change the
-        readings in proportion to each other, only one of them is added.
+        left out of the model (`Kept.absorbed`). The prior sd or magnitude of a compliance that is
+        left out is multiplied by a weight and added in quadrature. If several such compliances
+        change the readings in proportion to each other, only one of them is added.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):

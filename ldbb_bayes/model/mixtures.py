@@ -17,9 +17,9 @@ _ITERATIONS = 100
 # The search for a quantile of a Gaussian mixture ends when the length of a step, divided by the
 # standard deviation of the mixture, is at most this number.
 _STEP_TOLERANCE = 1e-12
-# Quantiles of several Gaussian mixtures are computed at once. This is the largest number of values
-# (components of a mixture times mixtures) in such a computation, so that the values fit into the
-# processor's cache.
+# Largest number of Gaussian components in one computation. Quantiles of several mixtures are
+# computed at once, as long as all components of these mixtures together are not more than this
+# number. The arrays then fit into the processor's cache.
 _CHUNK = 200_000
 
 

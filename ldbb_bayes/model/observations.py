@@ -520,8 +520,8 @@ def _prior_variance_factors(
     a sum over ``sources``. A source is a hyper-parameter, a product of hyper-parameters, or the
     number one. The coefficients are in units of ``unit``, shape (coefficients,). A coefficient
     whose unit is zero has no effect on the readings, so its factor can be any number; the factor is
-    set to one. For a coefficient with a flat prior, all factors are zero, and the caller removes
-    them.
+    set to one. For a coefficient with a flat prior, all factors are zero, and the caller does not
+    use them.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)

@@ -424,12 +424,12 @@ class Orthant:
         uniform: Array,
         normal: Array,
     ) -> tuple[Array, Array]:
-        """Return a random draw of e from the shifted density, and its log importance weight.
+        """Return random draws of vectors e from shifted densities, and log importance weights.
 
         Each of w standard normal vectors e of q elements has m constraints u = mean + spread @ e ≥
         0, which depend on e only along d directions (`axes`). The draws have the shape (w, q). The
         log weight, shape (w,), is ln (density of e given u ≥ 0 / shifted density), without the
-        constant ln P(u ≥ 0). It is −inf if the draw violates a constraint.
+        constant ln P(u ≥ 0). It is −inf for a draw that violates a constraint.
 
         Parameters
         ----------

@@ -357,9 +357,9 @@ def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """Return the names of the geometric errors of a campaign's machine.
 
     Each set-up has separate offsets of the tool ball from its nominal position, one along each
-    axis. An offset is left out if no test of the set-up, run or foreseen, is in a plane with this
-    axis. The names of the offsets end in the number of the set-up, except for the first set-up. A
-    test that states no set-up belongs to the first one.
+    axis. A set-up has an offset along an axis only if one of its tests, run or foreseen, is in a
+    plane with this axis. The names of the offsets end in the number of the set-up, except for the
+    first set-up. A test that states no set-up belongs to the first one.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):

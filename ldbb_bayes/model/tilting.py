@@ -440,8 +440,9 @@ def _edges_of_nearest_point(
     (d,). ``coupling`` is C = unit unitᵀ − I.
     """
     # The edges solve e + C m = bound, where m are the inverse Mills ratios of e. At the most
-    # probable x, some constraints are binding: they hold with equality. Where an edge is large, e
-    # is about m, so that (C + I) m = bound for these constraints; m is zero for all others.
+    # probable x, some constraints are binding: they hold with equality. The edges of these
+    # constraints are taken to be large. Then e is about m, so that (C + I) m = bound for these
+    # constraints. For all other constraints, m is taken to be zero.
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))

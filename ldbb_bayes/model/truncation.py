@@ -33,9 +33,9 @@ _COARSE_GRID = 257
 # On each side, the grid extends to this number of sds from the mean before truncation. It contains
 # no values that the truncation excludes.
 _REACH = 9.0
-# If the truncation excludes all values near the mean before truncation, the grid of values begins
-# at the permitted value nearest to this mean. The grid then covers this number of sds, or the whole
-# range of permitted values if this range is shorter.
+# The truncation may exclude all values of a coordinate near the mean before truncation. The grid of
+# values then begins at the permitted value nearest to this mean. It covers this number of sds, or
+# the whole range of permitted values if this range is shorter.
 _LEAST_WIDTH = 2.0
 
 
