@@ -38,8 +38,8 @@ __all__ = [
 CHEAPEST = "cheapest"
 # Name of the option of the command ``design`` with which users give the prices of certificates.
 _CERTIFICATES = "certificates"
-# Name of the command-line option for the share of machines on which all goals for uncertainties are
-# to be met.
+# Name of the command-line option for the probability with which a campaign must reach all goals for
+# uncertainties.
 _PROBABILITY = "probability"
 
 

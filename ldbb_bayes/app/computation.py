@@ -26,9 +26,9 @@ class Computation:
 
     kind: str  #: Kind of computation: fit or search.
     folder: Path  #: Folder in which the process of the fit or search reads and writes.
-    #: Result of the last fit or search, or an error message; empty before the first.
+    #: Result of the last fit or search, or an error message; empty if there was none yet.
     outcome: dict[str, Any] = field(default_factory=dict)
-    #: Asyncio task that runs the fit or search, or waits for its turn; None before the first.
+    #: Asyncio task that runs the fit or search, or waits for its turn; None before the first start.
     task: asyncio.Task[None] | None = None
     #: Process in which the fit or search runs; None while none is running.
     process: asyncio.subprocess.Process | None = None

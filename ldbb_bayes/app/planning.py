@@ -87,9 +87,9 @@ def _slider_values(settings: Mapping[str, Any], sliders: Mapping[str, _Slider]) 
 def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
     """Return the values of the sliders that describe the next tests.
 
-    The names are circles, levels (number of forces), low and high (lowest and highest force [N]),
-    work and tool (number of angles of each ball), turn (step between these angles [°]) and radius
-    [mm]. The defaults depend on the campaign ``pilot``, on which the plan is based. Raise an
+    The sliders are named circles, levels (number of forces), low and high (lowest and highest force
+    [N]), work and tool (number of angles of each ball), turn (step between these angles [°]) and
+    radius [mm]. The defaults depend on the campaign ``pilot``, on which the plan is based. Raise an
     `InputError` if a value is outside its limits, or if the lowest force exceeds the highest.
     """
     lowest_force = float(pilot.forces_N.min())
@@ -135,7 +135,8 @@ class _Report(NamedTuple):
 class _Pilot(NamedTuple):
     """Campaign on which a plan of the next tests is based, with the results of its fit."""
 
-    campaign: lb.Campaign  #: Campaign of the report of the session (one browser tab).
+    #: Campaign whose report the session (one browser tab) shows.
+    campaign: lb.Campaign
     #: Standard uncertainty of every parameter from the fit with compliance linear in force.
     sd: Mapping[str, float]
     #: Estimate of every parameter from the fit with compliance linear in force.
@@ -249,8 +250,9 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
 def _equally_spaced_tests(
     space: Space, sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return tests at equally spaced forces, with all ball angles, radii and directions in turn.
+    """Return tests at equally spaced forces.
 
+    From test to test, the ball angles, radii and directions of ``space`` are used in turn.
     ``sliders`` are the values of the page's sliders: number of circles, number of forces (levels),
     lowest and highest force.
     """

@@ -305,7 +305,7 @@ async def _cancel(session: Session, computation: Computation) -> Response:
 
 
 async def _show_forecast(registry: SessionRegistry, session: Session, request: Request) -> Response:
-    """Return a section of the page with the results expected of the next tests.
+    """Return a section of the page with the results that are expected from the next tests.
 
     The request contains the values of the page's sliders, which describe these tests.
     """

@@ -64,7 +64,7 @@ async def _begin_session(request: Request) -> Response:
 
 
 def _language_of(request: Request) -> str:
-    """Return the page's language that the browser prefers; English if there are no such texts."""
+    """Return the language that the browser prefers, or English if the page has no texts in it."""
     preferred = request.headers.get("accept-language", "").strip().lower()
     for language in LANGUAGES:
         if preferred.startswith(language):
@@ -110,7 +110,11 @@ def application(token: str, port: int) -> ASGIApp:
     """
 
     def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
-        """Return a function that finds the session of a request, and answers with ``answer``."""
+        """Return a function that answers a request from a session (one browser tab).
+
+        The function finds the session that the request's URL names, and passes the session and the
+        request to ``answer``, which computes the answer.
+        """
 
         async def answer_in_session(request: Request) -> Response:
             """Return the answer to a request, or a page which says that the session has ended."""
@@ -260,7 +264,10 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         )
 
         def end(signal_number: int, frame: FrameType | None) -> None:
-            """End the server because its process got a signal, the first of the two arguments."""
+            """End the server because its process has received a signal.
+
+            The arguments are those with which Python calls a signal handler.
+            """
             server.should_exit = True
 
         if hasattr(signal, "SIGHUP"):  # the signal SIGHUP means that the terminal was closed

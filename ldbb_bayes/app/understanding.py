@@ -201,7 +201,7 @@ def _merged_rows(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _is_on_same_quantity(row: Mapping[str, Any], other_row: Mapping[str, Any]) -> bool:
-    """Return whether two rows of the table of assumptions are on the same quantity.
+    """Return whether two rows of the table of assumptions are about the same quantity.
 
     This is so if both rows have the same subject and the same entry fields.
     """
@@ -278,10 +278,10 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 
 
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
-    """Return what the browser page shows about one uncertainty of the instrument: text and ± U.
+    """Return what the browser page shows about one uncertainty of the instrument.
 
-    U is twice the prior standard deviation. ``part`` is the part of the instrument. The entry also
-    states whether a calibration certificate states the uncertainty.
+    The page shows a text and ± U, where U is twice the prior standard deviation. The entry also
+    states whether U comes from a calibration certificate. ``part`` is the part of the instrument.
     """
     factor = _FACTORS.get(assumed.unit, 1e3)
     label = _LABELS.get(assumed.unit, "µm")

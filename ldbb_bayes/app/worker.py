@@ -66,7 +66,7 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
 
 
 def main() -> None:
-    """Fit or search for one browser tab; a process that the server starts runs this function.
+    """Run the fit or the search for one browser tab, in a process that the server has started.
 
     The three arguments of the process are a folder, the id of the server's process and the kind of
     computation: fit or search. The folder holds a copy of the files of the browser tab. The

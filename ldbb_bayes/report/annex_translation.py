@@ -230,8 +230,8 @@ class AnnexTranslation:
         """Return the translation of a text if the whole text matches a key of the catalogue.
 
         The keys of the catalogue are English texts, and its values are translations. A key may have
-        placeholders. A placeholder then stands for text that lies within one sentence. Return None
-        if no key matches.
+        placeholders. A placeholder stands for any text that does not extend beyond one sentence.
+        Return None if no key matches.
         """
         entries = self.catalogue.entries
         if text in entries:

@@ -130,7 +130,7 @@ def _preview_row(test: TestPreview, varied_settings: list[str]) -> tuple[str, ..
 
 
 def _significant(value: float | None, digits: int) -> str:
-    """Return a value with a number of significant digits as a string; a dash for None."""
+    """Return a value as a string with ``digits`` significant digits, or a dash for None."""
     return "–" if value is None else f"{value:.{digits}g}"
 
 

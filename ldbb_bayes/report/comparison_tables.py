@@ -103,7 +103,7 @@ def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> T
     model of the comparison over the first. Some assumptions are about the prior of the slopes
     (changes of compliance with force), others about the differences between circles. For an
     assumption about circles, the last column states how much the readings favour this assumption
-    over the assumption of the compared models [nat].
+    over the assumption that the compared models make [nat].
 
     Parameters
     ----------

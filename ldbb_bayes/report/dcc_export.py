@@ -248,11 +248,11 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     """Return what the certificate file states about the stiffness by direction.
 
     There is one dictionary for each quantity, such as the least stiffness in a plane. The
-    quantities are computed at the model's reference force; ``prob`` is the probability of credible
-    intervals. A stiffness is left out if only its lower limit is known, and a direction is left out
-    if the readings do not determine it, because neither can be stated as a value ± U. The keys of
-    the dictionaries are those of `_parameter_entries`, without ``low`` and ``high`` for the
-    credible interval.
+    quantities are computed at the model's reference force. A stiffness is left out if only its
+    lower limit is known, and a direction is left out if the readings do not determine it, because
+    neither can be stated as a value ± U. The keys of the dictionaries are those of
+    `_parameter_entries`, without ``low`` and ``high`` for the credible interval. ``prob`` is the
+    probability of credible intervals.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:

@@ -90,9 +90,9 @@ class Findings:
 
         The keys are the names of models and explanations. The probabilities of the models sum to
         one. An alternative explanation is an effect other than compliance, such as a nonlinear
-        mount, that may explain why the readings change with force. A model may include it in
-        addition; its probability, from 0 to 1, is that of all models that include it. The mapping
-        is empty if no average over models was computed.
+        mount, that may explain why the readings change with force. The probability of such an
+        explanation, from 0 to 1, is the sum of the probabilities of all models that include it. The
+        mapping is empty if no average over models was computed.
         """
         averaged = record_of(self.posterior_of_certificate).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})
@@ -260,7 +260,7 @@ def findings_of_fit(
         comparison = _compare_degrees(posterior)
 
     def next_tests() -> Recommended:
-        """Return the design of the next campaign that the user gave, or else compute a design."""
+        """Return the user's design of the next tests, or a computed design if there is none."""
         if recommended is None:
             return _design_next_tests(posterior, tests)
         if callable(recommended):
@@ -286,8 +286,8 @@ def _check_readings(kind: str, stated: Campaign | None, campaign: Campaign) -> N
 def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended:
     """Return a design of the next ``tests`` circles, or the reason why no design is possible.
 
-    If the user stated the number of circles, the `InputError` with this reason is raised. In the
-    model of the design, compliance is at least linear in force.
+    If the user stated the number of circles and no design is possible, an `InputError` is raised
+    instead. In the model of the design, compliance is at least linear in force.
     """
     model = model_of(posterior)
     model = model.with_degree(max(model.degree, 1))

@@ -58,8 +58,8 @@ __all__ = [
 # large for a circle that does not agree with the others. The table of a fit's parameters shows λ
 # only if its posterior median is at least this value.
 _ODD_CIRCLE = 2.5
-# Kinds of remarks on a campaign that a report on a fit leaves out, because its sentences on the fit
-# state the same facts.
+# A report on a fit leaves out the remarks on the campaign that have one of these kinds, because
+# other sentences of the report state the same facts.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
 
 
@@ -422,9 +422,10 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
     The columns are the posterior mean, sd and credible interval, and the prior mean and sd. The
     column of prior means is left out if all prior means are zero. Instead of the slopes, which are
     the coefficients of compliances as functions of force, the table shows the change of each
-    compliance over the tested forces. The factor λ of a circle is shown only if its posterior
-    median is at least 2.5. It states how many times larger than those of other circles are the
-    shifts of the circle's zero and centre, and its deviations that the model does not explain.
+    compliance over the tested forces. The factor λ of a circle multiplies the random
+    shifts of the circle's zero and centre, and the deviations that the model does not explain. It
+    is large for a circle that does not agree with the others. λ is shown only if its posterior
+    median is at least 2.5.
 
     Parameters
     ----------

@@ -137,8 +137,8 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
     -------
     str or None
         The translated message; None if a part of the message is not in the catalogues (files of
-        translated texts). If the language has no catalogues, such as English, the message is
-        returned unchanged.
+        translated texts). The message is returned unchanged if the language has no catalogues,
+        as is the case for English.
     """
     catalogue = catalogue_of(language, "annex", "messages")
     if catalogue is None:

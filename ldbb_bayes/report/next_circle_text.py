@@ -26,7 +26,7 @@ def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
 
 
 def aims_passages(step: NextCircle) -> list[Passage]:
-    """Return tables and sentences on how far the aims are reached now and after the next circle.
+    """Return tables and sentences on a campaign's aims, now and after the next circle.
 
     Parameters
     ----------

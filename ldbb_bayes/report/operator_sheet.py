@@ -1,4 +1,7 @@
-"""Sheet for the operator: the next circle to run, and how far the campaign's aims are reached."""
+"""Sheet for the operator: the next circle to run, and how far the campaign has reached its aims.
+
+The aims are goals for uncertainties, decisions on tolerances, and the choice of a model.
+"""
 
 from __future__ import annotations
 

@@ -418,7 +418,11 @@ def write_report(
 
 
 def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) -> None:
-    """Raise an error if a report without annex shall print the annex, or compare campaigns."""
+    """Raise an error if the user asks a report without annex for something that needs the annex.
+
+    The annex is needed if it is to be printed (``annex`` is true), or if other campaigns
+    (``beside_it``) are to be compared with the campaign of the report.
+    """
     require(
         not annex,
         "annex (--annex) must not go with sheets_only (--sheets-only), got both. The annex is"

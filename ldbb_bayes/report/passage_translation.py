@@ -35,8 +35,8 @@ def passages_in_language(
     Returns
     -------
     tuple
-        The tables and sentences. If the language has no catalogues, such as English, they are
-        returned unchanged.
+        The tables and sentences. They are returned unchanged if the language has no catalogues, as
+        is the case for English.
     """
     translation = _translation(language, names)
     if translation is None:
@@ -52,8 +52,8 @@ def untranslated_texts(
 
     The texts are those of the tables and sentences ``passages``. ``language`` is the code of the
     language, such as ``de``. ``names`` are the names of campaigns and tests, which need no
-    translation. The result is empty if the language has no catalogues (files of translated texts),
-    such as English.
+    translation. The result is empty if the language has no catalogues (files of translated texts).
+    This is the case for English.
     """
     translation = _translation(language, names)
     if translation is None:
@@ -66,7 +66,7 @@ def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None
     """Return the translations, into a language, of texts about the cheapest campaign.
 
     None is returned if the language has no catalogues (files of translated texts). ``names`` are
-    the names of campaigns and tests, which are not translated, also if they stand in quotation
+    the names of campaigns and tests. They are not translated, even if they stand in quotation
     marks.
     """
     catalogue = catalogue_of(language, *_CATALOGUES)

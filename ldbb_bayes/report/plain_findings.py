@@ -266,7 +266,11 @@ def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
-    """Yield sentences on things to inspect or repair that the readings show, or do not show."""
+    """Yield sentences on the things to inspect or to repair that the readings show.
+
+    Further sentences say so if the readings show no such thing, no change of stiffness with force,
+    or, because all circles were run in one direction, no backlash or servo mismatch.
+    """
     words = numbers.words
     findings = findings_of(numbers)
     for finding in findings:
@@ -325,8 +329,8 @@ def best_step(numbers: SheetNumbers) -> str:
 def _undetermined_sentence(numbers: SheetNumbers) -> str:
     """Return a string that names the undetermined parameters and the step that would help most.
 
-    A step reduces the uncertainty that is due to one effect. If the readings determine all
-    parameters, the string says so.
+    A step, such as a calibration, reduces the uncertainty that is due to one effect. If the
+    readings determine all parameters, the string says so.
     """
     words = numbers.words
     step = best_step(numbers)
@@ -355,11 +359,12 @@ def _undetermined_sentence(numbers: SheetNumbers) -> str:
 
 
 def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
-    """Yield one sentence for each step that helps where the best step does not.
+    """Yield one sentence on each step, other than the best step, that would help.
 
-    A step reduces the influence of one effect, and so makes some parameters more certain. The keys
-    of ``helped_by_step`` are the effects, as class names of model terms. Each value holds the
-    symbols of the parameters that this step, but not the best step, makes more certain.
+    A step, such as a calibration, reduces the uncertainty that is due to one effect. The sentence
+    names the parameters that the step would make more certain, but that the best step would not.
+    The keys of ``helped_by_step`` are the effects, as class names of model terms. The values are
+    the symbols of the parameters.
     """
     for name, symbols in helped_by_step.items():
         yield words(

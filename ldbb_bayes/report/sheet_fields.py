@@ -29,8 +29,8 @@ _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # certificate show these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
 # Sheet 1 of the test certificate states how the order of the tests is known, for example from their
-# start times. For each source of this knowledge, the dictionary has the key of a text in the file
-# of the certificate's texts.
+# start times. The keys are the possible sources of this knowledge. The values are the names
+# under which the certificate's texts are stored.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",

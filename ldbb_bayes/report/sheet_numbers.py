@@ -128,10 +128,9 @@ class SheetNumbers:
         """Change C(F_max) − C(F_min) of each compliance between the smallest and largest force.
 
         F_min and F_max are the smallest and the largest force tested [N]. The keys are the names of
-        the compliances. Each object states the change and the compliances at both forces in the
-        internal unit of the compliance (mm, N, rad), each with a credible interval of the
-        probability that the test certificate states, and the probability that the compliance grows
-        with the force.
+        the compliances. Each object states the change, the compliances at both forces, and the
+        credible intervals of these values, in the internal unit of the compliance (mm, N, rad). It
+        also states the probability that the compliance grows with the force.
         """
         return change_with_force(self.findings.posterior_of_certificate, prob=self.findings.prob)
 

@@ -33,7 +33,7 @@ _CHANGE_IS_LIKELY = 0.5
 
 
 def banner(numbers: SheetNumbers) -> Banner:
-    """Return the banner: whether the results of the fit can be used, and the main reasons."""
+    """Return the banner, which states whether the results of a fit can be used, and why."""
     words = numbers.words
     findings = numbers.findings
     quantities = numbers.parameters

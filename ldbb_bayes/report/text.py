@@ -170,7 +170,7 @@ def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
-    """Return a table of the parameters, with their u, that a fit by least squares estimates."""
+    """Return a table of the estimates of a fit by least squares, with standard uncertainties u."""
     rows = []
     for name, row in result.table.iterrows():
         factor, unit = display_unit(row["unit"])

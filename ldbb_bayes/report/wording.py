@@ -792,8 +792,9 @@ def origin_words(origin: str) -> str:
 def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a string with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
-    The three shares [%] are, in this order, those of the sources whose standard uncertainty was
-    measured in the campaign, was stated by the user, and was assumed by the model.
+    Each source of variance belongs to one of three groups: its standard uncertainty was measured in
+    the campaign, was stated by the user, or was assumed by the model. The string states the shares
+    of these groups [%], in this order.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
@@ -868,8 +869,8 @@ def paired_remedy_items(result: Identifiability) -> tuple[str, ...]:
     A remedy is a certificate of the instrument or a change of the plan of tests. Each description
     names a pair of remedies and states U (k = 2) of the parameters with both remedies, such as
     "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". With one of the remedies alone, the
-    readings could not separate these parameters from other effects. A parameter for which this is
-    so even with both remedies is marked.
+    readings could not separate these parameters from other effects. A parameter is marked if the
+    readings could not separate it from other effects even with both remedies.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():
@@ -1049,7 +1050,7 @@ def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """Return sentences on a comparison of models.
 
     The sentences state the evidence for each model, and how much it changes with other assumptions.
-    The further results of the comparison follow.
+    Sentences on all other results of the comparison follow.
     """
     return _sentences("comparison_sentences", comparison)
 

@@ -320,9 +320,9 @@ def _draw_force_scale(figure: Figure, trace_data: _TraceData) -> None:
 def _mean_reading(trace_data: _TraceData, force_N: float) -> float:
     """Return the mean reading [µm] of all tests at the force ``force_N`` [N].
 
-    The result is the mean of the mean readings of these tests, so that tests with more readings
-    have no larger weight. ``trace_data`` holds the readings of all tests. At least one test must be
-    at this force, otherwise the result is NaN.
+    The mean of each test is computed first, and then the mean of these means, so that all tests
+    have the same weight. ``trace_data`` holds the readings of all tests. If no test has this force,
+    the result is NaN.
     """
     means = []
     for readings, force in zip(

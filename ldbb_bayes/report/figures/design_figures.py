@@ -146,11 +146,12 @@ def _expected_in_figure(design: Design) -> dict[str, Any]:
 
 
 def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array:
-    """Return the standard uncertainties expected after each plan of tests, (plans, parameters).
+    """Return the standard uncertainties expected after each plan of tests.
 
-    The uncertainties are in the units that the figure shows, such as nm/N. ``expected_by_name``
-    holds the expected uncertainty of each parameter that is drawn, with the parameter's internal
-    unit. The keys are the names of the parameters.
+    The returned array has the shape (plans, parameters). The uncertainties are in the units that
+    the figure shows, such as nm/N. ``expected_by_name`` holds the expected uncertainty of each
+    parameter that is drawn, with the parameter's internal unit. The keys are the names of the
+    parameters.
     """
     factors = [display_unit(expected.unit)[0] for expected in expected_by_name.values()]
     rows = []
@@ -160,11 +161,11 @@ def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array
 
 
 def _write_sizes(axes: Axes, left: Array, height: Array, sizes: Array) -> None:
-    """Write each standard uncertainty to the right of its bar; a dash if it is not finite.
+    """Write each standard uncertainty to the right of its bar.
 
-    ``left`` and ``height`` are the positions of the texts. ``sizes`` are the standard
-    uncertainties, in the units that the figure shows. All three arrays have the shape
-    (parameters,).
+    A dash is written for an uncertainty that is not finite. ``left`` and ``height`` are the
+    positions of the texts. ``sizes`` are the standard uncertainties, in the units that the figure
+    shows. All three arrays have the shape (parameters,).
     """
     for x, y, size in zip(left, height, sizes, strict=True):
         text = round_uncertainty(size)[0] if np.isfinite(size) else "–"

@@ -269,9 +269,10 @@ def _draw_path(axes: Axes, path: Array, colour: Any, **look: Any) -> None:
 
 
 def _label_outer_axes(all_axes: Sequence[Axes], columns: int) -> None:
-    """Label the axes of all panels: angles below the lowest, readings beside the leftmost.
+    """Label the horizontal axes of the lowest panels and the vertical axes of the leftmost panels.
 
-    ``all_axes`` are the panels row by row; each row has ``columns`` panels.
+    The horizontal axes show angles, and the vertical axes show readings. ``all_axes`` are the
+    panels row by row; each row has ``columns`` panels.
     """
     last_row = (len(all_axes) - 1) // columns
     for k, axes in enumerate(all_axes):

@@ -242,7 +242,7 @@ def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
 
 
 def _coloured(roses: Sequence[PlaneStiffness]) -> Iterator[tuple[PlaneStiffness, str]]:
-    """Yield the stiffness by direction at every force, each with the colour of its curve."""
+    """Yield, for every force, the stiffness by direction and the colour of the force's curve."""
     yield from zip(roses, reversed(PALETTE[: len(roses)]), strict=True)
 
 
