@@ -53,8 +53,9 @@ def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]
 def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
     """Return whether the numbers of a table begin at the row with the index ``first``.
 
-    The row above must have another number of cells. If the names of a header hold blanks, a split
-    at every blank gives too many cells. ``rows`` are the rows of the text, split at every blank.
+    The result is False if the row above has as many cells as the rows of numbers: this row then
+    needs no other split. ``rows`` are the rows of the text, split at every blank. If the names of a
+    header hold blanks, this split gives too many cells.
     """
     width = len(rows[first].cells)
     below = rows[first : first + _FEWEST_ROWS]

@@ -1,7 +1,7 @@
 """Rows of units that stand below the names of aligned columns, some of which have no unit.
 
-An example is a row with ``deg`` and ``um`` below ``No  Angle  Deviation  Temp``. The units belong
-to the columns below or above which they stand.
+An example is a row with ``deg`` and ``um`` below ``No  Angle  Deviation  Temp``. Each unit belongs
+to the column whose name stands above it, or whose numbers stand below it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
     """Return rows in which each unit below a header is in the cell of the column above it.
 
     Only rows of units with fewer cells than the table has columns are changed, and only if each
-    unit aligns with another column. All other rows are returned unchanged.
+    unit aligns with a different column. All other rows are returned unchanged.
 
     Parameters
     ----------
@@ -161,8 +161,9 @@ def _places_of_columns(header: str, numbers: Sequence[str], width: int) -> list[
 def _aligned_columns(units: Sequence[_Word], places: Sequence[_Word]) -> list[int]:
     """Return the column that each unit aligns with; an empty list if units do not align.
 
-    A unit aligns with the column that shares most characters of the line with it, or else with the
-    nearest column. Units do not align if one is as near to two columns, or if two share a column.
+    A unit aligns with the column whose place in the line overlaps the unit most, or else with the
+    nearest column. Units do not align if a unit is equally near to two columns, or if two units
+    align with the same column.
     ``units`` and ``places`` hold the beginnings and ends of the units and of the columns in a line.
     """
     if not places:

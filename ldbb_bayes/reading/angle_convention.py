@@ -242,9 +242,10 @@ def _convention_in_words(
 def _note_words(
     recording: Recording, words: list[_AngleStatement], convention: AngleConvention
 ) -> None:
-    """Note each statement in the file that is not used, because the user gives sign and offset.
+    """Add a note on each statement that is not used because the user gives sign and offset.
 
-    ``words`` are these statements, and ``convention`` is the user's conversion of the angles.
+    ``words`` are these statements about angles in the file, and ``convention`` is the user's
+    conversion of the angles.
     """
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
@@ -316,7 +317,7 @@ def _is_mixed(text: str) -> bool:
 def _statement_about_angles(
     recording: Recording, source: str | CitedLine, text: str, is_header: bool
 ) -> _AngleStatement:
-    """Return the axis at which angles begin and the sense in which they run, as a text states.
+    """Return the axis at which angles begin and the sense in which they run, as a text states them.
 
     ``text`` is a header, a line or a name, and ``source`` tells where it is, such as "line 3".
     ``is_header`` states whether the text is the header of the column of angles; a minus sign in

@@ -58,8 +58,8 @@ _ASSUMED = {
     "resolution_um": ("0.24 µm", "--resolution-um"),
     "mount": ("readings compensated for its deflection", "--raw"),
 }
-# Regular expression for words of a line that agree with the usual radius of 150 mm. A diameter does
-# not.
+# Regular expression for words of a line that state the usual radius of 150 mm. Words about a
+# diameter do not match.
 _USUAL_RADIUS = re.compile(
     r"(?!.*(?:diam|durchm|[ØøΦ⌀]|\bD\W*\d))\D*(?<![.,])150(?:[.,]0+)?\s*(?:mm)?\W*", re.IGNORECASE
 )
@@ -225,10 +225,11 @@ def _certain_value(recording: Recording, key: str) -> Any:
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
-    """Note that lines or names contradict the value that the user or a column states.
+    """Add a note to the log if a line or name contradicts the value from the user or a column.
 
-    The note is added to the log. Raise an `InputError` if a line says that the readings are raw,
-    but the user states that they are compensated for the deflection of the mount.
+    A name is that of the test, its column, its sheet or its file. Raise an `InputError` if a line
+    says that the readings are raw, but the user states that they are compensated for the deflection
+    of the mount.
 
     Parameters
     ----------
@@ -427,7 +428,8 @@ def note_assumed_fields(
 def _without_doubt(reason: CitedLine) -> CitedLine:
     """Return the note on a line with a length that may be the radius, such as ``R=150``.
 
-    The note does not say that the length is not taken if it agrees with the usual radius.
+    A length that agrees with the usual radius changes nothing. The words of the note which say that
+    the length is not used are then left out.
     """
     if _USUAL_RADIUS.fullmatch(reason.quoted):
         return quoted_line(reason.line, reason.quoted)

@@ -51,8 +51,8 @@ _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 # Regular expression for the name of a column that holds one of several runs, such as "Run 1" or
 # "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
-# Regular expression for the number of a test, such as "T1", which is not a header of times like
-# "t".
+# Regular expression for the number of a test, such as "T1". It must not be taken for the header "t"
+# of a column of times.
 _NUMBER_OF_TEST = re.compile(r"[^\W\d_]{1,3}[-_]?\d+")
 # Roles that a column can get from its unit if its name shows no role.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
@@ -78,8 +78,8 @@ _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _HEADER_WITH_DOTS = re.compile(r"[^\W\d_][\w.]*\.[\w.]*")
 # Regular expression for the dots in a header of the program R, except decimal points.
 _DOTS = re.compile(r"(?<!\d)\.+|\.+(?!\d)")
-# Regular expression for a unit in a header of the program R without its first sign. R puts a dot in
-# place of µ, so that a blank, a bracket and µm become ``...m.``.
+# Regular expression for a unit that has lost its first sign in a header of the program R. R puts a
+# dot in place of µ, so that a blank, a bracket and µm become ``...m.``.
 _LOST_SIGN = re.compile(r"\.{3,}(?:m|s|N|in|inch)\.$")
 # Regular expression for the number that the program R adds to the second of two equal headers.
 _NUMBER_OF_EQUAL = re.compile(r"\.\d+$")
@@ -113,8 +113,8 @@ _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
-# Largest number of headers whose name, unit and roles are stored after they were found, because
-# many steps of an import ask for them again.
+# Largest number of headers whose name, unit and roles are stored after they have been found,
+# because many steps of an import need them again.
 _KEPT_HEADERS = 4096
 # Regular expression for a cell of dashes or similar signs that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")
@@ -341,8 +341,8 @@ def _plain_words(role: str) -> tuple[str, ...]:
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 
-    Accents are ignored. A word of the name may also only begin with a word for the role, as
-    ``angles`` begins with ``angle``, unless the word for the role is as short as ``t``. For the
+    Accents are ignored. It is enough that a word of the name begins with a word for the role, as
+    ``angles`` begins with ``angle``; only a word as short as ``t`` must be the whole word. For the
     role "time", words that begin in this way but mean something else are passed over. For the role
     "test", every word of the name must be a word for a test or a word such as "number". For the
     roles "force" and "pressure", the name must not contain a word such as "maximum", which shows

@@ -8,7 +8,8 @@ __all__ = ["without_kinds_of_samples"]
 
 # Regular expression for the first line of a file in the format TOA5.
 _FIRST_LINE = re.compile(r'\s*"?TOA5"?,')
-# Index of the line of such a file that states how each column was sampled, such as "Smp" or "Avg".
+# Index of the line that states how each column was sampled, such as "Smp" or "Avg", in a file in
+# the format TOA5.
 _LINE_OF_SAMPLES = 3
 
 

@@ -94,9 +94,10 @@ def _names_of_lists(texts: Sequence[str]) -> list[str]:
 
 
 def _is_program_of_matlab(sheet: Sheet, texts: Sequence[str]) -> bool:
-    """Return whether a text is a program of MATLAB, by its name or by lines that go on after dots.
+    """Return whether a file is a program of MATLAB.
 
-    ``texts`` are the lines of the file.
+    The name of such a file ends with ``.m``, or the file has a list of numbers whose first line
+    ends with the dots ``...``. ``texts`` are the lines of the file.
     """
     if sheet.path.suffix.lower() == ".m":
         return True

@@ -243,7 +243,7 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
 def _row_below_rules(sheet: Sheet, row: int, first_block_row: int) -> int:
     """Return the index of the first row, from ``row`` on, that is not a line of dashes.
 
-    ``first_block_row`` is the index of the first row of numbers, which is the largest result.
+    ``first_block_row`` is the index of the first row of numbers; the result is at most this index.
     """
     while row < first_block_row and is_rule(sheet.rows[row].cells):
         row += 1
@@ -255,9 +255,10 @@ def _check_units_align(
 ) -> None:
     """Raise an error if a row of units does not show which columns have no unit.
 
-    Some columns have no unit if there are fewer units than columns. An empty cell between two
-    separators, or in a workbook, shows a column without a unit; blanks show it if the units align
-    with the names. Between separators, units that fit the first names belong to them.
+    Some columns have no unit if there are fewer units than columns. Empty cells show which columns
+    these are; in a workbook, every cell stands in its column. If there are no empty cells and the
+    separator is not a blank, the units are taken to belong to the first columns, provided that each
+    unit fits the name of its column. In all other cases, an error is raised.
 
     Parameters
     ----------

@@ -26,12 +26,13 @@ _DIRECTIONS = {"CW", "CCW"}
 
 
 def with_index_names(sheet: Sheet) -> Sheet:
-    """Return a sheet in which a header of several rows is joined to one row.
+    """Return a sheet in which the rows of a header are joined into one row.
 
-    The header of a column is made of its names in all levels, such as ``100 N dev_um``. If all
-    cells of a column hold the same direction of travel, the column is removed, and the direction is
-    added to the headers of the other columns below the same name, such as ``100 N``. A sheet
-    without a row for the name of the index is returned unchanged.
+    For example, the rows ``,100 N,300 N``, ``,dev_um,dev_um`` and ``angle_deg,,`` become the row
+    ``angle_deg,100 N dev_um,300 N dev_um``. The last row of the header must name only the first
+    column, or the first columns, as ``angle_deg,,`` does; any other sheet is returned unchanged. If
+    all cells of a column hold the same direction of travel, the column is removed. The direction is
+    added to the headers of the columns in the same group, such as all columns below ``100 N``.
     """
     rows = sheet.rows
     for k in range(1, min(len(rows) - 1, LONGEST_OVERVIEW)):
@@ -98,10 +99,10 @@ def _is_level(row: Row, n_index: int, width: int) -> bool:
 
 
 def _names_of_level(row: Row, n_index: int, width: int) -> list[str]:
-    """Return the names of all columns in one of several rows of names that form a header.
+    """Return the name of each column in one row of a header that consists of several rows.
 
-    An empty cell gets the name to its left. The first ``n_index`` columns are the index of the
-    table, such as the angles; their names are empty. ``width`` is the number of all columns.
+    An empty cell gets the name to its left. The first ``n_index`` columns, such as the column of
+    angles, get empty names. ``width`` is the number of all columns.
     """
     filled = [""] * n_index
     for cell in [*row.cells, *[""] * width][n_index:width]:
@@ -112,10 +113,12 @@ def _names_of_level(row: Row, n_index: int, width: int) -> list[str]:
 def _without_directions(
     sheet: Sheet, header: int, levels: Sequence[Sequence[str]], n_index: int
 ) -> Sheet:
-    """Return a sheet in which directions of travel stand in headers instead of columns.
+    """Return a sheet without columns of directions; the directions are added to headers.
 
     If all cells of a column hold the same direction, the column is removed. The direction is added
-    to the headers of all columns that have the same names in the levels above the lowest level.
+    to the headers of all columns in the same group as the removed column. Columns are in the same
+    group if they have the same names in all levels except the lowest. A level is one of the rows of
+    which the header consisted.
 
     Parameters
     ----------
@@ -167,10 +170,11 @@ def _with_columns(sheet: Sheet, header: int, names: Sequence[str], kept: Sequenc
 def _units_of_columns(
     units: Mapping[tuple[int, int], str], kept: Sequence[int]
 ) -> dict[tuple[int, int], str]:
-    """Return the units of the cells in some columns of a table, as a table of these columns.
+    """Return the units of the cells in the columns of a table that remain.
 
     Each key holds the line number and the column index of a cell. ``kept`` are the indices of the
-    columns; in the result, columns are counted among these columns.
+    columns that remain. In the result, the columns have new indices, because the other columns are
+    no longer counted.
     """
     return {
         (line, kept.index(column)): unit for (line, column), unit in units.items() if column in kept

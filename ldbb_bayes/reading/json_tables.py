@@ -79,7 +79,7 @@ def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _content_of_json(sheet: Sheet, text: str) -> Any:
-    """Return the content of a text in JSON; for a text with one record in each line, a list."""
+    """Return the content of a text in JSON. One record in each line gives a list of records."""
     decoder = json.JSONDecoder(
         parse_float=_Number, parse_int=_Number, object_pairs_hook=_with_different_keys
     )

@@ -237,7 +237,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         if _LOAD_LISTS.keys() & stated.keys():
             keys_of_tests |= set(_LOAD_LISTS.values())
             # A list of forces that the options state also empties the list of pressures in the
-            # layout, and a list of pressures the list of forces.
+            # layout. In the same way, a list of pressures empties the list of forces.
             stated = {key: [] for key in _LOAD_LISTS} | stated
         if keys_of_tests and "test" not in options:
             stated["test"] = [_without(entry.stated(), keys_of_tests) for entry in self.test]

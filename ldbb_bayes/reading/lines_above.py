@@ -557,7 +557,7 @@ def _possible_radius(text: str) -> str:
     smallest_um, largest_um = _RADII_UM
     for match in _LENGTH.finditer(text):
         if match["unit"] == '"' and text[: match.end()].count('"') % 2 == 0:
-            continue  # the sign closes a text in quotes, and does not mean inches
+            continue  # the sign " is a closing quotation mark, and does not mean inches
         size_um = UNITS["reading"].get(unit_named(match["unit"]), 0.0)
         length = number_in_text(match["number"])
         if length is not None and smallest_um <= abs(length) * size_um <= largest_um:

@@ -46,7 +46,7 @@ def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> list[str]:
-    """Return the headers of those columns of a list of tests that are not used for one test.
+    """Return the headers of those columns of a list of tests from which nothing is read for a test.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from ldbb_bayes.reading.words import UNITS, unit_named
 __all__ = ["with_loads_in_header"]
 
 
-# Regular expression for a bracket that opens in a text, as in "Run 1 (36 N)".
+# Regular expression for an opening bracket in a text, as in "Run 1 (36 N)".
 _OPENING = re.compile(r"\s*[\[({]\s*(?=\S)")
 # A line of loads has at least this number of cells; a line with fewer cells is a label and its
 # value, as in Force;300 N.
@@ -98,11 +98,11 @@ def _lines_of_columns(
     """Return, for each line that describes the columns below, one text for each column.
 
     The texts are loads, names, planes or directions. The lines stand directly above the header, and
-    one of them must state loads; if none does, the list is empty. The line of loads comes first in
-    the list, so that a load follows no number of a name, as in ``Run 2 100 N``, with which it could
-    be confused. The first column has no text. ``rows`` are the rows above the header, and ``width``
-    is the number of cells of the header. ``merged_lines`` are the numbers of the lines with merged
-    cells.
+    one of them must state loads; if none does, the list is empty. The line of loads is the first in
+    the list. If it followed a line of names, the texts could be joined to ``Run 2 100 N``, in which
+    the load might be read as 2100 N. The first column has no text. ``rows`` are the rows above the
+    header, and ``width`` is the number of cells of the header. ``merged_lines`` are the numbers of
+    the lines with merged cells.
     """
     lines: list[list[str]] = []
     line_of_loads: list[str] = []

@@ -29,7 +29,8 @@ _LARGEST_GAP_STEPS = 5.0
 # Times are evenly spaced if no step differs from the median step by more than this fraction of
 # the median step.
 _EVEN_SHARE = 0.5
-# Largest number of rows with an earlier time than the row before that a note on the clock lists.
+# A note lists the rows whose time is earlier than that of the row before. It lists at most this
+# number of rows.
 _ROWS_SHOWN = 5
 
 

@@ -74,8 +74,8 @@ class _Display:
 def is_matlab_display(text: str) -> bool:
     """Return whether a text was copied from the command window of MATLAB.
 
-    Two things show this: a line with a common factor of numbers, as MATLAB writes it, or a line
-    with MATLAB's prompt together with a line that contains only the name of a variable.
+    Such a text has a line with a common factor of numbers, as MATLAB writes it, or it has both a
+    line with MATLAB's prompt and a line that contains only the name of a variable.
     """
     lines = text.split("\n")
     if any(_FACTOR.fullmatch(line) for line in lines):
@@ -133,7 +133,7 @@ def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_ShownM
     text, split into cells, and ``written`` are the lines of the text.
     """
     shown = [_ShownMatrix([], [])]
-    # rows of numbers of the matrix that is read at present; all have the same number of cells
+    # rows of numbers of the matrix that is being read; all have the same number of cells
     successive: list[Row] = []
     for row in rows:
         is_alike = not successive or len(row.cells) == len(successive[0].cells)
@@ -239,7 +239,7 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
 
 
 def _column_names(content: str, width: int) -> list[str]:
-    """Return the names that a line gives to a matrix's columns; empty if it does not name all.
+    """Return the names that a line gives to a matrix's columns; empty if a column has no name.
 
     The names may be in a comment, separated by commas, or they are the whole line. ``width`` is the
     number of columns.

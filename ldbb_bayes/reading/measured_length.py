@@ -27,8 +27,8 @@ _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
 # Regular expression for words which show that a line is about the readings.
 _READINGS = re.compile(_WORDS["line"])
-# Regular expression for words which show that a text names a diameter, but not because the readings
-# measure it.
+# Regular expression for words which show that a diameter in a text is not what the readings
+# measure.
 _OTHER = re.compile(_WORDS["other"])
 # Regular expression for words which say that readings are doubled.
 _DOUBLED = re.compile(_WORDS["doubled"])

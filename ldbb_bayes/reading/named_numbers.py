@@ -23,7 +23,8 @@ _PAIR = re.compile(
 )
 # Regular expression for a letter and its number, as in N0010C0.000W.0037, which controllers write.
 _ADDRESS = re.compile(r"(?P<name>[A-Z])\s*(?P<value>[+\-]?(?:\d+\.?\d*|\.\d+))(?P<unit>)")
-# Regular expression for a line of such letters. A line with G or M is a block of a program instead.
+# Regular expression for a line that consists of letters, each followed by its number. Such a line
+# with the letter G or M does not match, because it is a block of an NC programme.
 _ADDRESSES = re.compile(r"(?:[A-FH-LN-Z]\s*[+\-]?(?:\d+\.?\d*|\.\d+)\s*){2,}")
 # If fewer lines than this number have the same names, they are not taken for the readings of a
 # circle.

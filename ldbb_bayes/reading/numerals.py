@@ -75,8 +75,8 @@ _MISSING = (
     "missing",
     "fehlt",
 )
-# Largest number of cells for which it is stored whether they are numbers, because several steps of
-# an import ask for this again.
+# Several steps of an import examine whether the same cells are numbers. The results are stored for
+# at most this number of cells.
 KEPT_CELLS = 4096
 # Mark that may separate thousands (comma or point); the keys are the decimal marks.
 OTHER_MARK = {".": ",", ",": "."}
@@ -150,8 +150,8 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        If the text is not a number, as in nan, if the number is too large for the computer, as in
-        1e999, or if a separator of thousands is misplaced, as in 1,23.4.
+        If the text is not a number, such as nan, if the number is too large for the computer, such
+        as 1e999, or if a separator of thousands is misplaced, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if not has_digit:  # Python's function float would read the word nan as a number

@@ -32,12 +32,12 @@ class TextOfPages(NamedTuple):
 
 
 def without_page_marks(text: str, separator: str) -> TextOfPages:
-    """Return a text without the numbers of its pages; all other lines keep their numbers.
+    """Return a text without page numbers; removed lines become empty, so that no line moves.
 
     Between the rows of numbers, the whole line with the number of a page is removed, unless it
-    names columns or states a value, such as a force. Next to such a line, lines are removed that
-    stand in the text before, too, such as a title. If another character than a blank separates the
-    cells, only lines that hold nothing but the number of a page are changed.
+    names columns or states a value, such as a force. Lines next to it are also removed if they
+    repeat an earlier line, such as a title. If the separator of the cells is not a blank, only
+    lines that hold nothing but the number of a page are changed.
 
     Parameters
     ----------

@@ -117,11 +117,12 @@ def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float
 
 
 def _with_last_gap(names: Sequence[str]) -> list[str]:
-    """Return the headers of all columns of tables beside each other, some with empty ones added.
+    """Return the headers of tables beside each other; empty ones are added at the end if needed.
 
     Empty columns may separate tables that stand beside each other in a sheet. Files often lack the
-    empty columns after the last table. Empty headers are added for them, so that all tables have
-    the same number of columns.
+    empty columns after the last table. An empty header is added for each missing column, so that
+    all tables have the same number of columns. ``names`` are the headers of all columns in the
+    file.
     """
     padded = list(names)
     starts = _columns_of_angles(names)

@@ -45,7 +45,7 @@ _LARGEST_NUMBER = 1e10
 _FAR = 5.0
 # A number that appears several times in a column is more likely to be a placeholder (a number, such
 # as -999, in place of a missing one). Its distance from the median of the other numbers need only
-# exceed this smaller factor times their largest distance.
+# exceed this smaller factor times the largest distance of the other numbers from their median.
 _FAR_IF_REPEATED = 1.5
 # A column is searched for placeholders (numbers, such as -999, in place of missing ones) only if at
 # least this many of its numbers do not have the form of a placeholder.

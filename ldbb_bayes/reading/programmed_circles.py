@@ -168,7 +168,7 @@ def _read_block(programme: _Programme, line: int | str, text: str) -> Programmed
 
 
 def _take_feed(programme: _Programme, line: int | str, block: str) -> None:
-    """Store the feed rate that a block states in ``programme``, for this and later blocks.
+    """Store in ``programme`` the feed rate that a block states, for this and later blocks.
 
     ``line`` is the number of the line of the block. Nothing is stored if the block states no feed,
     or if the word F of the programme is not a speed.

@@ -1,4 +1,4 @@
-"""Tables inside other texts: in a mail that quotes them, and in texts of a database."""
+"""Tables inside other texts: in a mail that quotes them, and in the output of a database."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _QUOTE_MARKS = re.compile(r"\s*>[> ]*")
 # A text is regarded as quoted if at least this number of lines, and at least half of all lines that
 # are not empty, begin with quote marks.
 _FEWEST_QUOTED = 10
-# Regular expression for the line of a dump that begins the rows of a table, and for the line that
-# ends them.
+# Regular expressions for the lines before and after the rows of a table in a dump, which is the
+# content of a database as text.
 _COPY = re.compile(r"COPY \S+ \((?P<columns>[^)]+)\) FROM stdin;\s*")
 _END_OF_ROWS = re.compile(r"\\\.\s*")
 # Regular expression for a query of a database in one line, with the prompt of the program in front.
@@ -63,7 +63,7 @@ def with_names_of_dump(text: str) -> str:
 
 
 def without_queries(text: str) -> str:
-    """Return a text in which only the condition is left of each query of a database.
+    """Return a text in which each query of a database is replaced by the condition of the query.
 
     For example, the line ``db=> select angle, reading from circles where force=100;`` becomes
     ``force=100``, which states the force of the table below it.

@@ -166,9 +166,10 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
 
 
 def _words_on_sign(text: str) -> str:
-    """Return a text for a message; of a long text, the part with the words on the sign.
+    """Return a text as a message shows it; a long text is shortened to the words on the sign.
 
-    The part begins at the first word for a sign or for a shorter or longer bar.
+    The shortened text begins at the first word for a sign, or for a shorter or longer bar, if
+    enough text follows this word.
     """
     text = text.strip()
     first = _WORD.search(text)
@@ -360,8 +361,8 @@ def _is_header_of_reversed_sign(source: str | CitedLine, text: str) -> bool:
     """Return whether a text is a header of readings whose sign may be reversed.
 
     An example is ``Shortening [um]``. The result is False for a header that begins with a minus
-    sign, because the program takes the minus sign into account. ``source`` tells where the text is,
-    such as "line 3".
+    sign, because this package takes the minus sign into account. ``source`` tells where the text
+    is, such as "line 3".
     """
     words = _words_of_header(text)
     is_understood = _MINUS.search(words) is not None

@@ -264,7 +264,7 @@ def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
 
 
 def _note_other_sheets(sheet: Sheet, log: AssumptionLog) -> None:
-    """Note the format of a file, and the names of its sheets that are left out, in the log.
+    """Add the format of a file, and the names of its sheets that are left out, to the log.
 
     A further note is added if hidden rows and number formats of the file cannot be examined.
     """

@@ -67,7 +67,8 @@ _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 # Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
 # are checked for this only if at least this many of their numbers have a comma or a point.
 _FEWEST_MARKED = 5
-# Regular expression for the beginning of a line with the number of a telephone or a company.
+# Regular expression for the beginning of a line with a telephone number, or with a number that
+# identifies a company or its bank account.
 _CONTACT = re.compile(
     r"\W*(?:tel|phone|telephone|telefon|téléphone|mob|mobile|mobil|fax|gsm|handy|iban|kvk|vat)"
     r"(?![^\W_])",
@@ -718,8 +719,8 @@ def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
     """Return the rows of a table up to the last row with numbers, without texts below the table.
 
     A row of numbers with unknown units also counts as a row with numbers. The texts below a table,
-    such as the end of a letter, begin with a row of words; they may hold numbers, such as that of a
-    telephone.
+    such as the end of a letter, begin with a row of words; they may hold numbers, such as a
+    telephone number.
     """
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):
@@ -747,8 +748,8 @@ def _fills_table(row: Row, heading: Heading) -> bool:
 def _is_remark(row: Row) -> bool:
     """Return whether a row is a text, and not a row of a table.
 
-    A text has words and no number, or it begins with a word such as "phone" or "fax", which
-    precedes the number of a telephone or a company.
+    A text has words and no number, or it begins with a word such as "phone", which precedes a
+    telephone number, or "vat", which precedes the number of a company.
     """
     text = " ".join(row.cells)
     if _CONTACT.match(text):
@@ -760,7 +761,7 @@ def _holds_quantities(row: Row, heading: Heading) -> bool:
     """Return whether a row fills all columns and every cell begins with a number.
 
     Such a row, for example of cells like ``0.9 x 10 um``, belongs to the table and is not a remark
-    below it. Its units cannot be read; the error is raised later.
+    below it. Its units cannot be read; later code raises an error for them.
     """
     if len(row.cells) != len(heading.headers):
         return False

@@ -42,8 +42,9 @@ _PAGE = re.compile(
 _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
-# Statements with which a line above the first table is replaced for a further table, if only some
-# of its values apply to the further table. The keys are the fields that the statements state.
+# If only some values in a line above the first table also apply to a further table, these values
+# are written anew for the further table, in these forms. The keys are the fields that have the
+# values.
 _STATED_AS = {
     "plane": "plane {}",
     "radius_mm": "radius {:g} mm",
@@ -253,7 +254,8 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
 def _without_numbers(text: str) -> str:
     """Return the words of a line in lower case, without numbers and words such as "continued".
 
-    Titles that pages of one table repeat, such as ``Test 7, page 2``, become equal by this.
+    Titles that differ only in numbers, such as ``Test 7, page 1`` and ``Test 7, page 2``, thus
+    become equal.
     """
     words = re.findall(r"[^\W\d_]+", comparable(text))
     return " ".join(word for word in words if not _CONTINUED.fullmatch(word))

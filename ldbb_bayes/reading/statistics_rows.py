@@ -34,7 +34,8 @@ _FIRST_WORD = re.compile(r"\W*[^\W\d_]{3,}")
 def statistics_among(cells: Sequence[str]) -> list[int]:
     """Return the indices of the cells of a column that name a statistic, such as "mean".
 
-    The list is empty if all cells of the column name a statistic, because no row then stands out.
+    The list is empty if all cells of the column name a statistic, because the column then does not
+    distinguish some rows from the others.
     """
     statistics = [k for k, cell in enumerate(cells) if comparable(cell) in _SURE_WORDS]
     if len(statistics) == len(cells):
@@ -46,8 +47,8 @@ def words_among_numbers(cells: Sequence[str]) -> list[int]:
     """Return the indices of the cells of a column which show that their rows hold no readings.
 
     These are words such as "gain" and "offset" in any column, and all words in a column that
-    otherwise holds numbers. A sign for a missing value is not a word. The list is empty if all
-    cells name a conversion.
+    otherwise holds numbers. A sign for a missing value is not a word. The list is empty if every
+    cell of the column is a word such as "gain".
     """
     conversions = [k for k, cell in enumerate(cells) if _names_conversion(cell)]
     if len(conversions) == len(cells):

@@ -46,7 +46,7 @@ class _StatedAngle(NamedTuple):
     """Angle that a line above a table states, such as the first angle of the readings."""
 
     value_deg: float  # angle that the line states [deg]
-    line: int | str  # number of the line; for a line of another sheet, number and sheet
+    line: int | str  # number of the line; a text such as "3 of notes.txt" for another sheet
     quoted: str  # words with which a line above the table states an angle, such as "Start: 0 deg"
 
 
@@ -80,9 +80,9 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     Raises
     ------
     InputError
-        If a step is stated without a start, or an end without a step; if a step is positive in a
-        test run CW whose end is not stated; if the test leaves out rows of the table; or if the end
-        does not agree with the number of readings.
+        If a step is stated without a start, or an end without a step; if the step is positive and
+        the test is run CW, but no end is stated; if the test leaves out rows of the table; or if
+        the end does not agree with the number of readings.
     """
     start = _stated_angle(recording, _START)
     end = _stated_angle(recording, _END)

@@ -46,8 +46,8 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation is below this fraction of
 # their median.
 _SMALLEST_SCATTER = 0.01
-# Units for tests for which the import has assumed no unit of angles or readings, because the user
-# or the file states one. The function `unit_size` then uses the stated unit instead of these.
+# Usual units of angles and readings. They are passed to `unit_size` if the import has assumed no
+# unit, because the user or the file states one. The function then uses the stated unit.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
@@ -80,7 +80,7 @@ class _Log(NamedTuple):
     """Angles and direction of travel of a test whose table has times instead of angles."""
 
     angle_deg: Array  # angles of the m readings on the circle [deg], shape (m,)
-    on_circle: NDArray[np.bool_]  # whether each of all n readings is on the circle, shape (n,)
+    on_circle: NDArray[np.bool_]  # whether each of the n readings is on the circle, shape (n,)
     direction: str  # direction of travel, CW or CCW; CCW if nothing states it
 
 
@@ -193,8 +193,8 @@ def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
 def _unit_of_counts(n_turns: float) -> str:
     """Return the unit of angles in counts (steps of an encoder), such as ``0.01 deg``.
 
-    One count is a decimal fraction of a degree, for which the angles cover about one turn.
-    ``n_turns`` is the number of turns that the angles would cover in degrees.
+    The unit is the decimal fraction of a degree with which the angles cover about one turn.
+    ``n_turns`` is the number of turns that the angles would cover if they were in degrees.
     """
     return f"{10.0 ** -max(1, round(np.log10(n_turns))):g} deg"
 

@@ -77,7 +77,7 @@ def _is_load(label: str) -> bool:
 
 
 def _with_rows_as_columns(sheet: Sheet, first: int, labels: Sequence[str]) -> Sheet:
-    """Return a sheet in which the rows of the table are its columns.
+    """Return a sheet in which the rows of the table have become columns.
 
     The line number of each new row is that of the row of angles plus the index of the angle,
     counted from 1. ``first`` is the index of the row of angles, and ``labels`` are the first cells
@@ -108,7 +108,7 @@ def _turned_units(
     """Return the units of cells for a table whose rows become columns.
 
     The keys of ``units`` are line numbers and indices of columns. ``turned`` are the rows of the
-    table; their first cells become headers, which keep their units as text.
+    table; the first cells of these rows become headers, in which units are part of the text.
     """
     first_line = turned[0].line
     columns = {row.line: k for k, row in enumerate(turned)}

@@ -22,20 +22,20 @@ _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
 # Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
 # number, as in "100 mm", the cell is a length and not a unit.
 _LARGEST_FACTOR = 10.0
-# Largest number of characters that a cell in a row of units may have if it is not a known unit; and
-# the same if the row has many known units.
+# Largest number of characters of a cell in a row of units, if the cell is not a known unit. The
+# second number applies if the row has at least ``_MANY_UNITS`` known units, the first number to all
+# other rows.
 _LONGEST_UNIT = 4
 _LONGEST_UNIT_AMONG_KNOWN = 8
 _MANY_UNITS = 3
 
 
 def row_of_units(cells: Sequence[str], separator: str) -> list[str]:
-    """Return the units in a row of cells below a header; an empty list if it is not a unit row.
+    """Return the units in a row below a header; an empty list if the row is not a row of units.
 
-    An unknown unit is returned as it is written, and a dash in place of a unit as an empty text. A
-    row with a load, such as 36 N, is not a row of
-    units. ``separator`` is the separator of the cells. If the separator is a blank, a factor such
-    as 0.1 is joined to the unit that follows it.
+    An unknown unit is returned as it is written. A dash in place of a unit is returned as an empty
+    text. A row with a load, such as 36 N, is not a row of units. ``separator`` is the separator of
+    the cells. If it is a blank, a factor such as 0.1 is joined to the unit that follows it.
     """
     if separator == " ":
         cells = joined_factors(without_comment_sign(cells))

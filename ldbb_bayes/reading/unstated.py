@@ -31,8 +31,8 @@ __all__ = ["note_unstated"]
 _MOST_TEXTS = 6
 # A note shows at most this number of characters of a text.
 _TEXT_SHOWN = 160
-# A line of a file that states the size of one count (digital step) of the instrument is not always
-# used in an import. It was used if a note cites it.
+# Statements on the size of one count (digital step) of the instrument. An import does not always
+# use a line with such a statement; a line was used if a note cites it.
 _CITED_WHERE_USED = {"reading_scale", "angle_scale"}
 # Regular expression for a number in an unused text of a file. Of texts that differ only in numbers,
 # only one gets a note.
@@ -44,7 +44,8 @@ _LETTER = re.compile(r"[^\W\d_]")
 class _Text(NamedTuple):
     """Unused text outside a table, shortened for a note."""
 
-    # number of the line that holds the unused text; for a line of another sheet, number and sheet
+    # number of the line that holds the text; for a line of another sheet, a text such as
+    # "3 of notes.txt"
     line: int | str
     text: str
 

@@ -65,10 +65,11 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
 
 
 def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
-    """Return the parts of a used segment, between dashes or slashes, that nothing was taken from.
+    """Return the unused parts of a segment of which another part was used.
 
-    An example is the last part of ``Force 36 N - gauge turned over``. A part counts as used if the
-    segment would state less without it. ``quoted`` are words of the line that notes quote.
+    The segment is divided at dashes and slashes. In ``Force 36 N - gauge turned over``, the last
+    part is unused. A part counts as used if the segment would state less without it. A part that a
+    note quotes is left out; ``quoted`` are the quoted words of the line.
     """
     parts = next(finer_divisions(segment))
     unused = []

@@ -40,7 +40,8 @@ LONGEST_TEXT = 300
 LONGEST_NAME = 200
 # Longest text that can be a unit [characters].
 _LONGEST_UNIT = 40
-# Largest number of texts without accents that are stored, because many steps ask for them again.
+# Removing accents from a text takes time. At most this number of results is stored, because many
+# steps of an import need them again.
 _KEPT_WORDS = 4096
 # Regular expression for a unit with a factor. An example is 0.1 µm, the unit of readings in counts
 # (digital steps) of 0.1 µm.
