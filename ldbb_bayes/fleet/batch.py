@@ -168,9 +168,9 @@ def run_batch(
     ------
     InputError
         If there are no campaigns, an option is out of range, pyarrow is not installed, or the
-        folder ``out`` cannot be written. Also if the folder ``out`` holds a batch and neither
-        ``resume`` nor ``force`` is true. Also if ``resume`` is true and the batch in the folder has
-        other campaigns, options or versions of software.
+        folder ``out`` cannot be written; if the folder ``out`` holds a batch and both ``resume``
+        and ``force`` are false; or if ``resume`` is true and the batch in the folder has other
+        campaigns, options or versions of software.
 
     Examples
     --------

@@ -301,7 +301,8 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:
-            # This quantity is a compliance, which the campaign's row has already as a parameter.
+            # The quantity is a fitted compliance. As a parameter, it is already in the row of the
+            # campaign in the batch's table.
             continue
         name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
         if row["plane"] in planes:
@@ -311,7 +312,7 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
 
 
 def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
-    """Return mean, sd, median and credible interval of a quantity.
+    """Return the mean, sd, median and credible interval of a quantity.
 
     ``row`` is the row of the quantity in `DirectionalStiffness.table`. If the readings do not
     determine the quantity, the values are None, with one exception: the lower end of the credible
@@ -338,11 +339,11 @@ def _conformity_columns(fitted: FittedModel) -> dict[str, Any]:
 
 
 def _parameter_numbers(fitted: FittedModel, prob: float) -> dict[str, dict[str, Any]]:
-    """Return unit, mean, sd, median and interval of every parameter and hyper-parameter of a fit.
+    """Return the unit, mean, sd, median and interval of every quantity that was fitted.
 
-    Hyper-parameters are quantities such as the standard deviation of the noise. The keys of the
-    result are the names of the parameters and hyper-parameters. ``prob`` is the probability of the
-    credible intervals.
+    The quantities are the parameters and the hyper-parameters. Hyper-parameters are quantities such
+    as the standard deviation of the noise. The keys of the result are the names of the parameters
+    and hyper-parameters. ``prob`` is the probability of the credible intervals.
     """
     bound = fitted.draws.bound
     units = {parameter.name: parameter.unit for parameter in bound.parameters}

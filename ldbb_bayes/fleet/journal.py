@@ -174,10 +174,10 @@ def begin_batch(
     Raises
     ------
     InputError
-        If the folder holds a batch and neither ``resume`` nor ``force`` is true. Also if ``resume``
-        is true and the batch in the folder has other campaigns, options or versions of software.
-        Also if ``force`` is false and the folder holds a table of the results of a batch, but the
-        journal has no record of a batch.
+        If the folder holds a batch and both ``resume`` and ``force`` are false; if ``resume`` is
+        true and the batch in the folder has other campaigns, options or versions of software; or if
+        ``force`` is false and the folder holds a table of the results of a batch, but the journal
+        has no record of a batch.
     """
     saved = journal.execute("SELECT record FROM batch").fetchone()
     has_table = (out / DATASET).exists()

@@ -159,8 +159,8 @@ def _compare_each_with_others(
     given each draw of the spreads and all machines.
 
     To leave machine m out, its contribution is subtracted from the precision and the shift of
-    ``shared``. The density of its readings follows from the densities with and without them:
-    ln p(y_m | y_−m, s) = ln p(y | s) − ln p(y_−m | s).
+    ``shared``. Let y be all readings, y_m the readings of machine m, y_−m the readings of the other
+    machines, and s the spreads. Then ln p(y_m | y_−m, s) = ln p(y | s) − ln p(y_−m | s).
     """
     k, c = spread.shape
     n, q = likelihood.shift.shape
@@ -210,9 +210,10 @@ def _compare_with_others(m: int, likelihood: Gaussian, separate: Estimates, spre
     """Return the deviations z of the machine with the index m, shape (c, k, 1).
 
     z is the difference between a parameter of machine m and its prediction from the other machines,
-    divided by the standard deviation of the difference. There are c parameters and k draws of the
-    spreads, ``spread``, shape (k, c). ``likelihood`` holds the likelihoods of all machines, and
-    ``separate`` the estimates from each machine alone.
+    divided by the standard deviation of the difference. There are c parameters. ``spread``, shape
+    (k, c), holds k draws of the spreads (standard deviations of the machines about the mean of
+    their population). ``likelihood`` holds the likelihoods of all machines, and ``separate`` the
+    estimates from each machine alone.
     """
     shared = shared_quantities(_without_machine(m, likelihood), spread)
     machine = Estimates(

@@ -89,9 +89,9 @@ class _DrawLimits(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: largest product of the number of machines and the number of random draws of the spreads
-    #: (standard deviations from machine to machine). It is exceeded if there are so many machines
-    #: that fewer than ``lowest`` draws would be made.
+    #: limit of the product of the number of machines and the number of random draws of the spreads
+    #: (standard deviations from machine to machine). If there are so many machines that the limit
+    #: allows fewer than ``lowest`` draws, it is exceeded, and ``lowest`` draws are made.
     pairs: int
     #: smallest number of random draws of the spreads (standard deviations from machine to machine)
     #: that are made, however many machines there are
@@ -236,9 +236,9 @@ class Population(Result):
     def not_belonging(self) -> tuple[str, ...]:
         """Names of the machines that stand out from the other machines.
 
-        A machine stands out if its corrected p-value is below 5 %. The machine comes first that has
-        the largest deviation (attribute ``z``) of a parameter from the prediction of the other
-        machines.
+        A machine stands out if its corrected p-value is below 5 %. The first name is that of the
+        machine with the largest deviation (attribute ``z``) of a parameter from the prediction of
+        the other machines.
         """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))
@@ -305,7 +305,10 @@ class Population(Result):
 
 @with_words.register
 def _population_record(result: Population) -> dict[str, Any]:
-    """Return the content of population.json: population, sentences, SHA-256 of both."""
+    """Return the content of population.json: the population, sentences on it, and a digest.
+
+    The digest is the SHA-256 of the population and the sentences.
+    """
     record = result.as_dict() | {"doubts": list(population_doubts(result))}
     return {**record, "sha256": digest_of(json.loads(json_text(record)))}
 
@@ -360,7 +363,7 @@ def _table_row(name: str, parameter: PooledParameter) -> list[str]:
 
 
 def _without_unit(summary: Summary, unit: str) -> str:
-    """Return mean and uncertainty of a distribution as text, without the name of the unit.
+    """Return the mean and uncertainty of a distribution as text, without the name of the unit.
 
     The numbers are converted from ``unit``, the internal unit of the distribution (such as mm/N),
     to the unit in which tables show them (such as nm/N).
@@ -546,13 +549,14 @@ class _Moments(NamedTuple):
 def _average_over_draws(
     weight: Array, mean: Array, sd: Array, tails: tuple[float, float]
 ) -> _Moments:
-    """Return mean, sd and interval of c parameters, averaged over weighted draws of the spreads.
+    """Return the moments of c parameters, averaged over weighted draws of the spreads.
 
-    Spreads are the standard deviations of the machines about the mean of their population. For each
-    of k draws of the spreads, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the
-    means and standard deviations of these Gaussians, shape (k, c), or (k, n, c) for n machines.
-    ``weight``, shape (k,), holds the weights of the draws. ``tails`` are the cumulative
-    probabilities of the two ends of the credible intervals.
+    The moments are the mean, the sd and the credible interval of each parameter. Spreads are the
+    standard deviations of the machines about the mean of their population. For each of k draws of
+    the spreads, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the means and
+    standard deviations of these Gaussians, shape (k, c), or (k, n, c) for n machines. ``weight``,
+    shape (k,), holds the weights of the draws. ``tails`` are the cumulative probabilities of the
+    two ends of the credible intervals.
     """
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
@@ -579,7 +583,7 @@ def _pool_parameters(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> dict[str, PooledParameter]:
-    """Return mean, spread and prediction of every parameter of the population.
+    """Return the mean, spread and prediction of every parameter of the population.
 
     The keys of the result are the names of the parameters. The mean is taken over the machines, the
     spread is the standard deviation of the machines about the mean, and the prediction is for a
@@ -632,7 +636,7 @@ def _pool_parameters(
 def _instrument_sd(
     statistics: FleetStatistics, weight: Array, shared: Gaussian, sd: Array
 ) -> Array:
-    """Return the part of the posterior sd of the population's mean due to instrument errors.
+    """Return the uncertainty of the population's mean that is due to the instrument's errors.
 
     The result has one element for each of c parameters, shape (c,), in units of the parameter's
     prior sd.
@@ -721,7 +725,7 @@ def _pool_machines(
 
 
 def _moments_of_machine(moments: _Moments, m: int) -> _Moments:
-    """Return mean, sd and interval of the parameters of the machine with the index ``m``."""
+    """Return the mean, sd and interval of the parameters of the machine with the index ``m``."""
     return _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
 
 

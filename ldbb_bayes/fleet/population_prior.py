@@ -118,9 +118,9 @@ class PopulationPrior(Shown):
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
         """Return sentences that state why the population's prior may not suit a campaign.
 
-        Such reasons are that the population has other campaigns of this very machine, that its
-        reference force is outside the campaign's range of force, and doubts about the population
-        itself.
+        The prior may not suit the campaign if the population has other campaigns of the same
+        machine, if the population's reference force is outside the campaign's range of forces, or
+        if there are doubts about the population itself.
 
         Parameters
         ----------
@@ -135,10 +135,10 @@ class PopulationPrior(Shown):
         Raises
         ------
         InputError
-            If the campaign's machine has another topology (chain of joints) than the population; if
-            the campaign lacks compliances of the population, or they stand for other sums of joint
-            compliances; or if the campaign belongs to the population: its readings would count
-            twice.
+            If the topology (chain of joints) of the campaign's machine differs from that of the
+            population; if the campaign lacks compliances of the population, or they stand for other
+            sums of joint compliances; or if the campaign belongs to the population, because its
+            readings would count twice.
         """
         require_campaign(campaign)
         self._check_applies_to(campaign)
@@ -193,8 +193,8 @@ class PopulationPrior(Shown):
 def _check_takes_prior(model: HybridModel, name: str) -> None:
     """Raise an `InputError` if a compliance of a model cannot get its prior from a population.
 
-    ``name`` is the name of the compliance. This is impossible if the model fixes the compliance at
-    zero, or if the user has set a prior for it in the model.
+    ``name`` is the name of the compliance. The compliance cannot get its prior from a population if
+    the model fixes it at zero, or if the user has set a prior for it in the model.
     """
     if name in model.fixed:
         raise InputError(

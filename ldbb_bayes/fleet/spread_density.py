@@ -118,13 +118,13 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
 
 def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
-    """Return the distribution of mean μ and instrument errors b for k values of the spreads s.
+    """Return the distribution of the mean μ and the errors b for k values of the spreads s.
 
-    μ is the mean of the population, and s are the standard deviations of the machines about μ. For
-    each value of s, the distribution is Gaussian. Its q quantities are the c elements of μ, then
-    the elements of b. The distributions have the shape (k, q). The attribute ``log_integral`` is ln
-    p(y | s), the log density of all readings y given the spreads, up to a constant. All values are
-    in units of the prior sds.
+    μ is the mean of the population, b are the errors of the instrument, and s are the standard
+    deviations of the machines about μ. For each value of s, the distribution is Gaussian. Its q
+    quantities are the c elements of μ, then the elements of b. The distributions have the shape (k,
+    q). The attribute ``log_integral`` is ln p(y | s), the log density of all readings y given the
+    spreads, up to a constant. All values are in units of the prior sds.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def _explained_variance(root: Array, response: Array) -> Array:
     the spreads (standard deviations of the machines about μ). The variances are computed for k
     values of the spreads. ``root``, shape (k, q, q), is the transposed square root of the
     covariance of μ and b. ``response``, shape (c, q, k, n), holds the derivatives of the parameters
-    or deviations with respect to μ and b. Their sign does not matter.
+    or deviations with respect to μ and b; the sign of the derivatives does not matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 

@@ -72,8 +72,8 @@ from ldbb_bayes.units import (
 __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
 # The printed table of a trend states the size of a parameter's change only if the probability of
-# the change is at least this value. The table shows probabilities with three decimals, so that
-# smaller probabilities would appear as zero.
+# the change is at least this value. Smaller probabilities would appear as zero, because the table
+# shows probabilities with three decimals.
 _UNLIKELY = 5e-4
 # The change of a parameter is also stated as a percentage of the level before the change, if this
 # level divided by its standard uncertainty exceeds this value. The percentage neglects this
@@ -431,19 +431,20 @@ def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
 
 
 class _MachineCampaigns(NamedTuple):
-    """Rows of one machine's campaigns in a batch's table, and limitations due to their choice.
+    """Rows of one machine's campaigns in a batch's table, and limitations of this selection.
 
     ``machine`` is the machine_id of the machine, or None if no campaign states a machine_id.
     """
 
     rows: pd.DataFrame  #: rows of one machine's campaigns in the table of a batch
     machine: str | None  #: machine_id of the machine; None if no campaign states a machine_id
-    #: limitations of the trend that are due to the choice of the campaigns' rows
+    #: limitations of the trend: that no campaign states a machine_id, or that campaigns without a
+    #: machine_id are left out
     caveats: list[Caveat]
 
 
 def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:
-    """Return the rows of one machine's campaigns, and caveats (limitations) due to their choice.
+    """Return the rows of one machine's campaigns, and caveats (limitations) of this selection.
 
     The machine_id of the machine is also returned. ``machine`` is the machine_id that the user
     chose, or None. If some rows have a machine_id, rows without a machine_id are left out, and a
@@ -608,7 +609,7 @@ def _parameter_change(
 
 
 def _step_summary(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
-    """Return mean, sd and credible interval of the size of a parameter's step.
+    """Return the mean, sd and credible interval of the size of a parameter's step.
 
     Mean, sd and interval describe a mixture of hypotheses. Each hypothesis assumes one campaign
     just before which the step occurred, and one value of the machine's scatter from campaign to
@@ -626,7 +627,7 @@ def _step_summary(weight: Array, mean: Array, sd: Array, prob: float) -> Summary
 
 
 def _present_level(levels: Levels, j: int) -> Summary:
-    """Return mean, sd and credible interval of a parameter's level at the last campaign.
+    """Return the mean, sd and credible interval of a parameter's level at the last campaign.
 
     ``levels`` holds mean, sd and interval of all parameters, and ``j`` is the index of the
     parameter. The result is in units of the parameter's prior sd.
@@ -636,7 +637,7 @@ def _present_level(levels: Levels, j: int) -> Summary:
 
 
 def _scaled_summary(summary: Summary, scale: float) -> Summary:
-    """Return mean, sd and credible interval of a quantity, multiplied by the factor ``scale``."""
+    """Return the mean, sd and credible interval of a quantity, multiplied by ``scale``."""
     low, high = summary.interval
     return Summary(scale * summary.mean, scale * summary.sd, (scale * low, scale * high))
 
@@ -742,8 +743,8 @@ def _conformities(
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
     """Return the index, among ``parameters``, of the parameter to which a quantity belongs.
 
-    The quantity is a parameter itself, or the stiffness of an axis, which belongs to the direct
-    compliance of this axis. Raise an `InputError` if there is no such parameter.
+    The quantity is either a parameter itself or the stiffness of an axis. A stiffness belongs to
+    the direct compliance of the same axis. Raise an `InputError` if there is no such parameter.
     """
     for j, name in enumerate(parameters):
         if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):

@@ -58,7 +58,7 @@ class ModelDraws(NamedTuple):
     parameters.
     """
 
-    bound: BoundModel  #: model, applied to a campaign
+    bound: BoundModel  #: model that is applied to a campaign
     #: n random draws of the h hyper-parameters (such as the standard deviation of the noise), shape
     #: (n, h); values that are lengths are in mm, all others are pure numbers
     phi: Array
@@ -140,7 +140,7 @@ def shared_terms(
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return how much each nuisance coefficient, per unit, changes the readings of each test [mm].
+    """Return the change of each test's readings per unit of each nuisance coefficient [mm].
 
     Nuisances are effects that are modelled but not of interest. Each of the q nuisance coefficients
     is the size of such an effect. The q coefficients are common to several tests or, if ``private``

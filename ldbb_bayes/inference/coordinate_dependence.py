@@ -78,7 +78,7 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number k of coordinates, the first ones, on which means and widths depend.
+        """Number k: the means and the widths depend only on the first k coordinates.
 
         The means and widths are those of a density along each of its h coordinates.
         """
@@ -102,9 +102,9 @@ class Dependence:
 
         u and ``z`` have the shape (n, h), with h coordinates of each point. The method solves z =
         (u − mean) / width − offset for u and is thus the inverse of `remove`. The mean and the
-        width of a coordinate u depend on earlier coordinates among the first ``leading`` ones, and
-        ``offset`` is a constant. These coordinates are therefore computed one after the other, and
-        the remaining coordinates then all at once.
+        width of a coordinate depend only on those of the first ``leading`` coordinates that come
+        before it; ``offset`` is a constant. The first ``leading`` coordinates are therefore
+        computed one after the other, and then all remaining coordinates at once.
         """
         standard = z + self.offset
         u = standard.copy()
@@ -204,11 +204,11 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 def fit_dependence(u: Array, weight: Array) -> Dependence:
     """Fit the mean and the width of each of h coordinates as functions of earlier coordinates.
 
-    The earlier coordinates of a coordinate are those before it among the first k; k is the smaller
-    of h − 1 and 7. The mean and the logarithm of the width are sums of polynomials, whose
-    coefficients are fitted to n weighted points. A coefficient is set to zero if its absolute value
-    is at most three standard errors. For these standard errors, the effective sample size of the
-    weights is used as the number of points.
+    The mean and the width of a coordinate may depend on those of the first k coordinates that come
+    before it, where k is the smaller of h − 1 and 7. The mean and the log width are sums of
+    polynomials, whose coefficients are fitted to n weighted points. A coefficient is set to zero if
+    its absolute value is at most three standard errors. For these standard errors, the effective
+    sample size of the weights is used as the number of points.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     >>> import emcee
     >>> density = lb.log_density(lb.HybridModel.first(0), campaign)
     >>> sampler = emcee.EnsembleSampler(40, len(density.names), density.log_prob, vectorize=True)
-    >>> last = sampler.run_mcmc(density.initial(40, seed=1), 5)  # some thousand steps in earnest
+    >>> last = sampler.run_mcmc(density.initial(40, seed=1), 5)  # in practice, a few thousand steps
     >>> sampler.get_chain().shape
     (5, 40, 17)
     """
@@ -148,7 +148,10 @@ class LogDensity(Shown):
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
 
     def __repr__(self) -> str:
-        """Return a line of text: the campaign, and numbers of parameters and hyper-parameters."""
+        """Return a line of text with the name of the campaign, and how many coordinates there are.
+
+        The numbers of parameters and of hyper-parameters are stated separately.
+        """
         campaign = self.bound.campaign.name
         parameters = len(self.bound.names)
         scales = len(self.bound.hyper_prior.names)

@@ -96,7 +96,7 @@ class RatioIntegral(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Error of the log integral of a density, with numerical errors of the density [nat]."""
+        """Error of the log integral of a density, including errors of the density itself [nat]."""
         return self.integral.error + self.value_error
 
     @property

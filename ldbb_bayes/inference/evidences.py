@@ -141,7 +141,8 @@ class Evidences(Shown):
         rough nodes are computed first, with a larger tolerance than that of this object. If every
         log evidence from the rough nodes, plus its error, is at most ``below`` [nat], all models
         are rejected and the rough nodes are returned. Otherwise, the nodes of all models are
-        computed to the tolerance of this object. `every` does not contain rough evidences.
+        computed to the tolerance of this object. The list `every` of the evidences computed so far
+        does not contain evidences from rough nodes.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -200,10 +201,10 @@ class Evidences(Shown):
 
     @cached_property
     def _rough(self) -> Evidences:
-        """Object for rough evidences of models, for the same readings as this object.
+        """Another ``Evidences`` object for the same readings, with a tolerance that is not small.
 
-        The error allowed in the logarithms of rough evidences is larger: at least
-        ``_ROUGH_TOLERANCE`` [nat].
+        The error allowed in every log evidence of the other object is the tolerance of this object,
+        but at least ``_ROUGH_TOLERANCE`` [nat].
         """
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
         # The models applied to the campaign, and the modes of their posteriors, do not depend on
@@ -242,8 +243,8 @@ class Evidences(Shown):
     def every(self) -> list[Evidence]:
         """Evidences of all models for which this object has computed the evidence so far.
 
-        Each log evidence was computed with the tolerance of this object: the error allowed in it.
-        Rough evidences, with a larger tolerance, are not included.
+        The error allowed in each log evidence is the tolerance of this object. Rough evidences,
+        for which a larger error is allowed, are not included.
         """
         return [nodes.evidence for nodes in self._nodes.values()]
 

@@ -319,7 +319,9 @@ def assess_fit(
 def _average_quality(
     bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array
 ) -> FitQuality:
-    """Return root-mean-square residual and fitness of the prediction averaged over several models.
+    """Return how well a prediction that is averaged over several models agrees with the readings.
+
+    The result holds the root-mean-square residual and the fitness of the averaged prediction.
 
     ``draws_by_model`` holds the posterior draws of each model. The readings that these draws
     predict are averaged over the draws of each model, then over the models, with the weights
@@ -339,9 +341,9 @@ def _average_checks(
 ) -> dict[str, TestChecks]:
     """Return the posterior predictive p-values of each test, averaged over several models.
 
-    ``draws_by_model`` holds the posterior draws of each model. Their p-values are averaged over the
-    models with the weights ``shares``, which sum to one. The keys of the result are the names of
-    the tests. ``rng`` generates the random draws of new circles.
+    ``draws_by_model`` holds the posterior draws of each model, from which its p-values are
+    computed. In the average, the models have the weights ``shares``, which sum to one. The keys of
+    the result are the names of the tests. ``rng`` generates the random draws of new circles.
     """
     checks = []
     for share, draws in zip(shares, draws_by_model, strict=True):

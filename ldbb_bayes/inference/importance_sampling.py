@@ -230,9 +230,10 @@ def _extend_sample(
 ) -> Integral:
     """Return an earlier sample of weighted points together with new points.
 
-    ``earlier`` is a sample from the same proposal; if it is None, only new points are returned.
-    ``size`` new points are drawn from ``proposal`` with each of the randomised quasi-random
-    sequences ``engines``. ``log_density`` is the logarithm of the density to be integrated.
+    ``proposal`` is the density from which the points of both samples are drawn. ``size`` new points
+    are drawn with each of the randomised quasi-random sequences ``engines``. ``earlier`` is the
+    earlier sample; if it is None, only the new points are returned. ``log_density`` is the
+    logarithm of the density to be integrated.
     """
     uniform = np.concatenate([engine.random(size) for engine in engines])
     free = proposal.transform(uniform)

@@ -22,9 +22,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler proposes draws in blocks of 256. If at most 256 draws are requested, it
-# gives up after this number of blocks; if more draws are requested, this number is larger in
-# proportion.
+# The rejection sampler proposes draws in blocks of 256, and gives up after a certain number of
+# blocks. The number is ``_MOST_ROUNDS`` if at most 256 draws are requested. If more draws are
+# requested, it is larger in proportion.
 _MOST_ROUNDS = 50
 # If the posterior probability that no compliance is negative is below this value, too many draws
 # would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
@@ -161,14 +161,13 @@ def _propose_untruncated(
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
     φ is drawn from ``proposal``, in coordinates without bounds, such as logarithms of standard
-    deviations; both densities are densities of these coordinates. The weight of a draw of φ is the
-    posterior density divided by the density of the proposal. A draw with a weight below one is
-    accepted with a probability equal to its weight; a draw with a larger weight may be accepted
-    several times (`_accept`), and each copy has a β of its own. If compliances must not be
-    negative, several β are drawn for each φ, negative compliances are allowed at first, and the
-    weight is multiplied by the share of these β that have no negative compliance. ``share_inside``
-    is an estimate of the mean of this share. For each accepted φ, one β without negative
-    compliances is returned.
+    deviations. The weight of a draw of φ is the posterior density of these coordinates divided by
+    the density from which they were drawn. A draw with a weight below one is accepted with a
+    probability equal to its weight; a draw with a larger weight may be accepted several times
+    (`_accept`), and each copy has a β of its own. If compliances must not be negative, several β
+    are drawn for each φ, at first without this condition. The weight of φ is then multiplied by the
+    share of these β that have no negative compliance. ``share_inside`` is an estimate of the mean
+    of this share. For each accepted φ, one β without negative compliances is returned.
     """
     tries = 1
     if posterior.truncated:
@@ -182,9 +181,10 @@ def _propose_untruncated(
     with np.errstate(divide="ignore"):
         index = _accept(log_weight + np.log(draws.usable / tries), rng)
     # A value of φ that is accepted several times gets different draws of β, as far as there are
-    # enough usable draws. ``draws.standard`` holds the draws of β as standard normal coordinates,
-    # for each φ the usable draws first, and ``draws.usable`` is the number of usable draws. A draw
-    # is usable if it has no negative compliance, or if negative compliances are allowed.
+    # enough usable draws. A draw is usable if it has no negative compliance, or if negative
+    # compliances are allowed. ``draws.standard`` holds the draws of β as standard normal
+    # coordinates, and ``draws.usable`` the number of usable draws for each φ. The usable draws come
+    # before the other draws.
     repetition = np.arange(len(index)) - np.searchsorted(index, index)
     z = draws.standard[index, np.minimum(repetition, draws.usable[index] - 1)]
     if not posterior.truncated:

@@ -120,13 +120,13 @@ class Integral:
     #: upper limit of the share of the integral that belongs to the nodes (points) at which the
     #: density was not evaluated because of their small weight
     left_out: float = 0.0
-    #: difference between the values of ln ∫ f, for the density f, from the two grids of a lattice
-    #: [nat], with the wider spacing of nodes before the spacing was last reduced; zero for a
-    #: sample, and for a lattice whose spacing was not reduced
+    #: result of an earlier lattice with a wider spacing of the nodes. A lattice consists of two
+    #: grids; this is the difference between the values of ln ∫ f that the two grids gave before the
+    #: spacing was last reduced [nat]. Zero if the spacing was not reduced, and for a random sample.
     coarser_difference: float = 0.0
-    #: error of ln ∫ f, for the density f, [nat] that arises if the density was evaluated at some
-    #: nodes (points) only and inferred at all others (`density_ratio`); zero if the density was
-    #: evaluated at all nodes
+    #: error of ln ∫ f [nat] that arises if the density f was evaluated only at some of the nodes
+    #: (points) and inferred at all others (`density_ratio`); zero if the density was evaluated at
+    #: all nodes
     ratio_error: float = 0.0
 
     @cached_property
@@ -175,8 +175,8 @@ class Integral:
             return np.inf
         of_nodes = self._sample_error() if self.proposal is not None else self._lattice_error()
         # The log integral has two errors: one because the nodes (points) are few, and one because
-        # the density may be evaluated at some of them only. The errors are independent of each
-        # other, so that their squares are added.
+        # the density may be evaluated at some of them only. The squares of the two errors are
+        # added, because the errors are independent of each other.
         return float(np.hypot(of_nodes, self.ratio_error)) + self.left_out
 
     def _lattice_error(self) -> float:
@@ -276,9 +276,9 @@ class Integral:
         return self._sample_proposal().log_density(free)
 
     def _sample_proposal(self) -> ProposalDensity:
-        """Return the density from which the nodes (points) of this sample were drawn.
+        """Return the density from which the nodes (points) of this integral were drawn.
 
-        Raise a `TypeError` for a lattice, which has no such density.
+        Raise a `TypeError` if the nodes form a lattice, because they were then not drawn at random.
         """
         if self.proposal is None:
             raise TypeError("a lattice has no proposal to draw from. Use importance_sample.")

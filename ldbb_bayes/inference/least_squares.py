@@ -97,9 +97,9 @@ def fit_least_squares(
     Raises
     ------
     InputError
-        For an object that is no campaign, a plan (a campaign without readings), a degree other than
-        0, 1 or 2, an unknown name in ``fixed``, or a campaign with fewer than degree + 2 different
-        forces.
+        For an object that is not a campaign, a plan (a campaign without readings), a degree other
+        than 0, 1 or 2, an unknown name in ``fixed``, or a campaign with fewer than degree + 2
+        different forces.
 
     Examples
     --------

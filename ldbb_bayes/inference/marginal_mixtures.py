@@ -58,7 +58,7 @@ class _Truncation(NamedTuple):
     #: in the upper tail are so close to one that their difference would be inaccurate.
     sign: Array
     #: probability, before truncation, that a Gaussian variable is below the interval to which it is
-    #: truncated; if ``sign`` is −1, that it is above the lower bound of the interval
+    #: truncated; if ``sign`` is −1, the probability that it is above the interval's lower bound
     below: Array
     #: probability, before truncation, that a Gaussian variable is in the interval to which it is
     #: truncated; if ``sign`` is −1, minus this probability

@@ -37,9 +37,9 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# The sampler runs its steps in blocks, and doubles their length several times. At each of the first
-# doublings, up to this number, the number of draws that a block stores is doubled too. At a later
-# doubling, it is not changed: the number of steps between stored draws is doubled instead.
+# The sampler runs its steps in blocks, and doubles the length of the blocks several times. At the
+# first ``_DOUBLINGS_STORED`` doublings, the number of draws that a block stores is doubled too. At
+# later doublings, the number of steps between two stored draws is doubled instead.
 _DOUBLINGS_STORED = 2
 # A move by differential evolution changes the point of a walker by a factor times the difference
 # between the points of two other walkers. In this share of such moves, the factor is one, so that
@@ -57,7 +57,7 @@ _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """Number of draws to store in a block of the sampler's steps, and steps between these draws."""
+    """Number of draws to store in a block of the sampler's steps, and distance between draws."""
 
     draws: int  #: number of draws that one block of the sampler's steps stores for each walker
     #: number of steps of the sampler, in one block of steps, from one stored draw to the next

@@ -318,7 +318,7 @@ class HyperPosterior:
         return self._scores.to_free(integral)
 
     def _plain_integral(self, tolerance: float) -> Integral:
-        """Return the integral of the hyper-parameters' posterior if compliances may be negative.
+        """Return the integral of the posterior density that allows negative compliances.
 
         ``tolerance`` is the error allowed in the log integral [nat].
         """
@@ -352,11 +352,11 @@ class HyperPosterior:
         noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
-            # Return the log posterior density at some of the nodes (values of the hyper-parameters)
-            # of ``integral``, which ``index`` names: the log density in ``integral``, plus the log
-            # probability that no compliance is negative, minus the log of its upper bound if the
-            # density in ``integral`` contains the bound. The random error of each value is stored
-            # in ``noise``.
+            # Return the log posterior density at those nodes (values of the hyper-parameters) of
+            # ``integral`` whose indices are ``index``. It is the log density in ``integral`` plus
+            # ln P, where P is the probability that no compliance is negative. If the density in
+            # ``integral`` contains an upper bound of P, the log of this bound is subtracted. The
+            # random error of each value is stored in ``noise``.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
             log_density = integral.log_density[index] + probability.log_value
@@ -589,9 +589,9 @@ class HyperPosterior:
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
         def derivatives(point: Array) -> tuple[Array, Array]:
-            # Return gradient and Hessian of the hyper-parameters' log posterior density at a point,
-            # with zeros for all derivatives with respect to the coordinate ``axis``, which is held
-            # constant.
+            # Return the gradient and the Hessian of the hyper-parameters' log posterior density at
+            # a point. All derivatives with respect to the coordinate ``axis``, which is held
+            # constant, are set to zero.
             gradient, hessian = self._derivatives(point)
             both_may_change = np.outer(may_change, may_change)
             return np.where(may_change, gradient, 0.0), np.where(both_may_change, hessian, 0.0)
@@ -603,13 +603,15 @@ class HyperPosterior:
 
         ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters, coordinates in
         which most of the priors are standard normal. If the probability that no compliance is
-        negative is a factor of the density, its upper bound is used instead.
+        negative is a factor of the density, an upper bound of this probability is used instead.
         """
         log_density = self.log_density(self._scores.free(scores), smooth=True)
         return np.asarray(log_density + self._scores.log_jacobian(scores))
 
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
-        """Return gradient and Hessian of the smooth log density at a point, shapes (h,) and (h, h).
+        """Return the gradient and the Hessian of the smooth log density at a point.
+
+        The results have the shapes (h,) and (h, h).
 
         ``point``, shape (h,), holds the normal scores of the h hyper-parameters, coordinates in
         which most of the priors are standard normal. The density is their posterior density. If the
@@ -811,7 +813,7 @@ class Nodes:
     def moments(
         self, *, spare: float = _SPARE, points: int = 512, components: int | None = None
     ) -> tuple[Array, Array]:
-        """Return posterior mean and standard deviation of the p parameters, each of shape (p,).
+        """Return the posterior mean and standard deviation of the p parameters, each of shape (p,).
 
         Means and variances given the hyper-parameters are averaged over the nodes (weighted values
         of the hyper-parameters). The nodes of smallest weight, which together hold at most the
@@ -838,10 +840,11 @@ class Nodes:
 
         ``levels``, shape (n,), holds the probabilities. The quantiles are computed from a mixture
         of Gaussians. Each Gaussian is the density of a parameter given one value of the
-        hyper-parameters; ``components`` values are picked from the nodes in proportion to the
-        weights. The condition that no compliance is negative, if there is one, concerns only a few
-        linear combinations of the parameters. These are drawn at random with the given ``seed``,
-        and each Gaussian is conditional on them too.
+        hyper-parameters. The values are picked from the nodes (weighted values) in proportion to
+        the weights; ``components`` is the number of values to pick. If no compliance may be
+        negative, a few linear combinations of the parameters are restricted. These combinations
+        are drawn at random, and each Gaussian is the density given the combinations too. ``seed``
+        is the seed of all random numbers.
         """
         rng = np.random.default_rng(seed)
 
@@ -858,7 +861,7 @@ class Nodes:
     def _moments_given(
         self, free: Array, along_axes: Callable[[Orthant], tuple[Array, Array]]
     ) -> _ConditionalMoments:
-        """Return means and variances of the parameters given each of w hyper-parameter values.
+        """Return the moments of the parameters for each of w values of the hyper-parameters.
 
         ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates (mostly
         ln(value − lower bound)). If negative compliances are allowed, the parameters given the

@@ -100,11 +100,11 @@ class NormalScores:
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
-        """Return the log probability that a hyper-parameter lies between ``values`` and its bound.
+        """Return the log probability that hyper-parameters lie between values and upper bounds.
 
-        There are k hyper-parameters with truncated normal priors. The probability is that of the
-        normal distribution before truncation, and the bound is the upper bound. ``values`` and the
-        result have the shape (..., k).
+        There are k hyper-parameters with truncated normal priors. The probability that one of them
+        lies between its value in ``values`` and its upper bound is that of the normal distribution
+        before truncation. ``values`` and the result have the shape (..., k).
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)
@@ -211,10 +211,11 @@ class NormalScores:
 
         The coordinates and the normal scores are those of hyper-parameters. The Jacobian is the
         volume in unbounded coordinates per unit of volume in normal scores, the product of du/dz
-        over the hyper-parameters. u is the unbounded coordinate of a hyper-parameter φ with the
-        bounds a and b, and z is its score. n(z) dz = p(φ) dφ, where p is the prior density of φ and
-        n the standard normal density. dφ = (φ − a) du if b is infinite, and dφ = (φ − a) (b − φ) /
-        (b − a) du if b is finite. ``scores`` holds the scores in its last dimension.
+        over the hyper-parameters. Here u is the unbounded coordinate of a hyper-parameter φ with
+        the bounds a and b, and z is its score. The derivative du/dz follows from two equations. The
+        first is n(z) dz = p(φ) dφ, where p is the prior density of φ and n the standard normal
+        density. The second is dφ = (φ − a) du if b is infinite, and dφ = (φ − a) (b − φ) / (b − a)
+        du if b is finite. ``scores`` holds the scores in its last dimension.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)
@@ -250,10 +251,11 @@ class NormalScores:
 
 @dataclass(frozen=True)
 class _FreeProposal:
-    """Density of the hyper-parameters' unbounded coordinates, from that of their normal scores.
+    """Density of unbounded coordinates of the hyper-parameters.
 
-    Unbounded coordinates are mostly ln(value − lower bound). Normal scores are coordinates in which
-    most of the priors are standard normal. Their density is the `ProposalDensity` ``of_scores``.
+    Unbounded coordinates are mostly ln(value − lower bound). The density is computed from
+    ``of_scores``, the `ProposalDensity` of the normal scores. Normal scores are coordinates in
+    which most of the priors are standard normal.
     """
 
     coordinates: NormalScores

@@ -166,8 +166,8 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
-    # The record is the JSON text that states how a posterior was made. Reading it raises an error
-    # if the posterior has none.
+    # Raise an error if the posterior has no record (the JSON text that states how the posterior was
+    # made).
     record_of(posterior)
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
@@ -207,7 +207,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     ------
     InputError
         For a file that is missing, damaged (its digest then differs), not written by this package,
-        or written by another version of this package. Also for a file with a fit of another edition
+        or written by another version of this package, and for a file with a fit of another edition
         of the default model.
 
     Examples
@@ -411,7 +411,7 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 
 
 def campaign_of(posterior: xr.DataTree) -> Campaign:
-    """Return the campaign from whose readings a posterior was computed, readings included.
+    """Return the campaign, with its readings, from which a posterior was computed.
 
     Posteriors of the same campaign, such as a fit and an average over models, share one `Campaign`
     object.
@@ -428,8 +428,8 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
     """Return the key of a posterior's campaign in the cache of campaigns.
 
-    The key consists of the entry ``campaign`` of the posterior's record (JSON text that states how
-    it was made), and of the angles and readings.
+    The key consists of two parts: the entry ``campaign`` of the posterior's record (the JSON text
+    that states how the posterior was made), and the angles and readings of the campaign.
     """
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
@@ -641,11 +641,11 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
 
 
 def _plain_unit(name: str, unit: str) -> tuple[float, str]:
-    """Return the unit in which draws of a variable are exported, such as nm/N, and its factor.
+    """Return a factor, and the unit in which draws of a variable are exported, such as nm/N.
 
-    Draws in ``unit``, the internal unit of the variable ``name``, are multiplied by the factor,
-    which comes first in the result. Because other libraries round to two decimals, the unit is so
-    small that most draws are at least about 0.1 in magnitude.
+    The factor converts draws from ``unit``, the internal unit of the variable ``name``, to the unit
+    of the export. Because other libraries round to two decimals, the unit of the export is so small
+    that most draws are at least about 0.1 in magnitude.
     """
     factor, label = display_unit(unit)
     is_scale = unit == "mm" and not name.startswith("E_")

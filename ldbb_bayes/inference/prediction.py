@@ -218,9 +218,9 @@ def readings_drawn(
 
 
 class _MeasuredAndPlanned(NamedTuple):
-    """A model, once applied to the measured tests and once to the planned tests.
+    """One model in two forms: applied to the measured tests, and applied to the planned tests.
 
-    Both have the same nuisances (effects that are modelled but not of interest).
+    The two forms have the same nuisances (effects that are modelled but not of interest).
     """
 
     measured: BoundModel

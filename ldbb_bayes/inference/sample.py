@@ -48,8 +48,8 @@ _CHAINS = 4
 # hyper-parameters is larger.
 _WALKERS = 128
 # Number of independent draws, divided by the required effective sample size. The ratio is above
-# one, because the computed effective sample size scatters, and that of every parameter must reach
-# the required value.
+# one, because the computed effective sample size scatters from parameter to parameter, and must
+# reach the required value for every parameter.
 _SURPLUS = 1.3
 # Number of independent draws that are added to each chain. The computed effective sample size
 # scatters; with more draws, it reaches the required value for every parameter.
@@ -57,8 +57,9 @@ _SURPLUS_DRAWS = 50
 # If nearly independent draws are picked from a run of emcee, the effective sample size of the run
 # must be at least this many times the number of draws picked.
 _THINNING = 4.0
-# A run of emcee from which nearly independent draws are picked must also have an R-hat of at most
-# ``_RHAT_WHEN_THINNED``, and must span at least ``_LENGTHS_WHEN_THINNED`` autocorrelation times.
+# If nearly independent draws are picked from a run of emcee, the R-hat of the run must be at most
+# ``_RHAT_WHEN_THINNED``, and the run must span at least ``_LENGTHS_WHEN_THINNED`` autocorrelation
+# times.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
 

@@ -26,8 +26,7 @@ __all__ = ["SharedDraws", "draw_with_shared"]
 # are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
 # The parameters may be drawn from a density that is shifted towards compliances that are not
-# negative. A draw that is then rejected is replaced by a new one; at most this number of draws is
-# made.
+# negative. If such a draw is rejected, a new draw is made, until this number of draws is reached.
 _REPEATS = 20
 
 
@@ -91,8 +90,8 @@ def _draw_standard(
     mean = conditional.mean @ conditional.physical.rows.T
 
     def is_outside(draws: Array, index: Index) -> Array:
-        # For each random draw of the parameters, whether a compliance is negative; ``index`` holds
-        # the indices of the values of the hyper-parameters to which the draws belong.
+        # Return for each random draw of the parameters whether a compliance is negative. ``index``
+        # holds the indices of the values of the hyper-parameters to which the draws belong.
         compliances = np.einsum("np,npm->nm", draws, spread[index]) + mean[index]
         return (compliances < 0.0).any(axis=1)
 

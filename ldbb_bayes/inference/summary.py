@@ -196,9 +196,10 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
 
 
 def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
-    """Return a dict with mean, sd, median and the limits of the equal-tailed interval of ``draws``.
+    """Return a dict with the mean, sd, median and interval limits of ``draws``.
 
-    ``prob`` is the probability of the interval, between 0 and 1.
+    The interval is the equal-tailed credible interval. ``prob`` is the probability of the interval,
+    between 0 and 1.
     """
     tail = 50.0 * (1.0 - prob)
     low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])
