@@ -98,11 +98,11 @@ class Update(NamedTuple):
     #: Largest row i in which an entry P_ij of the matrix P changes when a group of columns of P is
     #: eliminated, plus 1. i counts only the m later columns that change, from 0.
     stop: int
-    #: Rows of the workspace that hold the entries P_ij which change when groups of columns are
-    #: eliminated, shape (borders, stop − first, m + 1 − first), where m is the number of later
-    #: columns that a group changes. The workspace is the array with the entries of the precision
-    #: matrix P. P is symmetric, and only entries with j ≥ i are stored. For entries with j < i, the
-    #: change is made in the last row of the workspace, which is never read.
+    #: Indices of the rows of the workspace (the array with the entries of the precision matrix P)
+    #: in which the changed entries P_ij are stored. The shape is (borders, stop − first, m + 1 −
+    #: first), where m is the number of later columns that a group changes. P is symmetric, and only
+    #: entries with j ≥ i are stored. For entries with j < i, the index is that of the last row of
+    #: the workspace, which is never read.
     targets: NDArray[np.intp]
 
 

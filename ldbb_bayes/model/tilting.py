@@ -36,8 +36,8 @@ __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_dist
 # search ends when the relative magnitude of the gradient (`_ConvexFunction.error`) is at most this
 # number. The number also serves as an upper bound of the rounding errors of log probabilities.
 ROUNDING = 1e-10
-# Largest number of steps of Newton's method in the search for the saddle point of the log
-# importance weight of random draws.
+# Largest number of steps of Newton's method in the search for a saddle point of the log importance
+# weight.
 _ITERATIONS = 60
 # Largest number of step lengths that are tried in one step of Newton's method. Each step length is
 # half of the previous step length.
@@ -131,7 +131,7 @@ class _ConvexFunction(NamedTuple):
 
 
 class _Edges(NamedTuple):
-    """Result of the search for the saddle points of the log importance weights of random draws.
+    """Result of the search for saddle points of the log importance weight.
 
     Each saddle point is described by the lower limits (edges) of the d shifted normal variables.
     ``edge``, shape (w, d), holds the limits for each of w sets of constraints. ``solved``, shape
