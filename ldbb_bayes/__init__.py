@@ -26,8 +26,8 @@ __all__ = ["__version__", *_public]
 def __getattr__(name: str) -> Any:
     """Return the public function, class or module of this package that is named ``name``.
 
-    It is imported when it is first used. The first call also makes ``print`` show results as tables
-    and sentences.
+    The object is imported when it is first used. The first call also makes ``print`` show results
+    as tables and sentences.
     """
     # The module with the results is imported only here, because it loads NumPy, which takes time.
     from ldbb_bayes.results import register_when_displayed

@@ -287,7 +287,7 @@ class _TextLayout:
         return head == "unit", head in _ESTIMATE, self._numeric[column]
 
     def _is_constant(self, column: int) -> bool:
-        """Return whether a column of the table, other than "unit", has one value in all rows."""
+        """Return whether a column, other than "unit", has the same value in all rows."""
         values = {row[column] for row in self._rows}
         return self._heads[column] != "unit" and len(values) == 1
 

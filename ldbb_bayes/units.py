@@ -311,7 +311,8 @@ def is_direct(name: str) -> bool:
 def is_slope(name: str) -> bool:
     """Return whether a parameter with this name is a slope of a compliance, such as C_XXX_1.
 
-    A slope is a coefficient of the change of a compliance with force, linear (1) or quadratic (2).
+    A slope states how a compliance changes with force. The last digit of its name is 1 for the
+    linear change and 2 for the quadratic change.
     """
     return re.fullmatch(r"C_.*_\d", name) is not None
 
@@ -319,7 +320,7 @@ def is_slope(name: str) -> bool:
 def without_slopes(names: Iterable[str]) -> list[str]:
     """Return ``names`` without the names of slopes; if no name would be left, return all ``names``.
 
-    Slopes are coefficients of the change of a compliance with force (`is_slope`).
+    Slopes are parameters that state how a compliance changes with force (`is_slope`).
     """
     listed = list(names)
     return [name for name in listed if not is_slope(name)] or listed
@@ -447,7 +448,7 @@ def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Statement:
-    """Texts of a result and its uncertainty as metrologists write them, and their common unit."""
+    """A result and its uncertainty as texts, as metrologists write them, with their common unit."""
 
     #: value of the result as text, rounded to the decimal place of the standard uncertainty
     value: str

@@ -63,8 +63,8 @@ class _Analyses:
     string with the reason is stored instead.
     """
 
-    #: Comparison of two models: compliance that does not depend on the force, and compliance linear
-    #: in it.
+    #: Comparison of two models, one with constant compliance and one with compliance linear in
+    #: force.
     comparison: lb.analysis.Comparison | str
     #: Posterior averaged over two models, one with constant and one with linear compliance; None if
     #: it cannot be computed.
