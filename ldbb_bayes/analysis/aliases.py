@@ -284,9 +284,10 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 def _reading_changes(bound: BoundModel, columns: Array) -> Array:
     """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
 
-    ``columns``, shape (tests, 25, m), also holds changes per unit of each coefficient, but of the
-    25 Fourier coefficients of each test's radial deviation. The k angles of the readings are those
-    of the tests. If a test has more than ``_MOST_ANGLES`` angles, only this number of them is used.
+    A coefficient is a parameter or describes an effect that is not of interest. ``columns``, shape
+    (tests, 25, m), holds the changes of each test's radial deviation per unit of each coefficient,
+    as the 25 terms of a Fourier series. The k angles of the readings are those of the tests. If a
+    test has more than ``_MOST_ANGLES`` angles, only this number of them is used.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

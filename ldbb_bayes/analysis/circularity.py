@@ -172,11 +172,12 @@ def path_draws(
     """Yield posterior draws of the circular deviation and similar quantities of the tool path.
 
     There is one object for each plane and each force. It holds draws, shape (draws,), of each
-    quantity: the circular deviation G [µm], the radial deviations F_max and F_min [µm], also from
-    the nominal circle, squareness and scale mismatch [µm/m]. If the model of the plane has
-    hysteresis, there are also the bidirectional deviation G_b and the mean deviation D [µm].
-    `predict_circularity` explains these quantities. ``forces_N`` are forces of the bar [N], by
-    default 0 and the tested forces. ``draws`` is the number of posterior draws used.
+    quantity: the circular deviation G [µm]; the largest and smallest radial deviations F_max and
+    F_min [µm], once from the least-squares circle and once from the nominal circle; squareness and
+    scale mismatch [µm/m]. If the model of the plane has hysteresis, there are also the
+    bidirectional deviation G_b and the mean deviation D [µm]. `predict_circularity` explains these
+    quantities. ``forces_N`` are forces of the bar [N], by default 0 and the tested forces.
+    ``draws`` is the number of posterior draws used.
     """
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)

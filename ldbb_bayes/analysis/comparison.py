@@ -77,10 +77,10 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # another assumption if its log evidence is at least this number [nat] below that of the assumption
 # in the model.
 _REJECTED = 5.0
-# Comparisons are repeated with other assumptions about the random differences between circles. The
-# readings clearly reject such an assumption if, under it, the log evidences of both models are at
-# least this number [nat] below the larger of their log evidences under the original assumption. The
-# evidences under the rejected assumption are then computed only roughly, to save time.
+# The comparison of two models is repeated with other assumptions about the random differences
+# between circles. Let M be the larger of the two log evidences before the assumption is changed.
+# The readings clearly reject another assumption if, with it, both log evidences are at least this
+# number [nat] below M. These two evidences are computed only roughly, to save time.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -263,8 +263,8 @@ class Comparison(Result):
     #: empty if compliance is constant in all compared models, or if only evidences were computed
     slopes: dict[str, VaryingSlope]
     #: models in which different subsets of the compliances change with force, the most probable
-    #: model first; not all subsets are compared if there are too many; empty if compliance is
-    #: constant in all compared models, or if only evidences were computed
+    #: model first. If there are too many subsets, only some are compared. Empty if compliance is
+    #: constant in all compared models, or if only evidences were computed.
     slope_subsets: tuple[SlopeSubset, ...]
     #: compliance C(F) against force F, by name, averaged over models in which different subsets of
     #: the compliances change with force; empty if ``slopes`` is empty
@@ -278,13 +278,12 @@ class Comparison(Result):
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. The log evidences of the first two of the
     #: compared models are also computed with other assumptions about the random differences between
-    #: circles. With such an assumption, an error of 0.1 nat is allowed if the log evidences of both
-    #: models are at least 10 nat below the larger of their log evidences under the original
-    #: assumption.
+    #: circles. Let M be the larger of the two log evidences before the assumption is changed. If
+    #: both log evidences with another assumption are at least 10 nat below M, an error of 0.1 nat
+    #: is allowed for them.
     tolerance: float
-    #: largest error of any log evidence [nat], except of the rough log evidences with assumptions
-    #: about the random differences between circles that the readings clearly reject (see
-    #: ``tolerance``)
+    #: largest error of any log evidence [nat]. Log evidences under assumptions that the readings
+    #: clearly reject are only rough, and are left out here (see ``tolerance``).
     largest_error: Finite
     #: number of model evidences whose error is infinite, because the weights of their quadrature
     #: are not reliable. The field keeps a name from an older version, because programs read this
@@ -440,8 +439,8 @@ class _ComparisonPlan:
     #: compliance with force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or
     #: if the two models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two of the compared models, without any change. The dictionary has a single key, a
-    #: label which says that the models keep their assumption about the random differences between
+    #: a single entry: the first two of the compared models, without any change. The key is a label
+    #: which says that the models keep their assumption about the random differences between
     #: circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
     #: the first two of the compared models, changed to make another assumption about the random
@@ -921,7 +920,7 @@ def _compare_models(
     seed: int,
     prob: float,
 ) -> dict[str, ComparedModel]:
-    """Return evidence, fit and parameter estimates of every model, by name.
+    """Return the evidence, the fit and the parameter estimates of every model, by name.
 
     ``nodes_by_model`` holds the posterior of each model. ``log_densities`` holds, for each model,
     the log density of every test given the other tests [nat]. ``seed`` is the seed of posterior

@@ -139,7 +139,7 @@ def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str
 
 
 def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWithForce:
-    """Return the change of one compliance from posterior draws of its curve C(F).
+    """Return the change of one compliance C with force F, from posterior draws of the curve C(F).
 
     ``draws`` holds the values of the curve at the smallest, the reference and the largest force.
     ``prob`` is the probability of the credible intervals.
@@ -165,8 +165,9 @@ def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWit
 
 
 def _summary_of(draws: Array, prob: float) -> DrawnValue:
-    """Return mean, sd, median and credible interval of a compliance or change from posterior draws.
+    """Return the mean, sd, median and credible interval of posterior draws.
 
-    ``draws`` has the shape (draws,), and ``prob`` is the probability of the equal-tailed interval.
+    ``draws``, shape (draws,), are draws of a compliance or of its change with force. ``prob`` is
+    the probability of the equal-tailed credible interval.
     """
     return DrawnValue(**interval_numbers(draws, prob))

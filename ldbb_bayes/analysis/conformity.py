@@ -267,10 +267,10 @@ def _stated_draws(
 
 
 def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
-    """Return posterior draws of circular deviation and of largest and smallest deviation [mm].
+    """Return posterior draws of three deviations of the machine's circular path [mm], by name.
 
-    The names (keys) are those of ISO 230-4: G for the circular deviation, and F_max and F_min for
-    the largest and the smallest radial deviation of the machine's circular path.
+    The names are those of ISO 230-4: G for the circular deviation, F_max for the largest radial
+    deviation and F_min for the smallest radial deviation.
 
     If there are several planes, each name ends with the plane, such as ``G_YZ``. ``force`` is the
     force of the bar [N].

@@ -87,8 +87,8 @@ def compare_posteriors(
         ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` names
         the error of the instrument about which the campaigns disagree most, and gives the p-value
         of the disagreement (with Bonferroni correction). It is None for different instruments, and
-        if there is no error of the instrument about which the readings of both campaigns tell
-        anything.
+        if there is no error of the instrument that the readings of both campaigns help to
+        determine.
 
     Raises
     ------

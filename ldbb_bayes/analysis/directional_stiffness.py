@@ -280,9 +280,9 @@ def _rows_of_plane(plane: PlaneStiffness) -> list[dict[str, object]]:
 
 
 def _row_of_axis(name: str, axis: PrincipalAxis) -> dict[str, object]:
-    """Return the table row of a principal stiffness in space, such as ``k_1``, and its axis.
+    """Return the table row of a principal stiffness in space, such as ``k_1``.
 
-    The keys are names of columns. The columns x, y, z and cone_deg describe the axis.
+    The keys are names of columns. The columns x, y, z and cone_deg describe the principal axis.
     """
     x, y, z = axis.direction
     direction = {"x": x, "y": y, "z": z, "cone_deg": axis.cone_deg}

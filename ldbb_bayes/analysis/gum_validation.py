@@ -157,12 +157,12 @@ class GumValidation(Result):
 
     @property
     def validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose coverage intervals by GUM and by posterior agree."""
+        """Names of the parameters whose intervals by the GUM and by the posterior agree."""
         return tuple(name for name, entry in self.parameters.items() if entry.validated)
 
     @property
     def not_validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose coverage intervals by GUM and by posterior do not agree."""
+        """Names of the parameters whose intervals by the GUM and by the posterior do not agree."""
         return tuple(name for name, entry in self.parameters.items() if not entry.validated)
 
 

@@ -107,11 +107,11 @@ class _Pair(NamedTuple):
 def _measure_pair(pair: _Pair) -> dict[str, Any]:
     """Return the table row of two tests of the same circle, run in opposite directions.
 
-    The row states the force [N], the plane and three quantities in µm, like the readings of
-    a test. ``G_b`` and ``G_b_minimum_zone`` are bidirectional deviations: the width of a zone
-    between concentric circles that contains the traces of both tests. For ``G_b``, the circles have
-    the least-squares centre. For ``G_b_minimum_zone``, they have the centre for which the zone is
-    narrowest. ``D`` is the mean radial deviation of the two tests from the nominal radius.
+    The row states the force [N], the plane and three quantities [µm]. ``G_b`` and
+    ``G_b_minimum_zone`` are bidirectional deviations: the width of a zone between concentric
+    circles that contains the traces of both tests. For ``G_b``, the circles have the least-squares
+    centre. For ``G_b_minimum_zone``, they have the centre for which the zone is narrowest. ``D`` is
+    the mean radial deviation of the two tests from the nominal radius.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)

@@ -113,8 +113,8 @@ def local_fits(
         nodes = posterior.nodes(_TOLERANCE)
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE, components=_MOMENT_NODES)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
-        # With all tests of the campaign as foreseen tests, the least-squares fit has the same
-        # parameters for every pair.
+        # All tests of the campaign are listed as foreseen tests (tests that may be run later). The
+        # least-squares fit then has the same parameters for every pair.
         pair = replace(campaign.select(names), foreseen=campaign.scope)
         squares = fit_least_squares(pair, fixed=constant.fixed).table
         forces = bound.setting.force_N

@@ -81,8 +81,8 @@ class NullSpace:
 
         The vector of a combination, shape (m,), holds the values of the m coefficients. The pivot
         is the index of a coefficient with the value one, whose effect the other coefficients
-        cancel. First, combinations of parameters alone are searched. Then follow combinations of
-        one nuisance coefficient with parameters that are not pivots yet, and at last all other
+        cancel. The search first finds combinations of parameters alone, then combinations of one
+        nuisance coefficient with parameters that are not pivots yet, and finally all other
         combinations. A nuisance coefficient is left out if its effect alone changes no reading
         noticeably. In the result, combinations with a nuisance coefficient as pivot come first.
         """
@@ -115,10 +115,11 @@ class NullSpace:
         return self._imitations(pivots, np.setdiff1d(columns, pivots))
 
     def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
-        """Return k orthonormal combinations of c model coefficients that change no reading, (c, k).
+        """Return orthonormal combinations of model coefficients that change no reading.
 
-        ``columns`` are the indices of the c coefficients. A change of a reading by at most
-        ``NullSpace.limit`` counts as no change.
+        The result has the shape (c, k), for k combinations of c coefficients. ``columns`` are the
+        indices of the c coefficients. A change of a reading by at most ``NullSpace.limit`` counts
+        as no change.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         # The matrix of effects on the readings has one singular value for each coefficient of the

@@ -99,14 +99,14 @@ def paired_remedies(
 
 
 def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
-    """Return the first remedy for a parameter together with the best second remedy.
+    """Return a pair of remedies for a parameter: ``first``, and the best remedy to add to it.
 
-    A remedy is a certificate or a change of the plan. The best second remedy is the one that
-    minimises the parameter's standard uncertainty when it is added to the first. ``tried`` holds
-    the campaign, with the standard uncertainties of its parameters after remedies. ``name`` is the
-    name of the parameter, and ``sd`` its standard uncertainty without any remedy. Return None if no
-    second remedy reduces the standard uncertainty to less than 90 % of the standard uncertainty
-    with the first remedy alone.
+    A remedy for a large uncertainty is a certificate or a change of the plan. The best remedy to
+    add is the one that minimises the parameter's standard uncertainty together with ``first``.
+    ``tried`` holds the campaign, with the standard uncertainties of its parameters after remedies.
+    ``name`` is the name of the parameter, and ``sd`` its standard uncertainty without any remedy.
+    Return None if the standard uncertainty after both remedies is never less than 90 % of the
+    standard uncertainty after ``first`` alone.
     """
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}

@@ -185,10 +185,10 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 def _with_times(campaign: Campaign) -> Campaign:
     """Return the campaign with a time for each test, so that a repetition can have the same times.
 
-    This concerns a campaign that states no times, so that drift is computed from the order of the
-    tests. Each test gets a time in proportion to its position in the list. The repeated tests then
-    have the same times as the original tests, and drift is measured from the same mean time with
-    and without the repetition. Any other campaign is returned unchanged.
+    If the campaign states times, it is returned unchanged. If it states no times, drift is computed
+    from the order of the tests. Each test then gets a time in proportion to its position in the
+    list. The repeated tests have the same times as the original tests, and drift is measured from
+    the same mean time with and without the repetition.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign

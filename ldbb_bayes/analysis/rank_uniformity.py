@@ -22,8 +22,9 @@ from ldbb_bayes.results import Array
 __all__ = ["ecdf", "simultaneous_band"]
 
 # Number of bisections in the search for the width of the band for the empirical distribution of
-# ranks. The search finds the probability that the number of ranks up to a given value is outside
-# its interval; the error of this probability is then below 1e-12.
+# ranks. At each value k, the band limits the number of ranks that are at most k. The search finds
+# the probability with which a single one of these numbers may be outside its limits. After the
+# bisections, the error of this probability is below 1e-12.
 _BISECTIONS = 40
 
 

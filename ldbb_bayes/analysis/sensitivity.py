@@ -73,7 +73,7 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """Larger one of the log evidences of two compared models [nat]."""
+        """Larger of the log evidences of the two compared models [nat]."""
         return max(self.log_evidence.values())
 
 

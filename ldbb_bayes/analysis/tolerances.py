@@ -232,10 +232,11 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
     """Return the tolerance of a quantity from a string with a unit, such as ``≥ 18 N/µm``.
 
-    The string is a range, such as ``−20..40 µrad``, or a number. The sign ±, ≤ or ≥ before a number
-    says whether both limits, the upper or the lower one is stated; without a sign, these are the
-    usual ``sides`` of the quantity. The limits are in the internal unit of the quantity. An
-    `InputError` is raised if the string cannot be read; ``name`` names the quantity in its message.
+    The string is a range, such as ``−20..40 µrad``, or a number. A number with the sign ≤ is the
+    upper limit, a number with the sign ≥ the lower limit, and a number with the sign ± states both
+    limits. A number without a sign states the limits that are usual for the quantity (``sides``).
+    The limits are in the internal unit of the quantity. An `InputError` is raised if the string
+    cannot be read; its message contains ``name``, the name of the quantity.
     """
     subject = f"tolerance of {name}"
     lower, *uppers = _RANGE_DOTS.split(text, maxsplit=1)

@@ -39,8 +39,8 @@ __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 # by 90°, 135° and 180° at the Fourier orders 2, 3 and 4, at which compliances change the readings,
 # too.
 _TURN_DEG = 45.0
-# Number of random orders of the circles that are tried. The order is chosen in which the positions
-# of the circles are least correlated with their forces.
+# Number of random orders of the circles that are tried. The chosen order is the one in which the
+# positions of the circles are least correlated with their forces.
 _ORDERS_TRIED = 200
 
 
@@ -285,17 +285,17 @@ def _with_added_circles(
 def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that is nearly uncorrelated with their forces.
 
-    From 200 random orders with a fixed seed, the order is chosen that has the smallest correlation
-    between the position of a test in the order and the test's force. The times of all tests are
-    sorted, and the k-th test of the new order gets the k-th time.
+    Among 200 random orders with a fixed seed, the chosen order has the smallest correlation between
+    the position of a test in the order and the test's force. The times of all tests are sorted, and
+    the k-th test of the new order gets the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     centred_positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(tests)) for _ in range(_ORDERS_TRIED)]
-    # The order of the tests is chosen in which the positions of the tests are least correlated with
-    # their forces. Because the positions are centred, this correlation is proportional to the sum
-    # of the products of position and force.
+    # The chosen order is the one in which the positions of the tests are least correlated with the
+    # forces. Because the positions are centred, the correlation is proportional to the sum of the
+    # products of position and force.
     merit = {k: -abs(float(centred_positions @ forces[order])) for k, order in enumerate(orders)}
     best = orders[ranked(merit, merit.__getitem__)[0]]
     times: list[float | None] = [None] * len(tests)

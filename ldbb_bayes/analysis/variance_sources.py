@@ -363,7 +363,7 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
 
 
 def weights_of_parameters(information: Information) -> Array:
-    """Return the change of each parameter when each coefficient changes by its prior sd, (p, m).
+    """Return the changes of parameters when a coefficient changes by its prior sd, shape (p, m).
 
     There is one row for each of the p parameters and one column for each of the m coefficients. The
     parameters are themselves coefficients, so that every row has a single element that is not zero.
@@ -392,9 +392,9 @@ def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
     """Return the squared cosine of the angle between each pair of vectors.
 
     ``patterns`` holds one vector, shape (p,), for each source of uncertainty of a quantity. The
-    vector holds the covariance of this quantity with each of the p parameters that is due to the
-    source, divided by the standard deviation of the parameter. The keys of the result are pairs of
-    names of sources. If a vector is zero, its squared cosines are zero.
+    source causes a part of the covariance of this quantity with each of the p parameters. The
+    vector holds these parts, each divided by the standard deviation of the parameter. The keys of
+    the result are pairs of names of sources. If a vector is zero, its squared cosines are zero.
     """
     if not patterns:
         return {}

@@ -286,9 +286,9 @@ class Identifiability(Result):
     #: nuisances (effects not of interest) that act in several tests
     correlation: ByRow
     #: standard uncertainties to expect with further certificates of the instrument. The outer keys
-    #: are the cases, and the inner keys are names of parameters. The cases are no further
-    #: certificate, each certificate that the instrument does not have yet, and all these
-    #: certificates together. For a flat prior, there are no entries.
+    #: are the cases, and the inner keys are names of parameters. There is one case without any
+    #: further certificate, one case for each certificate that the instrument does not have yet, and
+    #: one case with all these certificates together. For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
     #: values of the hyper-parameters, such as the standard deviation of the noise, at which the
     #: verdicts on the parameters are computed; the keys are names of hyper-parameters. Lengths are
@@ -480,7 +480,7 @@ def _averaged_over_scales(
 
 
 def _weights_of_quantities(information: Information, changes: Mapping[str, CurveChange]) -> Array:
-    """Return the change of each quantity when each coefficient changes by its prior sd, (q, m).
+    """Return the changes of quantities when a coefficient changes by its prior sd, shape (q, m).
 
     There is one row for each of the q quantities and one column for each of the m coefficients. The
     quantities are all parameters, then all changes of compliances with force.

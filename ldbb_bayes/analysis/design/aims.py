@@ -78,8 +78,7 @@ class UncertaintyAim:
     #: square of the K standard uncertainties that w·β would have if the hyper-parameters were known
     #: to have one of K values.
     inflation: float
-    #: whether the circles run so far have already reached this aim of the campaign (such as a goal
-    #: for an uncertainty)
+    #: whether the circles run so far have already reached this aim
     is_reached: bool
 
     def sd(self, covariance: Array) -> Array:
@@ -115,8 +114,7 @@ class SlopesAim:
     #: minimum absolute value of the log Bayes factor of linear over constant compliance [nat] at
     #: which one of the two models counts as the true one
     threshold: float
-    #: whether the circles run so far have already reached this aim of the campaign (such as a goal
-    #: for an uncertainty)
+    #: whether the circles run so far already decide between linear and constant compliance
     is_reached: bool
 
     def distance(self, covariance: Array) -> Array:

@@ -93,7 +93,7 @@ class ToleranceSoFar(Result):
 
     @property
     def decided(self) -> bool:
-        """Whether it is decided if a quantity conforms with its tolerance or not."""
+        """Whether a decision on the conformity of the quantity with its tolerance has been made."""
         return self.now.decision is not Decision.NOT_DECIDED
 
 
@@ -240,7 +240,7 @@ class ToleranceState:
     aim: UncertaintyAim
 
     def so_far(self, after: Array) -> ToleranceSoFar:
-        """Return whether the tolerance is met now, and how probably one more circle decides it.
+        """Return the present decision, and the probability that one more circle leads to one.
 
         The decision is whether a quantity conforms with its tolerance. The estimate after the next
         circle is not known yet. It is taken to be normally distributed about the present estimate.

@@ -79,11 +79,12 @@ class Certificate(Result):
     certificate then proves only that no small change of the shares is an improvement.
     """
 
-    #: largest sensitivity of all candidate tests: derivative of the design criterion with respect
-    #: to the share of a candidate
+    #: largest sensitivity of all candidate tests. The sensitivity of a candidate is the derivative
+    #: of the design criterion with respect to the candidate's share of all runs.
     max_sensitivity: float
     #: mean of the sensitivities of the candidate tests (derivatives of the design criterion),
-    #: weighted by the candidates' shares in all runs
+    #: weighted by the candidates' shares. The share of a candidate is its number of runs divided by
+    #: the number of all runs.
     bound: float
     is_global: Annotated[bool, Field(alias="global")]
     holds: bool
@@ -168,8 +169,8 @@ class Design(Forecast):
     #: names of the parameters of interest, for which the design is made; all other parameters are
     #: nuisance parameters
     parameters: tuple[str, ...]
-    #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
-    #: count, the number of times to run the test
+    #: table of the recommended tests, with one row for each different test. The columns are
+    #: force_N, those that `columns` names, and count, which is the number of times to run the test.
     table: Annotated[Records, Field(alias="tests")]
     #: whether the recommended tests are analysed together with the tests of the campaign that the
     #: design starts from
@@ -272,9 +273,10 @@ class Design(Forecast):
         return planned.space.plan_of(planned.tests, seed=seed)
 
     def _require_planned(self) -> Planned:
-        """Return the recommended tests with their model and the tests to choose from.
+        """Return the recommended tests, the tests that they were chosen from, and the model.
 
-        Raise an `InputError` if the design was read from a file, which does not contain them.
+        Raise an `InputError` if the design was read from a file, because the file contains neither
+        the tests nor the model.
         """
         if not isinstance(self.planned, Planned):
             raise InputError(
@@ -474,8 +476,8 @@ def design(
     ------
     InputError
         For numbers out of range, unknown names, or a campaign in ``against`` that is of another
-        machine. Also if model or criterion do not suit the parameters, or if the tests do not
-        determine all parameters.
+        machine. Also if the model or the criterion does not suit the parameters, or if the tests do
+        not determine all parameters.
 
     Examples
     --------

@@ -162,9 +162,10 @@ def _tests_by_kind(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((_kind_of(test, direction, uses_radius), test))
     possible += [(_kind_of(test, None, uses_radius), test) for test in compared_tests]
-    # If a dictionary gets a key several times, the last value remains. The list of the kinds of
-    # tests (plane, set-up, centre, radius, direction) and of the tests is reversed, so that the
-    # first test of each kind remains in the dictionary.
+    # Each entry of the list ``possible`` is a kind of test (plane, set-up, centre, radius and
+    # direction) and a test of this kind. If a dictionary gets a key several times, the last value
+    # remains. The list is therefore reversed, so that the dictionary has the first test of each
+    # kind.
     return dict(reversed(possible))
 
 

@@ -32,7 +32,7 @@ __all__ = [
     "shares_of_machines",
 ]
 
-# Largest number of circles of the campaigns among which the cheapest campaign is searched.
+# Largest number of circles that a campaign may have in the search for the cheapest campaign.
 _MOST_CIRCLES = 40
 # Number of circles of a trial campaign in each family. From the family's best campaign of this
 # size, the search estimates how many circles the family needs: it multiplies the number of circles
@@ -41,26 +41,26 @@ _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this fraction of the estimated number of circles
 # with which the goals for uncertainties are reached.
 _BEGIN_SHARE = 0.85
-# Number of bisection steps in a search for the factor by which the number of circles of each
-# candidate test in a trial campaign must be multiplied, so that the goals for uncertainties are
-# just reached.
+# A campaign just reaches the goals for uncertainties if all its numbers of circles are multiplied
+# by a certain factor. The factor is found by bisection; this is the number of bisection steps.
 _HALVINGS = 10
 # Before a slow, full forecast of a campaign is made, its result is estimated from a quick forecast
 # (with known hyper-parameters). The full forecast is made only if ln(u/u*) is at most this number
 # for all goals. u is the estimate of the standard uncertainty; u* is the largest standard
 # uncertainty that the goal permits.
 _NEAR = 0.03
-# Largest number of full forecasts for campaigns with the same pairs of ball angles, radii and
-# certificates.
+# Largest number of full forecasts (with unknown hyper-parameters) for campaigns with the same pairs
+# of ball angles, radii and certificates.
 _MOST_FORECASTS = 8
 # After the search has found a campaign that reaches the goals for uncertainties, it tries the
 # campaign with one circle fewer. A preliminary forecast with this number of possible machines is
-# fast, and shows whether the full forecast is worthwhile.
+# fast, and shows whether the slower forecast with all 64 possible machines is worthwhile.
 _FEW_MACHINES = 16
-# Limit for the total computing effort of the full forecasts. The effort of a forecast is the square
-# of its number of circles; forecasts of campaigns with the largest number of circles do not count.
-# Once a campaign that reaches the goals for uncertainties has been found, the search ends when the
-# total effort exceeds this limit.
+# Limit for the total computing effort of the slow forecasts, in which the hyper-parameters are
+# unknown. The effort of a forecast is the square of its number of circles. A forecast is not
+# counted if its campaign has the largest number of circles allowed. Once a campaign that reaches
+# the goals for uncertainties has been found, the search ends when the total effort exceeds this
+# limit.
 _MOST_EFFORT = 700
 
 
@@ -97,7 +97,7 @@ class CheapestCampaigns:
     #: campaigns of a family have the same ball angles, radii and certificates. The largest
     #: campaigns of all families are compared, and the one that meets all goals on the largest share
     #: of the possible machines is chosen. None if one of these campaigns reaches the goals, or if
-    #: no full forecast was made.
+    #: no forecast with unknown hyper-parameters was made.
     nearest: FoundCampaign | None
 
 
@@ -164,7 +164,8 @@ class _Progress:
     #: uncertainty in the quick forecast (with known hyper-parameters). None before the first full
     #: forecast.
     inflation: float | None = None
-    #: number of campaigns, in one family of campaigns, for which a full forecast was made
+    #: number of campaigns, in one family of campaigns, for which a full forecast (with unknown
+    #: hyper-parameters) was made
     forecasts: int = 0
     #: number of circles of the largest campaign whose full forecast (with hyper-parameters that the
     #: analysis must estimate) missed the goals for uncertainties
@@ -281,9 +282,9 @@ def _with_more_circles(
 
 
 class _Search:
-    """Search for the cheapest campaigns in one family of campaigns after the other.
+    """Search for the cheapest campaigns, in one family of campaigns after another.
 
-    A family is all campaigns with the same clockings (pairs of ball angles), radii and
+    A family consists of all campaigns with the same clockings (pairs of ball angles), radii and
     certificates. Forecasts for one family are also used in the families that are searched later.
     """
 
@@ -306,12 +307,13 @@ class _Search:
         #: reached in at least one family of campaigns (same ball angles, radii and certificates)
         self.is_reachable = False
         #: campaign that comes nearest to the goals for uncertainties without reaching them: it
-        #: meets all goals on a larger share of the possible machines than any other. Only the
-        #: campaign with the largest number of circles is considered in each family.
+        #: meets all goals on a larger share of the possible machines than any other. In each family
+        #: of campaigns (same ball angles, radii and certificates), only the campaign with the
+        #: largest number of circles is considered.
         self.nearest: FoundCampaign | None = None
         #: computing effort of the search so far: sum of n² over all full forecasts (with unknown
-        #: hyper-parameters) of campaigns of n circles, without the forecasts of the largest
-        #: campaigns of the families
+        #: hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
+        #: number of circles allowed are not counted.
         self.effort = 0
 
     def start(self, progress: _Progress) -> bool:
@@ -371,7 +373,7 @@ class _Search:
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
         """Return a campaign of a family that meets the uncertainty goals, or None if this fails.
 
-        A family is all campaigns with the same clockings (pairs of ball angles), radii and
+        A family consists of all campaigns with the same clockings (pairs of ball angles), radii and
         certificates. ``progress`` holds the family and the number of circles to try. The campaign
         returned has this number of circles, or fewer if fewer are enough. The attempt fails if the
         best campaign with this number of circles misses the goals, needs too much machine time, or
@@ -417,7 +419,7 @@ class _Search:
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
         records how far the search has come in the family of ``campaign``, that is, among the
         campaigns with the same ball angles, radii and certificates. It is updated after every full
-        forecast.
+        forecast (with unknown hyper-parameters).
         """
         family = progress.family
         best = campaign

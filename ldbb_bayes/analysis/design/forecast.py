@@ -112,7 +112,7 @@ class Forecast(Result):
     #: posterior from the prior; infinite for a flat prior
     information_gain: Finite
     #: evidence for or against slopes (changes of compliance with force) that the planned tests are
-    #: expected to give; None if the model has no slopes or flat priors
+    #: expected to give; None if the model has no slopes, or if priors are flat
     discrimination: Discrimination | None
 
     @property
@@ -333,7 +333,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return a forecast with infinite uncertainties, if tests do not determine all parameters."""
+    """Return a forecast with infinite uncertainties: the tests do not determine all parameters."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(

@@ -97,8 +97,8 @@ class GoalForecast(Result):
     #: median, over the possible machines, of the expanded uncertainty (k = 2) of the goal's
     #: parameter after the campaign
     U: float
-    #: expanded uncertainty (k = 2) of the goal's parameter after the campaign that is not exceeded
-    #: on 90 % of the possible machines
+    #: limit that the expanded uncertainty (k = 2) of the goal's parameter after the campaign does
+    #: not exceed on 90 % of the possible machines
     likely_U: float
     #: share of the possible machines on which the campaign meets the goal for the parameter's
     #: uncertainty
@@ -109,8 +109,8 @@ class GoalForecast(Result):
 class GoalPlan(Result):
     """A campaign that reaches the uncertainty goals: its circles, certificates and costs."""
 
-    #: tests of the campaign, one row per different test: force_N, further settings, and count, the
-    #: number of times to run the test
+    #: table of the tests of the campaign, with one row for each different test. The columns are
+    #: force_N, further settings, and count, which is the number of times to run the test.
     tests: Records
     circles: int
     certificates: tuple[str, ...]  #: calibration certificates to buy, such as "balls of grade G10"
@@ -182,7 +182,8 @@ class GoalDesign(Result):
     goals: dict[str, StatedGoal]
     #: minimum share of the possible machines on which all goals for uncertainties are to be met
     probability: float
-    costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
+    #: times of circles, set-ups and turns of the balls, and the price of machine time
+    costs: Costs
     #: campaigns that reach the goals for uncertainties, the cheapest first. Goals that are already
     #: met, and goals in ``unreachable``, are left out. Empty if all goals are already met, or if no
     #: campaign reaches the goals, for example because the machine time is too short.
@@ -310,7 +311,7 @@ class _Steps:
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:
-        """Record how many searches and forecasts for goals are finished, and report it."""
+        """Record how many searches and forecasts for goals are finished, and report this number."""
         self.done = done
         if self.progress is not None:
             self.progress(done, 2 * _SHOWN + _CUSTOMARY)
@@ -330,12 +331,13 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
 def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
     """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
 
-    The pilot is the campaign or plan that the design starts from. Estimate and uncertainty are the
-    posterior mean and standard deviation given the pilot's readings. If the pilot is a plan without
-    readings, the estimate is the median of the parameter's absolute value under the prior (the mean
-    may be zero), the uncertainty is that of the prior, and the goal does not count as met. The
-    result states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in
-    the unit of the parameter. The keys of the result are the names of the parameters.
+    The pilot is the campaign or plan that the design starts from. The estimate and its uncertainty
+    are the posterior mean and standard deviation given the pilot's readings. If the pilot is a plan
+    without readings, the estimate is the median of the parameter's absolute value under the prior
+    (the mean may be zero), the uncertainty is that of the prior, and the goal does not count as
+    met. The result states the expanded uncertainty U (k = 2) and the largest U that the goal
+    allows, both in the unit of the parameter. The keys of the result are the names of the
+    parameters.
     """
     pilot = space.pilot
     states = states_of(space.model, pilot)

@@ -88,7 +88,7 @@ class Goal(Result):
         return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
 
     def is_met(self, value: ArrayLike, u: ArrayLike) -> Array:
-        """Return whether standard uncertainties u meet the goal, for given values of its parameter.
+        """Return whether standard uncertainties u meet the goal, for given parameter values.
 
         Parameters
         ----------

@@ -107,7 +107,9 @@ class _Chosen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NextCircle(Result):
-    """The best next circle of a campaign, and the present state of its aims.
+    """The best next circle of a campaign, and whether the campaign has reached its aims.
+
+    An aim is a goal for an uncertainty, or a decision on a tolerance or between models.
 
     Examples
     --------
@@ -169,7 +171,10 @@ def next_circle(
     confidence: float = 0.95,
     seed: int = 1,
 ) -> NextCircle:
-    """Return the best next circle of a campaign, and whether its aims are already reached.
+    """Return the best next circle of a campaign, and whether the aims are already reached.
+
+    An aim is a goal for an uncertainty, or a decision: whether a quantity conforms with its
+    tolerance, or whether compliance is constant or linear in force.
 
     Parameters
     ----------
@@ -503,11 +508,11 @@ class _ModelOdds:
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
     def so_far(self, after: Array) -> ModelSoFar:
-        """Return the odds of linear over constant compliance, and if one more circle may decide.
+        """Return the present and the expected decision between constant and linear compliance.
 
-        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
-        circle, at K values of the hyper-parameters. The result states the probability that this
-        circle decides between the two models.
+        The result states the odds of linear over constant compliance, and the probability that the
+        best next circle decides between the two. ``after``, shape (K, p, p), are the covariances of
+        the p parameters after this circle, at K values of the hyper-parameters.
         """
         scale = self.known.bound.scale[self.columns]
         _, present = self.known.bound.given(self.known.phi)

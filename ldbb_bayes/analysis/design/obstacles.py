@@ -68,8 +68,8 @@ class NearMiss(Result):
     #: number of circles of the largest campaign that was tried in the search for a campaign that
     #: reaches the goals
     circles: int
-    #: expanded uncertainty (k = 2) of the goal's parameter, in its unit, that is not exceeded on 90
-    #: % of the possible machines if the largest campaign that was tried is run
+    #: limit that the expanded uncertainty (k = 2) of the goal's parameter after the largest
+    #: campaign tried does not exceed on 90 % of the possible machines, in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the campaign with the largest number of circles
     #: allowed meets the goal

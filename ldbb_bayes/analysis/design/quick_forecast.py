@@ -119,12 +119,14 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Search the campaign of ``circles`` circles that comes closest to the uncertainty goals.
+        """Return the best number of circles of each candidate test, for ``circles`` in all.
 
-        Circles are added one by one; each time, the circle is added that makes the distance from
-        the goals for uncertainties smallest. Then one circle of each candidate test in the campaign
-        is exchanged for a circle of the best candidate, if this reduces the distance. These
-        exchanges are repeated until nothing changes, at most four times.
+        The best campaign is the one that comes closest to the goals for uncertainties.
+
+        Circles are added one by one. The circle added each time is the one that makes the distance
+        from the goals for uncertainties smallest. Then one circle of each candidate test in the
+        campaign is exchanged for a circle of the best candidate, if this reduces the distance.
+        These exchanges are repeated until nothing changes, at most four times.
 
         Parameters
         ----------

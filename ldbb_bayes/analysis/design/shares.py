@@ -26,9 +26,10 @@ __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_
 # treated as equal if their relative difference is below this number. Among candidates with equal
 # values, the first is chosen.
 _EQUALITY_TOLERANCE = 1e-9
-# Largest number of rounds in the optimization of the shares that candidate tests have in all runs.
-# Each round adds a few candidates to those with a share above zero, and then optimizes the shares
-# of all these candidates.
+# Largest number of rounds in the optimization of the candidates' shares. A candidate is a test that
+# could be run; its share is its number of runs divided by the number of all runs. Each round adds a
+# few candidates to those with a share above zero, and then optimizes the shares of all these
+# candidates.
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of the shares
 # of the candidate tests in a design.
@@ -36,30 +37,31 @@ _SOLVER_ITERATIONS = 40
 # The best shares of the candidate tests in a design are computed in rounds. At the beginning of a
 # round, at most this number of candidates join those of the previous round.
 _JOINING_CANDIDATES = 3
-# Number of candidate tests that take part in the first round of the optimization of their shares in
-# all runs. They are evenly spread over the list of all candidate tests.
+# Number of candidate tests whose shares are optimized in the first round. They are evenly spread
+# over the list of all candidate tests. The share of a test is its number of runs divided by the
+# number of all runs.
 _FIRST_CANDIDATES = 32
 # A candidate test whose share (number of runs divided by the number of all runs) is below this
 # number is left out: its share is treated as zero.
 _ZERO_SHARE = 1e-10
-# Before the solver starts, the share of each candidate test in all runs is raised to at least this
-# number divided by the number of candidates whose shares are optimized. All shares are then divided
-# by their sum.
+# Before the solver starts, the share of each candidate test (number of runs divided by the number
+# of all runs) is raised to at least this number divided by the number of candidates whose shares
+# are optimized. All shares are then divided by their sum.
 _STARTING_SHARE = 0.02
 # Value of the loss function (negative design criterion) for the solver SLSQP if the candidate
 # tests, run in the given shares, do not determine all parameters.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP for the best shares of the candidate tests in all runs. The first
-# round uses ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most
+# Tolerances of the solver SLSQP, which computes the best shares of the candidate tests in rounds.
+# The first round uses ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most
 # ``_TOLERANCE_PER_EXCESS`` times `Optimum.excess`, which measures how far the shares are from the
 # best shares. No tolerance is smaller than ``_TIGHT_TOLERANCE``.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The best shares of tests are computed in rounds. The last round is the one that makes no progress,
-# even if the tolerance of the result is not reached. A round makes no progress if no candidate can
-# be added and if the design criterion increases by at most this fraction of `Optimum.bound`,
-# although the solver has its smallest tolerance.
+# The best shares of tests are computed in rounds. The computation stops after a round that makes no
+# progress, even if the required accuracy is not reached. A round makes no progress if no candidate
+# can be added, the solver has its smallest tolerance, and the design criterion increases by at most
+# this fraction of `Optimum.bound`.
 _NO_GAIN = 1e-13
 
 
@@ -258,7 +260,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
         return share.sum() - 1.0
 
     def gradient_of_sum(share: Array) -> Array:
-        """Return the derivatives, all one, of the sum of n candidates' shares by each share."""
+        """Return n ones: the derivative of the sum of n shares with respect to each share."""
         return np.ones((1, len(share)))
 
     minimize: Any = optimize.minimize

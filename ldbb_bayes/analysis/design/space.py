@@ -301,10 +301,10 @@ class Space:
         )
 
     def forecast(self, plan: Campaign, *, machines: int | None = None) -> Forecast:
-        """Return the forecast of the results of planned tests: a plan that `plan_of` returned.
+        """Return the forecast of the results of planned tests.
 
-        ``machines`` is the number of possible machines over which the forecast averages, by default
-        64.
+        ``plan`` holds the planned tests; it is a plan that `plan_of` returned. ``machines`` is the
+        number of possible machines over which the forecast averages, by default 64.
         """
         slopes = None
         if self.criterion == "discriminate":

@@ -117,8 +117,8 @@ def extend_hyper_parameters(
 
     # First, every hyper-parameter gets values spread evenly over its prior, in random order. The
     # values of hyper-parameters that the pilot (the campaign that the design starts from) also has
-    # are then replaced by those of the pilot, and the factors λ, by which the noise of each new
-    # circle is multiplied, by 1.
+    # are then replaced by those of the pilot. The factors λ, by which the noise of each new circle
+    # is multiplied, are replaced by 1.
     hyper_prior = bound.hyper_prior
     nodes = len(phi)
     even_levels = np.tile((np.arange(nodes) + 0.5) / nodes, (len(hyper_prior.names), 1))
