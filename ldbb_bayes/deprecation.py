@@ -112,7 +112,7 @@ def renamed_keyword(
     """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
-        """Return a function like ``function`` that also accepts a renamed argument's old name."""
+        """Return a function like ``function`` that also accepts the argument's old name."""
 
         @wraps(function)
         def call(*arguments: _Arguments.args, **keywords: _Arguments.kwargs) -> _Result:

@@ -189,7 +189,7 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
 
     ``entries`` holds the names and values of the displayed attributes; empty values are left out.
     If the line is longer than ``longest`` characters, attributes that have their default values are
-    left out too, and then as many of the last attributes as necessary.
+    left out too. If the line is still too long, the last attributes are left out.
     """
     kind = type(value)
     filled = {name: entry for name, entry in entries.items() if not _is_empty(entry)}

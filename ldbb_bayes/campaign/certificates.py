@@ -446,9 +446,9 @@ def _several_errors(
 def _distinguishing_name(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
     """Return a string that distinguishes a certified quantity from the quantities ``others``.
 
-    The string consists of the names of the XML elements that contain the quantity and of the
-    quantity itself. Names that occur in all of ``others`` are left out. If no name remains, return
-    the quantity's title.
+    The string consists of the names of the XML elements that contain the quantity, followed by the
+    name of the quantity. Names that occur in all of ``others`` are left out. If no name remains,
+    return the quantity's title.
     """
     names = []
     for name in (*quantity.holders, quantity.name):

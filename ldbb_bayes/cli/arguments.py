@@ -193,9 +193,9 @@ def _fields_from_dccs(options: dict[str, Any], bar_length_mm: float | None) -> d
 def _ball_flag(name: str, options: Mapping[str, Any], balls: lb.Ball | None) -> str:
     """Return the flag of the option with which the user described a ball.
 
-    ``name`` is the name of the ball, work or tool. ``options`` are the options that the user typed,
-    and ``balls`` is the value of the option ``--balls``. Return an empty string if no option
-    describes the ball.
+    ``name`` is "work" or "tool", for the work ball or the tool ball. ``options`` are the options
+    that the user typed, and ``balls`` is the value of the option ``--balls``. Return an empty
+    string if no option describes the ball.
     """
     if name in options:
         return f"--{name}-ball"

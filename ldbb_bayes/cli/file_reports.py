@@ -157,8 +157,8 @@ def report_files(
 def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
     """Raise an `InputError` for options that are valid only for reports made from stored fits.
 
-    ``settings`` are the options; the keys are the names of the options. ``source`` are the files of
-    readings.
+    ``settings`` are the options; the keys are the names of the options. ``source`` holds the paths
+    of the files of readings, for the error message.
     """
     for name in ("comparison", "design"):
         require(
@@ -341,8 +341,8 @@ def _write_beside_page(
     result
         Summary of the fit.
     imported
-        Record of the import of the tables; the layout of the tables is written. None if the
-        campaign was not imported.
+        Record of the import of the tables. The layout of the tables is written into a file. None
+        if the campaign was not imported.
     analyses
         Further results; results that could not be computed are not written.
     """
