@@ -470,6 +470,8 @@ def find_columns(
         if role == "angle":
             candidates = _units_of_angles(headers, units, "time" in layout.columns)
         _find_role_by_unit(role, roles, candidates, headers)
+    if "angle" not in roles.columns:
+        _find_role_by_unit("time", roles, units, headers)
     _settle_time(roles, layout, headers)
     _settle_readings(roles)
     if len(roles.readings) > 1 and "test" in roles.columns:

@@ -188,12 +188,28 @@ def import_campaign(
     unclear: dict[str, str | CitedLine] = {**not_understood(lines_of_all_tests)}
     for recording in recordings:
         unclear = _not_understood_of(recording) | unclear
+    for key in _fields_without_doubt(recordings, tests):
+        unclear.pop(key, None)
     assumed = note_assumed_fields(campaign, tests, log, unclear)
     note_unstated(recordings, tests, layout, log)
     campaign.setdefault("name", _campaign_name(paths))
     return Imported(
         Campaign(tuple(tests), **campaign), log.layout(layout), log.assumptions(), assumed
     )
+
+
+def _fields_without_doubt(
+    recordings: Sequence[Recording], tests: Sequence[CircularTest]
+) -> list[str]:
+    """Return the fields for which a line that is not understood leaves nothing open.
+
+    These are a load that all tests state, and the direction of travel if the user states it for all
+    tests. Such a line is listed with the texts that are not used.
+    """
+    fields = [key for key in LOAD_ROLES if all(getattr(test, key) is not None for test in tests)]
+    if all(recording.stated_value("direction") is not None for recording in recordings):
+        fields.append("direction")
+    return fields
 
 
 def _not_understood_of(recording: Recording) -> dict[str, str | CitedLine]:

@@ -127,6 +127,9 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
     the table has positions along two axes, the message says how to compute angles from them.
     """
     headers = ", ".join(repr(header) for header in recording.heading.headers)
+    options = f"--{role}-column"
+    if role == "angle":
+        options += ", or --time-column"
     positions = position_headers(recording.heading.headers)
     if positions:
         column = recording.heading.roles.get("reading")
@@ -138,7 +141,7 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
         )
     return InputError(
         f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in line"
-        f" {recording.heading.line}. Say which: --{role}-column."
+        f" {recording.heading.line}. Say which: {options}."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import field_files as field
 import numpy as np
@@ -15,7 +16,7 @@ NEWTONS_PER_KGF = 9.80665
 
 def language_cases() -> dict[str, FieldCase]:
     """Return the cases of files in further languages."""
-    return {**portuguese_cases(), **pandas_cases(), **stamp_cases()}
+    return {**portuguese_cases(), **pandas_cases(), **stamp_cases(), **log_cases()}
 
 
 def portuguese_cases() -> dict[str, FieldCase]:
@@ -101,3 +102,26 @@ def stamp_cases() -> dict[str, FieldCase]:
             told="time_s: 100N at 0 min, 300N at 3 min, 600N at 6 min (line 1",
         )
     return cases
+
+
+def log_cases() -> dict[str, FieldCase]:
+    """Return logs over time, with a name of the times and a title that are not known."""
+    above = "Gaya: {F} N\nArah: searah jarum jam\n하중 볼바 시험"
+    files = field.texts(
+        "Zaman [ms];Simpangan [µm]",
+        field.logged(lambda seconds: f"{1e3 * seconds:.6f}"),
+        above=above,
+        separator=";",
+    )
+    feed = ("--feed-mm-per-min", f"{field.FEED_MM_PER_MIN:g}")
+    return {
+        "log_by_its_unit": FieldCase(
+            "logs over time",
+            "times in a column 'Zaman [ms]', forces in lines 'Gaya: 36 N'",
+            files,
+            refusal="Give --feed-mm-per-min",
+            step=feed,
+            options=("--direction", "CCW"),
+            circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
+        )
+    }
