@@ -21,8 +21,7 @@ __all__ = ["with_aligned_units"]
 
 # Largest number of rows above the numbers among which the header and the row of units are.
 _HEADER_ROWS = 4
-# Number of rows of numbers from which the places of the columns in the lines of a text file are
-# determined.
+# The places of the columns in the lines of a text file are determined from this number of rows.
 _SAMPLE_ROWS = 9
 # Regular expressions for the names of columns in a header line that has no separators but blanks.
 # The first expression is for names without blanks, the second for names with single blanks.

@@ -98,7 +98,7 @@ def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
     """Yield the centre that each line about a centre states.
 
     The centre has no coordinates if the line may be about a workpiece or a programme, or if the
-    line states another unit than mm.
+    line states a unit other than mm.
     """
     for line, content in lines:
         text = content[:LONGEST_TEXT]

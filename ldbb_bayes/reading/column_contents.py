@@ -148,8 +148,9 @@ def name_plane_column(
     Raises
     ------
     InputError
-        If columns hold planes, but the headers of none or of several of them have a word for plane;
-        or if the header of a column has a word for plane, but some cells name no plane.
+        If one or more columns hold planes, but not exactly one of them has a header with a word for
+        plane. The error is also raised if the header of a column has a word for plane, but some of
+        its cells name no plane.
     """
     if "plane" in heading.headers:
         return heading

@@ -148,7 +148,7 @@ def unit_of(header: str) -> Header:
 
 
 def _unit_between_dots(header: str) -> Header | None:
-    """Return name and unit of a header in which the program R has put dots for other characters.
+    """Return the name and unit of a header in which the program R uses dots for other characters.
 
     Examples are ``force..lbf.`` for ``force [lbf]``, and ``deviation.thousandths.of.an.inch``.
     Return None for any other header, and for one that states no unit.
@@ -170,7 +170,7 @@ def _unit_between_dots(header: str) -> Header | None:
 
 
 def _with_multiplier(stated: Header) -> Header:
-    """Return name and unit of a header; words that multiply the unit become part of the unit.
+    """Return the name and unit of a header; words that multiply the unit become part of it.
 
     For the name "Angle half" and the unit deg, the unit is the text "half deg". Later code raises
     an error for such a text unless it is a known fraction of a unit, such as "tenths of a deg".
@@ -206,7 +206,7 @@ def _contradicts(word: str, unit: str) -> bool:
 
 
 def _name_and_unit(header: str) -> Header:
-    """Return name and unit of a header. The unit may be in brackets or after the name.
+    """Return the name and unit of a header. The unit may be in brackets or after the name.
 
     Examples are ``Angle [deg]``, ``[deg] Angle``, ``Angle in deg`` and ``Angle, deg``. A number
     after the brackets, as in ``Reading [um] x 10``, may be a factor; the unit is then returned as a
@@ -239,7 +239,7 @@ def _name_and_unit(header: str) -> Header:
 
 
 def _unit_before_remark(header: str, name: str) -> Header | None:
-    """Return name and unit of a header with a remark after the unit: "Reading, µm (radial)".
+    """Return the name and unit of a header with a remark behind them: "Reading, µm (radial)".
 
     Return None for any other header. ``name`` is the part of the header before its first bracket,
     here "Reading, µm".

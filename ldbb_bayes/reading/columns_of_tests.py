@@ -22,7 +22,7 @@ _FEWEST_ROWS = 9
 _SHARE_OF_NUMBERS = 0.8
 # Columns with these roles hold one number for each reading, and cannot hold the names of tests.
 _ROLES_OF_NUMBERS = ("angle", "reading", "time")
-# Largest number of columns that a message names.
+# A message names at most this number of columns.
 _COLUMNS_SHOWN = 6
 
 

@@ -51,8 +51,8 @@ def is_document(raw: bytes) -> bool:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             names = archive.namelist()
     except zipfile.BadZipFile:
-        # a file that begins like a zip archive, but is none, is a damaged workbook; a later check
-        # raises an error for it
+        # a file that begins like a zip archive, but is not one, is a damaged workbook; a later
+        # check raises an error for it
         return False
     if any(name in names for name in _PARTS_OF_DOCUMENTS):
         return True

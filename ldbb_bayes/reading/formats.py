@@ -80,7 +80,7 @@ def advice_on_format(sheet: Sheet) -> str:
 
 
 def _names_of_lists(texts: Sequence[str]) -> list[str]:
-    """Return the names of the lists of numbers in the lines of a text, in their order.
+    """Return the names of the lists of numbers in a text, in the order of its lines.
 
     A list may stand in one line, as in ``angle = [0, 5, 10, …]`` with nine numbers or more, or
     begin there and go on in the next lines, as in ``angle = [ ...``.

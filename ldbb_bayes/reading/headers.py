@@ -36,11 +36,11 @@ __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_co
 # A table of numbers begins with this number of successive rows that have the same number of cells.
 # A table at the end of the sheet may have fewer rows.
 _BLOCK_ROWS = 9
-# Largest number of cells of a row that an error message shows.
+# An error message shows at most this number of cells of a row.
 _CELLS_SHOWN = 6
-# Largest number of characters of a cell that an error message shows.
+# An error message shows at most this number of characters of a cell.
 _CELL_SHOWN = 30
-# Largest number of characters of a whole row that an error message shows.
+# An error message shows at most this number of characters of a whole row.
 _ROW_SHOWN = 60
 
 
@@ -73,7 +73,7 @@ class Heading:
     unit_columns: frozenset[int] = frozenset()
 
     def column_title(self, role: str, column: int) -> str:
-        """Return role and name of a column for error messages, such as "angle (column 'phi')".
+        """Return the role and name of a column for error messages, such as "angle (column 'phi')".
 
         ``column`` is the index of the column from 0. A column without a name is shown by its
         number.
@@ -117,7 +117,7 @@ class _HeaderRows(NamedTuple):
 
 
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
-    """Return header, columns and first row of the table in a sheet.
+    """Return the header, the columns and the first row of the table in a sheet.
 
     ``layout`` is what the user states about the table, such as the line of its header. This
     function does not check whether all rows of the table hold numbers.
@@ -143,7 +143,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
 
 
 def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
-    """Return header, columns and first row of the table in a sheet (see `find_heading`)."""
+    """Return the header, columns and first row of a sheet's table (see `find_heading`)."""
     block = _find_block(sheet, layout)
     header_row = _find_header_row(sheet, layout, block)
     if header_row is None:
@@ -447,9 +447,9 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
 
 
 def _is_header(cells: Sequence[str]) -> bool:
-    """Return whether a row of cells is the header of a table, see `names_columns`.
+    """Return whether a row of cells is the header of a table (see `names_columns`).
 
-    A row with numbers above the columns of readings is also a header, see `heads_loads`.
+    A row with numbers above the columns of readings is also a header (see `heads_loads`).
     """
     return names_columns(cells) or heads_loads(cells)
 

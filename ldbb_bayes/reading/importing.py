@@ -289,7 +289,7 @@ def _split_into_tests(
 
 
 def _sheets_that_list_tests(recordings: Iterable[Recording]) -> set[str]:
-    """Return file and name of each sheet with a list of tests, from which cells were taken.
+    """Return the file and name of each sheet with a list of tests from which cells were taken.
 
     The cells of such a list are stored with the lines above the table of a test, with a text such
     as "3 of notes.txt" in place of the line number. The sheet is the part of the text after "of".

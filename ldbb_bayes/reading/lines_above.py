@@ -393,7 +393,7 @@ def _length_with_extension(
 
     The length is stated in a line above a table. The result is NaN if the lines name an extension,
     but do not show whether the stated length includes this extension. Return None if the line
-    states another quantity than the radius, or if the bar has no extension.
+    states a quantity other than the radius, or if the bar has no extension.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ __all__ = ["with_loads_between"]
 # Smallest number of successive rows of numbers that are taken to be a table.
 _FEWEST_ROWS = 9
 # Regular expression for the words "step" and "load step". A line such as "Load step 2" must not be
-# mistaken for a line about another quantity than the load.
+# mistaken for a line about a quantity other than the load.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
 # Text with which a load is written into the lines above a table, such as "Force: 100 N". The keys
 # are the two kinds of load.

@@ -65,7 +65,7 @@ def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
     """Return the load of a test from the lines above its table; None if the load is uncertain.
 
     ``loads`` are the loads in all these lines. All lines must state the same load, and each must
-    state it clearly, see `_is_clear`.
+    state it clearly (see `_is_clear`).
     """
     values = {(load.key, load.value) for load in loads}
     if len(values) == 1 and all(load.is_clear for load in loads):

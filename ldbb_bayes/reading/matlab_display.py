@@ -50,7 +50,7 @@ class _ShownMatrix:
     """Rows of numbers that are shown below each other, and the lines above them."""
 
     above: list[Row]  # lines above the numbers; each line is stored as a row of one cell
-    # rows of numbers; empty if no numbers follow the lines, which are then the last of the file
+    # rows of numbers; empty for the lines after the last matrix, which no numbers follow
     numbers: list[Row]
 
 

@@ -120,8 +120,8 @@ def _check_rows(sheet: Sheet, variable: _Variable) -> None:
 def _line_of_variable(variable: _Variable) -> str:
     """Return a variable of Octave, such as a number or a string, as one line of text.
 
-    The line consists of name and value of the variable. The name is left out if the value contains
-    a colon, as in "theta: rad".
+    The line consists of the name and the value of the variable. The name is left out if the value
+    contains a colon, as in "theta: rad".
     """
     text = "; ".join(" ".join(row.cells) for row in variable.rows)
     if ":" in text:

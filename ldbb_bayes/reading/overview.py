@@ -48,8 +48,8 @@ class OverviewLines:
 def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
     """Return whether a sheet is a list of tests, with a row for each test.
 
-    A list of tests has one column with the names of tests, each test once, and nearly every row
-    with numbers has such a name. A log of readings over time is therefore not taken for a list of
+    In a list of tests, one column names each test exactly once, and nearly every row with numbers
+    has a name in this column. A log of readings over time is therefore not taken for a list of
     tests, although both may have columns of times. ``names`` are the names of the other sheets and
     files that are imported.
     """
@@ -140,7 +140,7 @@ def _without_blanks(name: str) -> str:
 def _labelled_cells(
     place: str, header: Sequence[str], cells: Sequence[str]
 ) -> list[tuple[str, str]]:
-    """Return place and text of the filled cells of a row in a list of tests.
+    """Return the place and text of each filled cell of a row in a list of tests.
 
     ``place`` holds the line number and the sheet. Each text is ``header: cell``, with the header
     of the cell's column. If the cell is a word such as CW, "direction" takes the place of the

@@ -238,9 +238,10 @@ def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
 
 
 def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
-    """Note in the log what was done with repeated headers and hidden rows of one sheet.
+    """Add notes to the log on repeated headers and hidden rows of one sheet.
 
-    If all numbers of the sheet were multiplied by a common factor, this is noted, too.
+    Further notes are added if the rows of the table are read as columns, and if all numbers of the
+    sheet were multiplied by a common factor.
     """
     if sheet.n_headers:
         headers = f"{sheet.n_headers} passed over, the table is read whole"
@@ -348,10 +349,11 @@ def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
-    """Return a selection in which each table that is the only table of a file is marked as such.
+    """Return a selection in which a table is marked if it is the only table of its file.
 
-    The mark is ``is_only_table``. ``tables`` are the sheets with a table. They become the tables of
-    the returned selection; the sheets without a table are taken from ``selection``.
+    The mark is the field ``is_only_table`` of its sheet. ``tables`` are the sheets with a table.
+    They become the tables of the returned selection; the sheets without a table are taken from
+    ``selection``.
     """
     paths = [table.sheet.path for table in tables]
     marked = []

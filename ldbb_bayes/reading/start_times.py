@@ -37,7 +37,7 @@ _NIGHT_S = 6 * 3_600.0
 # Shortest time from one circle to the next [s]. Timestamps that are closer together are taken as
 # the times at which the files were written.
 _SHORTEST_CIRCLE_S = 5.0
-# Largest number of characters of a list of names that a note shows.
+# A note shows at most this number of characters of a list of names.
 _LIST_SHOWN = 200
 # Options by which the user can replace the start times of tests. If the files state start times,
 # notes name these options.
@@ -148,8 +148,8 @@ def _states_time(recording: Recording) -> bool:
 def _start_of_test(recording: Recording) -> _Start | None:
     """Return the start time of a test from the most reliable source; None if none states a time.
 
-    Sources are columns, lines above the table, and names of test and file. A time of day without a
-    date gets the date that another source states.
+    The sources are columns, lines above the table, and the names of the test and its file. A time
+    of day without a date gets the date that another source states.
     """
     starts = _stated_starts(recording)
     timed = [start for start in starts if start.stamp.seconds is not None]

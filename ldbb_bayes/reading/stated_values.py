@@ -153,7 +153,7 @@ def _certain_evidence(
 
 
 def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
-    """Return a list with one entry, a stated value and its source; empty if the value is None.
+    """Return a list that holds a stated value and its source; it is empty if the value is None.
 
     ``source`` describes in words what states the value of the quantity, such as "its column".
     """

@@ -19,7 +19,7 @@ __all__ = [
     "words_among_numbers",
 ]
 
-# Words, such as "mean", of which the label of a row of statistics consists.
+# The label of a row of statistics consists of words from this set, such as "mean".
 _WORDS = frozenset(WORDS["statistics"]["words"].split())
 # Words which mean a row of statistics if a cell consists of such a word alone.
 _SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())

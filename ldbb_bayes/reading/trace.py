@@ -401,7 +401,7 @@ def _kind_of_readings(recording: Recording, reading_um: Array) -> str:
 
 
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
-    """Return angles and readings of a test. Laps are averaged if the layout says so.
+    """Return the angles and readings of a test. Laps are averaged if the layout says so.
 
     A lap is one turn of the bar. If the layout does not say that laps are averaged, all laps are
     kept. This is noted, unless the layout says that laps are kept. ``recording`` holds the rows of

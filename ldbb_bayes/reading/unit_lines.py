@@ -199,9 +199,9 @@ def units_stated(text: str) -> dict[str, str]:
 def _units_of_whole_line(text: str) -> dict[str, str]:
     """Return a dict with the units of a line that states nothing but units.
 
-    The line is a list of quantities with their units, a list of units, one unit alone, or a label
-    and a unit. The keys are ``reading_unit``, ``angle_unit`` and so on. The dict is empty for any
-    other line.
+    Such a line is a list of quantities with their units, a list of units, one unit alone, or a
+    label and a unit. The keys are ``reading_unit``, ``angle_unit`` and so on. The dict is empty for
+    any other line.
     """
     units_of_pairs = _units_of_pairs(text)
     if units_of_pairs:
