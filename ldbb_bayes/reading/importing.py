@@ -201,10 +201,11 @@ def import_campaign(
 def _fields_without_doubt(
     recordings: Sequence[Recording], tests: Sequence[CircularTest]
 ) -> list[str]:
-    """Return the fields for which a line that is not understood leaves nothing open.
+    """Return the fields whose values are known even if a line about them is not understood.
 
-    These are a load that all tests state, and the direction of travel if the user states it for all
-    tests. Such a line is listed with the texts that are not used.
+    These are the force or the pressure if all tests state it, and the direction of travel if the
+    user states it for all tests. A line about such a field that is not understood gets no note of
+    its own; it is listed with the texts that are not used.
     """
     fields = [key for key in LOAD_ROLES if all(getattr(test, key) is not None for test in tests)]
     if all(recording.stated_value("direction") is not None for recording in recordings):
