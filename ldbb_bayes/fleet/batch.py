@@ -352,9 +352,10 @@ def _row_of_result(settings: Settings, job: Job, result: dict[str, Any] | Lost) 
 
 
 def _pending_jobs(journal: sqlite3.Connection, retry: bool) -> list[Job]:
-    """Return the campaigns of the journal that have no row yet, in order of their numbers.
+    """Return the campaigns of a batch that have no row yet, in order of their numbers.
 
-    If ``retry`` is true, campaigns that could not be fitted in an earlier run are returned too.
+    ``journal`` is the database in which the rows are saved. If ``retry`` is true, campaigns that
+    could not be fitted in an earlier run are returned too.
     """
     condition = "status IS NULL"
     if retry:
@@ -364,7 +365,10 @@ def _pending_jobs(journal: sqlite3.Connection, retry: bool) -> list[Job]:
 
 
 def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
-    """Yield the rows of all campaigns from the journal, in order of the campaigns' numbers."""
+    """Yield the rows of all campaigns, in order of the campaigns' numbers.
+
+    ``journal`` is the database in which the rows are saved.
+    """
     for (row,) in journal.execute("SELECT row FROM campaigns ORDER BY number"):
         yield json.loads(row)
 

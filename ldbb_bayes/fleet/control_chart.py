@@ -189,7 +189,7 @@ def _draw_points(
 
 
 def _vertical_range(data: _PanelData) -> tuple[float, float]:
-    """Return the lower and upper end of the vertical axis of a panel of a control chart.
+    """Return the lower and upper end of the vertical axis in one panel of a control chart.
 
     The axis covers the range of all credible intervals of the panel, with a small margin. Control
     limits outside this range extend the axis on each side, by at most half of the range. If the

@@ -43,9 +43,9 @@ class DeviationFactors(NamedTuple):
     precision matrix of w / s is I + s Λ_cc s = L Lᵀ, where L is lower triangular.
     """
 
-    #: diagonal elements of the Cholesky factors of the precision matrices of the c parameters'
-    #: deviations from a common level, for k values of the standard deviations s and n campaigns or
-    #: machines, shape (c, k, n)
+    #: diagonal elements of the Cholesky factors L, shape (c, k, n). L Lᵀ is the precision matrix of
+    #: w / s, where w are the deviations of the c parameters from a common level. There is one L for
+    #: each of k values of the standard deviations s and each of n campaigns or machines.
     diagonal: Array
     #: products L⁻¹ s (Λ_c, η_c) for k values of the deviations' standard deviations s and n
     #: campaigns or machines, shape (c, q + 1, k, n), where c is the number of parameters. L is the
@@ -53,9 +53,10 @@ class DeviationFactors(NamedTuple):
     #: precision Λ_c of the parameters in the likelihood, the last column to the shift η_c
     #: (precision times estimate).
     solved: Array
-    #: inverses of the Cholesky factors of the precision matrices of the c parameters' deviations
-    #: from a common level, for k values of the standard deviations s and n campaigns or machines,
-    #: shape (c, c, k, n); shape (c, 0, k, n) if the inverses were not requested
+    #: inverses of the Cholesky factors L, shape (c, c, k, n); shape (c, 0, k, n) if the inverses
+    #: were not requested. L Lᵀ is the precision matrix of w / s, where w are the deviations of the
+    #: c parameters from a common level. There is one L for each of k values of the standard
+    #: deviations s and each of n campaigns or machines.
     inverse: Array
 
 

@@ -236,8 +236,8 @@ def _value_in_message(value: Any) -> Any:
 def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence[Job]) -> None:
     """Raise an `InputError` unless the batch in the journal has exactly the campaigns of this run.
 
-    ``jobs`` are the campaigns of this run, in order of their numbers, and ``out`` is the folder of
-    the batch.
+    The journal is the database of the batch's rows. ``jobs`` are the campaigns of this run, in
+    order of their numbers, and ``out`` is the folder of the batch.
     """
     query = "SELECT place FROM campaigns ORDER BY number"
     paths_there = [path for (path,) in journal.execute(query)]

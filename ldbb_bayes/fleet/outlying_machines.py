@@ -68,9 +68,9 @@ class JudgedMachines:
     #: shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
     #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
     z: Array
-    #: whether the p-values of each of n machines cannot be trusted, shape (n,). They cannot be
-    #: trusted if Pareto's k̂ of the weights of the random draws of the spreads (standard deviations
-    #: from machine to machine) is too high.
+    #: whether the p-values of each of n machines cannot be trusted, shape (n,). The p-values are
+    #: computed from weighted random draws of the spreads (standard deviations from machine to
+    #: machine). They cannot be trusted if the Pareto shape k̂ of the weights is too high.
     doubtful: Array
 
 

@@ -214,11 +214,11 @@ class Population(Result):
     spread_scale: float
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
-    #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations of the
-    #: machines about the mean); the lower k̂ is, the more reliable are the draws
+    #: Pareto shape k̂ of the draws' weights; the lower k̂ is, the more reliable are the draws. The
+    #: draws are random draws of the spreads (standard deviations of the machines about the mean).
     pareto_k: float
     #: whether the random draws of the spreads (standard deviations from machine to machine) can be
-    #: trusted. They can be trusted if Pareto's k̂ of their weights is low enough.
+    #: trusted. They can be trusted if the Pareto shape k̂ of their weights is low enough.
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the results for the population
     #: probability of the credible intervals in the results for a population

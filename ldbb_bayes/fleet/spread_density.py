@@ -311,10 +311,11 @@ class Spreads:
     #: importance weights of the k random draws of the spreads (standard deviations from machine to
     #: machine), Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
-    #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations from
-    #: machine to machine); the larger k̂ is, the less reliable are the weights
+    #: Pareto shape k̂ of the draws' weights; the larger k̂ is, the less reliable are the weights.
+    #: The draws are random draws of the spreads (standard deviations from machine to machine).
     pareto_k: float
-    #: largest value of Pareto's k̂ with which the random draws of the spreads can be trusted
+    #: largest Pareto shape k̂ of their weights with which the random draws of the spreads (standard
+    #: deviations from machine to machine) can be trusted
     good_k: float
     #: mode of the posterior density of ln s, shape (c,); s are the spreads (standard deviations
     #: from machine to machine) of c parameters
@@ -322,9 +323,10 @@ class Spreads:
 
     @property
     def trusted(self) -> bool:
-        """Whether the draws of the spreads can be trusted: Pareto's k̂ of their weights is low.
+        """Whether the Pareto shape k̂ of the draws' weights is low enough to trust the draws.
 
-        Spreads are the standard deviations of machines about the mean of their population.
+        The draws are random draws of the spreads, which are the standard deviations of machines
+        about the mean of their population.
         """
         return self.pareto_k <= self.good_k
 

@@ -148,7 +148,7 @@ class _Sample:
 
     @cached_property
     def leverage(self) -> Array:
-        """Leverages of the m nodes in the fit of the polynomial, shape (m,).
+        """Leverages of the m nodes (points) in the fit of a polynomial, shape (m,).
 
         The polynomial is fitted to one value at each node. The leverage of a node is the change of
         the polynomial at the node if the value at this node increases by one.

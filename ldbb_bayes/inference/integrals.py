@@ -170,7 +170,10 @@ class Integral:
 
     @cached_property
     def error(self) -> float:
-        """Error of ln ∫ f for a density f [nat]; infinite if the nodes' weights are unreliable."""
+        """Error of ln ∫ f for a density f [nat].
+
+        The error is infinite if the weights of the nodes (points) cannot be trusted.
+        """
         if not self.trusted:
             return np.inf
         of_nodes = self._sample_error() if self.proposal is not None else self._lattice_error()

@@ -22,8 +22,8 @@ __all__ = ["kept"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Groups of arrays by which a posterior is recognised: a hash is computed from all numbers in these
-# arrays, and from the record of model and sampler in the posterior.
+# Groups of arrays by which a posterior is recognised. A hash is computed from all numbers in these
+# arrays, and from the record in the posterior that describes the model and the sampler.
 _IDENTIFYING_GROUPS = ("posterior", "prior", "sample_stats", "constant_data", "observed_data")
 # Largest number of results that the cache holds. This number is enough for a report, which needs
 # several results of each of two posteriors: a fit, and an average over models.

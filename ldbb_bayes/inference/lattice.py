@@ -24,8 +24,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["grow_lattice"]
 
-# A coarse lattice is used if the error allowed in the logarithm of an integral [nat] is at least
-# this value; for a smaller error, a fine lattice is used.
+# A coarse lattice of points is used if the error allowed in the logarithm of an integral [nat] is
+# at least this value; if a smaller error is required, a fine lattice is used.
 _LOOSE_TOLERANCE = 1e-2
 # First step (spacing of the points) of a coarse lattice, in units of the standard deviation of the
 # Gaussian that is fitted to the density to be integrated at its highest mode.

@@ -126,9 +126,9 @@ class Assessment:
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
         """Return whether the draws of a sampler meet a stopping rule; False if a diagnostic is NaN.
 
-        The rule states effective sample sizes, an R-hat and a length of the run that must be
-        reached. ``walkers`` is the number of walkers of all ensembles together, or 0 for
-        independent draws.
+        The rule states the effective sample sizes and the length that the run must reach, and the
+        largest R-hat allowed. ``walkers`` is the number of walkers (points that move at random) of
+        all ensembles together, or 0 for independent draws.
         """
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
@@ -348,8 +348,8 @@ class _Ensemble:
     def run(self, plan: BlockPlan) -> Array:
         """Run the next block of steps, and return its stored draws, shape (draws, walkers, d).
 
-        The draws are the d coordinates of all walkers at every stored step. ``plan`` says how
-        many steps are run and which of them are stored.
+        The draws are the d coordinates of all walkers (points that move at random) at every stored
+        step. ``plan`` says how many steps are run and which of them are stored.
         """
         self._sampler.reset()
         self._state = self._sampler.run_mcmc(
@@ -378,7 +378,7 @@ def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
 
 
 class _StoredBlock(NamedTuple):
-    """Stored random draws of all ensembles of walkers from one block of steps."""
+    """Stored random draws from one block of steps of all ensembles of walkers (moving points)."""
 
     thin: int  #: number of steps of the sampler from one stored draw to the next
     #: stored draws of the d coordinates of all walkers, shape (ensembles, draws, walkers, d)

@@ -618,8 +618,8 @@ class HyperPosterior:
         probability that no compliance is negative is a factor of this density, it is replaced by a
         smooth upper bound. Among the hyper-parameters are noise factors, each of which multiplies
         the noise of one circle; the noise factors of two circles hardly depend on each other.
-        Unless ``exact`` is True, mixed second derivatives with respect to two noise factors are not
-        computed, so that the work grows in proportion to the number of circles.
+        If ``exact`` is False, mixed second derivatives with respect to two noise factors are
+        therefore taken to be zero. The work then grows only in proportion to the number of circles.
         """
         is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)

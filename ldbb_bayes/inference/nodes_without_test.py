@@ -49,13 +49,13 @@ class GaussianFactor:
     #: index, among the h coordinates of a point, of the coordinate that a Gaussian density
     #: describes
     axis: int
-    #: change of the mean of the Gaussian density of one coordinate of a point, per unit of each of
-    #: the other h − 1 coordinates, shape (h − 1,)
+    #: change of the mean of one coordinate of a point per unit of each of the other h − 1
+    #: coordinates, shape (h − 1,). Given the other coordinates, the coordinate has a Gaussian
+    #: density.
     slopes: Array
-    #: mean of the Gaussian density of one coordinate of a point, if the other coordinates are zero
+    #: mean of one coordinate of a point if all other coordinates are zero
     intercept: float
-    #: standard deviation of the Gaussian density of one coordinate of a point, given the other
-    #: coordinates
+    #: standard deviation of one coordinate of a point, given the other coordinates
     sd: float
 
     def log_density(self, free: Array) -> Array:

@@ -397,8 +397,8 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
 def fit_of(posterior: xr.DataTree) -> Fit:
     """Return how well the model of a posterior fits the readings, with warnings.
 
-    The result is read from the posterior's record. Raise an `InputError` for a fit by another
-    version of this package.
+    The result is read from the record that is stored in the posterior. Raise an `InputError` if the
+    fit was made by another version of this package.
     """
     try:
         return Fit.from_dict(record_of(posterior)["fit"])

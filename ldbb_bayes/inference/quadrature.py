@@ -1,4 +1,4 @@
-"""Integrals of a density with known modes, from a lattice or by importance sampling.
+"""Integrals of a density with known modes, from a lattice of points or by importance sampling.
 
 The faster of the two methods is used: a lattice in few dimensions, importance sampling in many.
 """
@@ -18,9 +18,9 @@ __all__ = ["integrate"]
 # tolerance. With a tolerance of 0.01 nat, processor times in 2, 3, 4 and 5 dimensions were 0.01,
 # 0.03, 0.03 and 0.5 s for a lattice, and 0.02, 0.03, 0.03 and 0.08 s for importance sampling.
 LARGEST_LATTICE_DIMENSION = 4
-# In this number of dimensions, a lattice is used if the tolerance is below ``_FINE_TOLERANCE``
-# [nat]; otherwise importance sampling is used. With a tolerance of 0.001 nat, a lattice took 1.7 to
-# 3.7 s of processor time, and importance sampling took 2.2 to 5.2 s.
+# In this number of dimensions, a lattice of points is used if the tolerance is below
+# ``_FINE_TOLERANCE`` [nat]; otherwise importance sampling is used. With a tolerance of 0.001 nat, a
+# lattice took 1.7 to 3.7 s of processor time, and importance sampling took 2.2 to 5.2 s.
 _DIMENSION_OF_FINE_LATTICE = 5
 _FINE_TOLERANCE = 3e-3
 # The error of importance sampling must be at most this fraction of the tolerance, because averages
@@ -64,7 +64,7 @@ def integrate(
 
 
 def _is_lattice_cheaper(h: int, tolerance: float) -> bool:
-    """Return whether an integral takes less time by a lattice than by importance sampling.
+    """Return whether a lattice of points gives an integral faster than importance sampling.
 
     ``h`` is the number of dimensions, and ``tolerance`` the error allowed in the log integral
     [nat].

@@ -152,9 +152,10 @@ def record_from(
 
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:
-    """Return the entry ``model`` of a posterior's record: preset, terms, priors and the TOML text.
+    """Return the entry ``model`` of the record that states how a posterior was made.
 
-    ``bound`` is the model of the campaign.
+    The entry holds the preset, the terms, the priors and the TOML text of the model. ``bound`` is
+    the model of the campaign.
     """
     model = bound.model
     prior_sd: dict[str, float | None] = {}

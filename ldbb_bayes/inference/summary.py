@@ -140,9 +140,10 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
 
     For every parameter and hyper-parameter, the result holds the mean, the standard deviation, the
     median and the credible interval of the posterior, and the prior standard deviation. It also
-    holds most entries of the posterior's record. Parameters are in mm, N and rad; hyper-parameters
-    that are lengths are in µm. ``prob`` is the probability of the credible intervals. The keys of
-    the intervals state this probability in per cent, such as ``ci95``.
+    holds most entries of the record that states how the posterior was made. Parameters are in mm, N
+    and rad; hyper-parameters that are lengths are in µm. ``prob`` is the probability of the
+    credible intervals. The keys of the intervals state this probability in per cent, such as
+    ``ci95``.
     """
     check_probability(prob)
     record = record_of(posterior)
