@@ -36,9 +36,9 @@ _ANGLE_DECIMALS = 9
 # description names a parameter only if the parameter's effect on the readings, divided by the
 # largest effect of a coefficient in the combination, is greater than this number.
 _NAMED_SHARE = 0.02
-# An effect on the readings counts as a rounding error if it is below this fraction of the largest
-# effect that one coefficient of a combination has alone. The effect of each coefficient, and that
-# of the whole combination, are judged in this way.
+# The effect of a combination of coefficients on the readings counts as a rounding error if it is
+# below this fraction of the largest effect of a single coefficient in the combination. The effects
+# of the single coefficients are judged in the same way.
 _ROUNDING = 1e-9
 # A change of a reading counts as too small to be seen if it is below this fraction of the
 # resolution of the readings.

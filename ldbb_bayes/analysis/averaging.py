@@ -371,7 +371,7 @@ def _free_coordinates(beta: Array, phi: Array) -> Array:
 def _averaged_prior(
     weighted: _WeightedModels, prior_sd: Mapping[str, float]
 ) -> dict[str, dict[str, float]]:
-    """Return prior mean and standard deviation of every parameter, averaged over the models.
+    """Return the prior mean and standard deviation of every parameter, averaged over the models.
 
     All models have the same prior probability. A parameter that a model does not have counts as
     zero under this model. ``prior_sd`` holds the prior standard deviations of the largest model, by

@@ -209,7 +209,7 @@ class Validation(Result):
 
 
 def _percent(prob: float) -> str:
-    """Return a probability as text in percent without the sign, such as "95" for 0.95."""
+    """Return a probability in percent as text without the percent sign, such as "95" for 0.95."""
     return f"{100 * prob:g}"
 
 

@@ -257,7 +257,7 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return standard deviation, median and credible interval of a quantity's posterior draws.
+    """Return the standard deviation, the median and the credible interval of posterior draws.
 
     ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
     interval. The keys of the result are sd, median, ci_low and ci_high.

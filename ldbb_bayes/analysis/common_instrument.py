@@ -107,9 +107,9 @@ def joint_difference(
     ]
     joint = _joint_posterior(campaigns, places, common, len(all_names))
     # The matrix of each campaign in ``rows`` converts the parameters of this campaign to the
-    # compared parameters. The matrices ``joint_rows`` do the same for the joint list of the
-    # coefficients of both campaigns. The parameters come first in each campaign's own list of
-    # coefficients.
+    # compared parameters. The matrices ``joint_rows`` convert the coefficients of both campaigns,
+    # which form one joint list, to the compared parameters. Each campaign's own list of
+    # coefficients, and therefore its list ``places``, begins with the parameters.
     joint_rows = np.zeros((2, len(rows[0]), len(all_names)))
     for k, rows_of_campaign in enumerate(rows):
         parameter_places = places[k][: rows_of_campaign.shape[1]]

@@ -244,9 +244,9 @@ class Comparison(Result):
     #: factors of the second model over the first are also computed under other priors and
     #: assumptions.
     sensitivity_of: str
-    #: log Bayes factor of the second model over the first at each scale of the prior of the slopes
-    #: (changes of compliance with force); empty if neither model has slopes, or if the two models
-    #: differ only in this prior
+    #: log Bayes factor of the second model over the first, for narrower and wider priors of the
+    #: slopes (changes of compliance with force). Empty if neither model has slopes, or if the two
+    #: models differ only in this prior.
     prior_sensitivity: tuple[ScaledSlopes, ...]
     #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
     #: factor of the second model over the first changes sign
@@ -331,12 +331,12 @@ class Comparison(Result):
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return by how much an assumption about circles changes the log evidence [nat].
+        """Return by how much another assumption increases the log evidence [nat].
 
-        The assumption is about the random differences between circles. It is compared with the
-        assumption that the models make. Under each assumption, there are two log evidences, one for
-        each of the two models; the larger one is used. ``assumed`` holds both log evidences under
-        the assumption.
+        Both assumptions, the other one and the one that the models make, are about the random
+        differences between circles. Under each of them, there are two log evidences, one for each
+        of the two models. The larger one is used. ``assumed`` holds both log evidences under the
+        other assumption.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
@@ -435,9 +435,9 @@ class _ComparisonPlan:
     #: the largest model, with its compliances reduced to constant or linear functions of force;
     #: models in which only some compliances change with force are derived from this model
     linear: HybridModel
-    #: the first two of the compared models, with each scale of the prior of the slopes (changes of
-    #: compliance with force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or
-    #: if the two models differ only in this prior
+    #: the first two of the compared models, once for each scale in `SLOPE_SCALES`. The scale
+    #: determines how wide the prior of the slopes (changes of compliance with force) is. Empty if
+    #: neither model has slopes, or if the two models differ only in this prior.
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: a single entry: the first two of the compared models, without any change. The key is a label
     #: which says that the models keep their assumption about the random differences between

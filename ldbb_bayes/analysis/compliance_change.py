@@ -27,7 +27,7 @@ _DECIMALS_OF_PROBABILITY = 12
 
 @dataclass(frozen=True)
 class DrawnValue(Result):
-    """Mean, sd, median and credible interval of a compliance or of its change with force."""
+    """The mean, sd, median and credible interval of a compliance or of its change with force."""
 
     mean: float  #: posterior mean of a compliance or of its change with force
     sd: float  #: posterior standard deviation of a compliance or of its change with force
@@ -71,8 +71,8 @@ class ChangeWithForce(Result):
     at_reference: DrawnValue  #: compliance C(F0) at the reference force
     at_largest: DrawnValue  #: compliance C(F_max) at the largest force tested
     change: DrawnValue  #: change of the compliance, C(F_max) − C(F_min)
-    #: change of the compliance, divided by the compliance C(F0) at the reference force; a number
-    #: without a unit; None if the credible interval of C(F0) contains zero
+    #: change of the compliance, divided by the compliance C(F0) at the reference force. It has no
+    #: unit. None if the credible interval of C(F0) contains zero.
     relative: DrawnValue | None
     #: probability that the compliance is larger at the largest force tested, F_max, than at the
     #: smallest, F_min

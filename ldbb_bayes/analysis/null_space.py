@@ -189,7 +189,7 @@ def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
     """Return the indices of k linearly independent rows of a matrix.
 
     The matrix ``basis``, shape (c, k), holds k vectors; it has one row for each of c coefficients.
-    In each step, the row is chosen that has the longest part orthogonal to all rows chosen before.
+    Each step chooses the row with the longest part orthogonal to all rows chosen before.
     ``preferred``, shape (c,), is true for preferred rows. A preferred row is chosen before all
     other rows unless its orthogonal part is very short.
     """

@@ -152,9 +152,9 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 
 
 class _PriorSize(NamedTuple):
-    """The three values that determine the prior standard deviation of a coefficient.
+    """Values ``sd``, ``hyper_parameters`` and ``stated``, which give a prior standard deviation.
 
-    One part of the standard deviation may be proportional to hyper-parameters, another part fixed.
+    The prior standard deviation is that of a coefficient of a model term. One part of the standard deviation may be proportional to hyper-parameters, another part fixed.
     """
 
     #: the prior standard deviation of a coefficient, or a factor of it if the prior standard
@@ -169,7 +169,7 @@ class _PriorSize(NamedTuple):
 
 
 def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> _PriorSize | None:
-    """Return the three values that determine the prior standard deviation of a coefficient.
+    """Return the values that determine the prior standard deviation of a coefficient.
 
     ``coefficient`` is the name of a coefficient of the model term ``term``. Return None if the term
     has no coefficient of this name.

@@ -146,7 +146,7 @@ def slope_subsets(
     slope_names = _slope_names(model, evidences.campaign)
 
     def weigh(choice: Choice) -> Nodes:
-        """Return posterior and evidence of a model in which only some compliances have slopes.
+        """Return the posterior and evidence of a model in which only some compliances have slopes.
 
         A slope is the change of a compliance with force. ``choice`` has one entry for each slope,
         true if the model has this slope.

@@ -152,7 +152,7 @@ class GoalState:
     aim: UncertaintyAim
 
     def is_met(self) -> Array:
-        """Return whether the goal is met, for each of n posterior draws of its parameter.
+        """Return whether the goal is met, for each of n posterior draws of the goal's parameter.
 
         A goal limits the expanded uncertainty U of a parameter. Each draw is taken as the true
         value of the parameter, and U is the present uncertainty. The result differs between draws
@@ -161,7 +161,7 @@ class GoalState:
         return self.goal.is_met(self.draws, self.sd)
 
     def probability(self, sd: Array) -> float:
-        """Return the probability that the goal is met for given uncertainties of its parameter.
+        """Return the probability that the goal is met, for given uncertainties of the parameter.
 
         ``sd``, shape (K,), are K equally likely values of the parameter's standard uncertainty. The
         probability is a mean over these values and over the posterior draws of the parameter. The

@@ -61,7 +61,7 @@ class CampaignFamily:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model applied to all candidate tests of a campaign family, with its certificates."""
+        """The model applied to all candidate tests, with the certificates of the family."""
         bound = bind_tests(
             self.space.model,
             self.space.pilot,

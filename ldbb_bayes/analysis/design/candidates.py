@@ -259,11 +259,12 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan with times for its tests; the mean time is that of the pilot's tests.
+    """Return a plan whose tests have times.
 
-    The pilot is the campaign that the plan starts from. The times determine how a drift affects the
-    tests. A plan is returned unchanged if it is to be analysed together with its pilot, or if its
-    tests are not run in the order in which they are listed.
+    The pilot is the campaign that the plan starts from. The mean time of the plan's tests is that
+    of the pilot's tests. The times determine how a drift affects the tests. A plan is returned
+    unchanged if it is to be analysed together with its pilot, or if its tests are not run in the
+    order in which they are listed.
     """
     if plan.order is not None or plan.adds_to_pilot:
         return plan

@@ -463,7 +463,7 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
 
 
 def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return means and variances of the parameters, given that no compliance is negative.
+    """Return the means and variances of the parameters, given that no compliance is negative.
 
     T is the condition that no compliance is negative.
 

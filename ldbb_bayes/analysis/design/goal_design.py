@@ -68,9 +68,9 @@ _CUSTOMARY = 2
 
 @dataclass(frozen=True)
 class StatedGoal(Result):
-    """A goal for an uncertainty as the user stated it, and what is known of its parameter now.
+    """A goal for an uncertainty as the user stated it, and the present estimate of the parameter.
 
-    The present knowledge comes from the campaign or plan that the design starts from.
+    The present estimate comes from the campaign or plan that the design starts from.
     """
 
     goal: Goal

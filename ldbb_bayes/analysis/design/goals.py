@@ -58,7 +58,7 @@ class Goal(Result):
 
     @property
     def is_relative(self) -> bool:
-        """Whether the goal limits the uncertainty U to a fraction of its parameter's value."""
+        """Whether the goal limits the uncertainty U to a fraction of the parameter's value."""
         return self.share is not None
 
     def limit_U(self, value: ArrayLike) -> Array:
