@@ -154,7 +154,8 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 class _PriorSize(NamedTuple):
     """Values ``sd``, ``hyper_parameters`` and ``stated``, which give a prior standard deviation.
 
-    The prior standard deviation is that of a coefficient of a model term. One part of the standard deviation may be proportional to hyper-parameters, another part fixed.
+    The prior standard deviation is that of a coefficient of a model term. One part of it may be
+    proportional to hyper-parameters; another part may be fixed.
     """
 
     #: the prior standard deviation of a coefficient, or a factor of it if the prior standard
