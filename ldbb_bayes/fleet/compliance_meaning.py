@@ -32,7 +32,7 @@ _NEGLIGIBLE = 0.05
 
 
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
-    """Return the weighted sum of joint compliances that every fitted compliance stands for.
+    """Return, for each fitted compliance, the weighted sum of joint compliances it stands for.
 
     The readings of circles determine only some weighted sums of the compliances of joints.
 

@@ -402,7 +402,7 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
 
 
 def _common_meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
-    """Return the weighted sum of joint compliances that every chosen compliance stands for.
+    """Return, for each chosen compliance, the weighted sum of joint compliances it stands for.
 
     The keys of the result are the names of the compliances. ``rows`` are rows of the table of a
     batch; each row contains the sums of one campaign. Raise an `InputError` if two campaigns have

@@ -58,10 +58,9 @@ class PopulationPrior(Shown):
     #: SHA-256 of the content of population.json, the result from which the prior was made
     sha256: str
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: each compliance of the population stands for a weighted sum of the compliances of single
-    #: joints; this dictionary holds the sums, with the names of the compliances as keys. A
-    #: compliance without an entry is assumed to stand for the same sum as in the campaign to be
-    #: fitted.
+    #: for each compliance of the population, the weighted sum of the compliances of single joints
+    #: that it stands for; the keys are the names of the compliances. A compliance without an entry
+    #: is assumed to stand for the same sum as in the campaign to be fitted.
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     #: names of the machines in the population from which the prior was made: the machine_id or, for
     #: a machine without machine_id, the file path of its campaign

@@ -171,10 +171,9 @@ class Evidences(Shown):
 
         The object is new, and no evidence has been computed yet. ``test`` is the name of the test
         left out, ``tests`` are the names of all tests. ``modes`` holds modes (maxima) of posteriors
-        of the hyper-parameters (such as the standard deviation of the noise). Each key is a tuple
-        with the names of the hyper-parameters. The search for the mode of a model's posterior
-        starts at the mode whose key holds the names of this model's hyper-parameters, if there is
-        one.
+        of the hyper-parameters (such as the standard deviation of the noise). The key of a mode is
+        a tuple with the names of the hyper-parameters. For a model with exactly these
+        hyper-parameters, the search for the mode of the posterior starts at the mode given here.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)

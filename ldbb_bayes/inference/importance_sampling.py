@@ -177,8 +177,8 @@ def _best_of_rounds(
 def _untrusted_and_error(sample: Integral) -> tuple[bool, float]:
     """Return a sort key that puts the better of several importance samples first.
 
-    Samples whose weights can be trusted come before all others; among these, and among the others,
-    the sample with the smallest error of the log integral comes first.
+    Samples whose weights can be trusted come before all other samples. Within each of these two
+    groups, the samples are in ascending order of the error of the log integral.
     """
     return not sample.trusted, sample.error
 

@@ -73,9 +73,9 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     deviation of the noise; β are compliances, their changes with force, and geometric errors. φ is
     drawn from a proposal, which is a density fitted to the posterior of φ. β is drawn from its
     Gaussian density given φ and the readings. The weight of a draw of φ is the posterior density
-    divided by the proposal. The draw is accepted with the probability r, its weight divided by
-    twice an estimate of the mean weight. If r exceeds one, the draw of φ may be returned several
-    times, usually with different β.
+    divided by the proposal. Let r be this weight divided by twice an estimate of the mean weight.
+    If r is below one, the draw is accepted with the probability r. If r exceeds one, the draw of φ
+    may be returned several times, usually with different β.
 
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the

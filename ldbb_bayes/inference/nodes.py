@@ -371,10 +371,10 @@ class HyperPosterior:
         errors = np.zeros(len(integral.free))
 
         def log_factor(index: Index) -> Array:
-            # Return the log probability that no compliance is negative at some of the nodes (values
-            # of the hyper-parameters) of ``integral``, which ``index`` names. The log of the upper
-            # bound of this probability is subtracted if the density in ``integral`` contains the
-            # bound. The error of each value is stored in ``errors``.
+            # Return the log probability that no compliance is negative, for those nodes (values of
+            # the hyper-parameters) of ``integral`` whose indices are ``index``. If the density in
+            # ``integral`` contains an upper bound of this probability, the log of the bound is
+            # subtracted. The error of each value is stored in ``errors``.
             values = evaluate(index)
             errors[index] = values.error
             return values.log_density - integral.log_density[index]
@@ -475,9 +475,9 @@ class HyperPosterior:
 
         The error allowed in the logarithm of the probability is 0.02 nat. The probability is
         averaged over as few nodes (values of the hyper-parameters) as this tolerance allows. The
-        nodes are a subset of those in ``plain.proposal``, which are computed for the density that
-        allows negative compliances. If even the average over all nodes is not accurate enough, the
-        error is larger.
+        nodes are picked from ``plain.proposal``, the random nodes of the density that allows
+        negative compliances. If even the average over all nodes is not accurate enough, the error
+        is larger.
         """
         return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
 

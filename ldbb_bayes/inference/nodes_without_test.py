@@ -141,9 +141,9 @@ class NodesWithoutTest:
         factor = fit_factor(self._integral, axis)
 
         def evaluate(index: Index) -> LogValues:
-            # Return the log posterior density at some of the nodes (values of the
-            # hyper-parameters), which ``index`` names. The prior of the factor on the noise of the
-            # test left out is replaced by the Gaussian ``factor``.
+            # Return the log posterior density at the nodes (values of the hyper-parameters) whose
+            # indices are ``index``. The prior of the factor on the noise of the test left out is
+            # replaced by the Gaussian ``factor``.
             free = self._integral.free[index]
             values = log_values(posterior, free, self._tolerance)
             change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])

@@ -186,7 +186,7 @@ class NormalScores:
         return scores
 
     def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
-        """Return log prior probabilities of intervals between values and bounds near the values.
+        """Return the log prior probabilities of short intervals between values and their bounds.
 
         Of the h hyper-parameters, k have truncated normal priors, with lower bounds a and upper
         bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded

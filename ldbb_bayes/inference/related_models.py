@@ -58,10 +58,11 @@ class RelatedModels:
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Return nodes (weighted values of the hyper-parameters) that represent a posterior.
 
-        ``posterior`` belongs to another model than the nodes of this object. The same nodes are
-        used again, with new weights. If possible, the new density is evaluated only at some of the
-        nodes (`density_ratio`). New nodes are computed if the other model has other
-        hyper-parameters, or if the error of its log evidence would exceed the tolerance.
+        ``posterior`` is the posterior density under another model than the one for which the nodes
+        of this object were computed. The same nodes are used again, with new weights. If possible,
+        the new density is evaluated only at some of the nodes (`density_ratio`). New nodes are
+        computed if the other model has other hyper-parameters, or if the error of its log evidence
+        would exceed the tolerance.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)
