@@ -36,7 +36,7 @@ __all__ = [
 # Name of the folder for the campaigns that a search finds. Each campaign has a subfolder in it,
 # named 1, 2 or 3.
 CHEAPEST = "cheapest"
-# Name of the option of the command ``design`` with which users give the prices of certificates.
+# Users of the command ``design`` state the prices of certificates with the option of this name.
 _CERTIFICATES = "certificates"
 # Name of the command-line option for the probability with which a campaign must reach all goals for
 # uncertainties.

@@ -15,8 +15,7 @@ __all__ = ["GOAL_PREFIX", "goal_texts", "with_goals"]
 # Beginning of the name of every entry field for a goal (limit of an uncertainty); the name of the
 # parameter follows.
 GOAL_PREFIX = "goal_"
-# Number of characters that are read of a text typed as a goal for an uncertainty; further
-# characters are ignored.
+# A text typed as a goal for an uncertainty is cut off after this number of characters.
 _LONGEST_TEXT = 40
 
 

@@ -45,8 +45,8 @@ class Session:
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)
-    #: Texts of the goals for uncertainties, and of the costs, with which the cheapest campaign was
-    #: last searched for.
+    #: Goals for uncertainties, and costs, of the last search for the cheapest campaign, as the user
+    #: typed them.
     searched: dict[str, Any] = field(default_factory=dict)
     #: Time of the last request from the session (browser tab), on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)

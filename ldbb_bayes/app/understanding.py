@@ -1,6 +1,7 @@
-"""Description of a session's files before the fit: tests, traces, assumptions, instrument.
+"""Description of the files of a session (one browser tab) before the fit.
 
-A session is one browser tab, and traces are polar plots of the readings.
+The description has the tests, the traces (polar plots of the readings), the assumptions made at
+import, and the uncertainties of the instrument.
 """
 
 from __future__ import annotations
@@ -210,9 +211,10 @@ def _is_on_same_quantity(row: Mapping[str, Any], other_row: Mapping[str, Any]) -
 
 
 def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
-    """Return an assumption made at import as a row of the page's table, a dict of texts.
+    """Return the row of the page's table that states an assumption made at import.
 
-    The row also has the names of the entry fields that can change the assumption.
+    The row is a dict of texts. It also has the names of the entry fields that can change the
+    assumption.
     """
     flags = assumption.option.split(", ")
     return {

@@ -355,8 +355,8 @@ def _group_of_placeholder(match: re.Match[str]) -> str:
     """Return a named group of a regular expression for a placeholder in a message.
 
     The group has the name of the placeholder and matches every text that the placeholder can stand
-    for: {a} stands for any text, and {n1} only for numbers. ``match`` is the match of the
-    placeholder in the English message of the catalogue of translations.
+    for: {a} stands for any text, and {n1} only for numbers. ``match`` is the regular-expression
+    match that found the placeholder in a key of the catalogue.
     """
     inside = ".+?"
     if match[1].startswith("n"):

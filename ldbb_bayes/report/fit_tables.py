@@ -422,10 +422,10 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
     The columns are the posterior mean, sd and credible interval, and the prior mean and sd. The
     column of prior means is left out if all prior means are zero. Instead of the slopes, which are
     the coefficients of compliances as functions of force, the table shows the change of each
-    compliance over the tested forces. The factor λ of a circle multiplies the random
-    shifts of the circle's zero and centre, and the deviations that the model does not explain. It
-    is large for a circle that does not agree with the others. λ is shown only if its posterior
-    median is at least 2.5.
+    compliance over the tested forces. The factor λ of a circle multiplies the random shifts of the
+    circle's zero and centre, and the deviations that the model does not explain. It is large for a
+    circle that does not agree with the others. λ is shown only if its posterior median is at least
+    2.5.
 
     Parameters
     ----------

@@ -111,8 +111,8 @@ class OwnWords:
     def _mark(self, match: re.Match[str]) -> str:
         """Store a part of a message that is not to be translated, and return a character for it.
 
-        ``match`` is the match of the part in the message. If all characters are already used, the
-        part is returned unchanged.
+        ``match`` is the regular-expression match whose text is this part. If all characters are
+        already used, the part is returned unchanged.
         """
         mark = _FIRST_MARK + len(self._parts)
         if mark > _LAST_MARK:

@@ -48,12 +48,12 @@ def passages_in_language(
 def untranslated_texts(
     passages: Sequence[Passage], language: str, names: Iterable[str] = ()
 ) -> set[str]:
-    """Return those English texts that have no translation into a language.
+    """Return the English texts of tables and sentences that have no translation into a language.
 
-    The texts are those of the tables and sentences ``passages``. ``language`` is the code of the
-    language, such as ``de``. ``names`` are the names of campaigns and tests, which need no
-    translation. The result is empty if the language has no catalogues (files of translated texts).
-    This is the case for English.
+    ``passages`` are the tables and sentences. ``language`` is the code of the language, such as
+    ``de``. ``names`` are the names of campaigns and tests, which need no translation. The result is
+    empty if the language has no catalogues (files of translated texts). This is the case for
+    English.
     """
     translation = _translation(language, names)
     if translation is None:

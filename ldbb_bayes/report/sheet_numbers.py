@@ -400,10 +400,9 @@ class SheetNumbers:
         )
 
     def _partners_of_geometry(self) -> tuple[str, ...]:
-        """Return the effects that the readings cannot separate from undetermined geometric errors.
+        """Return names of effects that readings cannot separate from undetermined geometric errors.
 
-        The effects are returned by name. A geometric error is undetermined if the readings hardly
-        determine it.
+        A geometric error is undetermined if the readings hardly determine it.
         """
         partners: dict[str, None] = {}
         for name, quantity in self.parameters.items():

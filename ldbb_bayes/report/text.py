@@ -191,10 +191,11 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
     """Return a table of the percentage of credible intervals that contain the simulated true value.
 
-    The table has one row for each quantity. It also states whether the ranks of the true values are
-    uniformly distributed. A rank is the number of posterior draws below the true value. Two
-    sentences follow. The first states the standard uncertainty of the percentages in the table. The
-    second states whether the ranks of all quantities are uniformly distributed.
+    The table has one row for each quantity. Each row also states whether the ranks of the
+    quantity's true values are uniformly distributed. A rank is the number of posterior draws below
+    the true value. Two sentences follow. The first states the standard uncertainty of the
+    percentages in the table. The second states whether the ranks of all quantities are uniformly
+    distributed.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]
@@ -476,7 +477,10 @@ def _record_of_design(result: Design) -> dict[str, Any]:
 
 
 def _design_cell(value: Any) -> str:
-    """Return a cell of a design's table of tests as a string; numbers get four digits."""
+    """Return a cell of a design's table of tests as a string.
+
+    A number is rounded to four significant digits.
+    """
     return value if isinstance(value, str) else f"{value:.4g}"
 
 
