@@ -1,9 +1,9 @@
 """Uncertainty budgets of the parameters, in the form of the GUM.
 
 A budget lists the sources of the uncertainty of one parameter. For each source it states the
-standard uncertainty, the sensitivity and the share of the variance. Nuisance coefficients are
-effects that are modelled but not of interest; hyper-parameters φ are quantities such as the
-standard deviation of the noise; truncation is the condition that no compliance is negative.
+standard uncertainty, the sensitivity and the share of the variance. Nuisance coefficients describe
+effects that are modelled but not of interest. Hyper-parameters φ are quantities such as the
+standard deviation of the noise. Truncation is the condition that no compliance is negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
 A source is the deviation of a nuisance coefficient from its prior mean, noise of the readings, or

@@ -75,11 +75,12 @@ def local_fits(
     Returns
     -------
     DataFrame
-        One row per pair of force levels and parameter, in internal units (mm, N, rad). Columns are
+        One row per pair of force levels and parameter, in internal units (mm, N, rad). The columns
         force_low_N, force_high_N, force_N (mean over the pair's tests), tests (number of tests in
-        the pair), parameter and unit; the least-squares estimate least_squares and, for white noise
-        alone, its standard uncertainty least_squares_u (both are NaN if the pair does not determine
-        the parameter); and the posterior's mean, sd, ci_low and ci_high.
+        the pair), parameter and unit describe the row. The column least_squares holds the
+        least-squares estimate, and least_squares_u its standard uncertainty if there is only white
+        noise; both are NaN if the pair does not determine the parameter. The columns mean, sd,
+        ci_low and ci_high describe the posterior.
 
     Raises
     ------

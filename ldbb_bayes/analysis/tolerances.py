@@ -156,9 +156,9 @@ def name_in_plane(name: str, plane: str, planes: Collection[str]) -> str:
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
     """Return the quantities of a model that may have a tolerance, by name.
 
-    The quantities are the model's parameters; stiffnesses of single axes, such as ``stiffness_X``;
-    in each plane, the least and the greatest stiffness along the bar and the ratio of the two; and
-    G, F_max and F_min of the machine's circular path.
+    The quantities are the model's parameters, and stiffnesses of single axes, such as
+    ``stiffness_X``. In each plane, there are also the least and the greatest stiffness along the
+    bar, the ratio of the two, and G, F_max and F_min of the machine's circular path.
     """
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     return quantities(units, bound.setting.planes)

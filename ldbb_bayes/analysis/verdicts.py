@@ -743,9 +743,9 @@ def judge(
     """Return the verdict on a parameter, and the effects with which it is confounded.
 
     The parameter is confounded if effects whose standard uncertainties are assumed cause more than
-    half of its variance; prior-limited if its posterior sd is more than half of its prior sd; and
-    otherwise identified. `Verdict` states the rules in full. With a flat prior, a parameter is
-    never prior-limited.
+    half of its variance. Otherwise, it is prior-limited if its posterior sd is more than half of
+    its prior sd, and identified if not. `Verdict` states the rules in full. With a flat prior, a
+    parameter is never prior-limited.
 
     Parameters
     ----------
