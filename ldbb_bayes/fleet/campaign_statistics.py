@@ -74,7 +74,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     """Return the posterior moments of a campaign's parameters and instrument errors.
 
     Instrument errors are the errors of the mount's deflection and of the bar's force. They are the
-    same in all campaigns with this instrument.
+    same in all campaigns with the same instrument.
 
     Parameters
     ----------

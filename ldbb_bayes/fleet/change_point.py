@@ -107,8 +107,8 @@ def hypotheses(level_likelihoods: Gaussian, parameters: int, change_scale: float
     precision = _sum_from_here_on(level_likelihoods.precision)
     shift = _sum_from_here_on(level_likelihoods.shift)
     # The step Δ of a machine's parameter affects only the campaigns after the step. The likelihood
-    # has a precision matrix and a shift (precision times estimate). Their elements that belong to Δ
-    # are therefore sums over the campaigns after the step.
+    # has a precision matrix and a shift (precision times estimate). In both, the elements that
+    # belong to Δ are therefore sums over the campaigns after the step.
     step_precision = np.swapaxes(precision[:, 1:, :, :p], -1, -2)
     joint_precision = np.zeros((r, n, p, q + 1, q + 1))
     joint_precision[..., :q, :q] = np.eye(q) + precision[:, None, :1]

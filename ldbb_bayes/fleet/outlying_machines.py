@@ -232,10 +232,10 @@ class _Prediction(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: If one of n machines is left out, the readings of all other machines give a Gaussian function
-    #: of the population's mean and the instrument's errors. These are the logarithms of the
-    #: integrals of this function for k random draws of the spreads (standard deviations from
-    #: machine to machine), up to a constant, shape (k, n).
+    #: logarithms of integrals, up to a constant, shape (k, n). If one of n machines is left out,
+    #: the readings of all other machines give a Gaussian function of the population's mean and the
+    #: instrument's errors. This function is integrated for each of k random draws of the spreads
+    #: (standard deviations from machine to machine).
     log_integral: Array
     #: differences between c parameters and their predictions from the other machines, divided by
     #: the standard deviations of these differences, shape (c, k, n), for n machines and k random

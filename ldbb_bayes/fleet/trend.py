@@ -9,8 +9,8 @@ inequality). It follows that the probability of a false alarm is at most
 A trend does not use the fact that compliances cannot be negative (truncation). Parameters that are
 not analysed, ball form and bar length are integrated out in each campaign separately, as if their
 values in different campaigns were independent. In fact, these values are the same in all campaigns
-with one machine and one bar. This treatment overstates the uncertainty of changes, above all of
-changes of geometric errors, but understates the uncertainty of levels.
+with one machine and one bar. Treating them as independent overstates the uncertainty of changes,
+above all of changes of geometric errors, but understates the uncertainty of levels.
 """
 
 from __future__ import annotations

@@ -283,10 +283,10 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 
     The prediction has no random scatter. It includes the effects of the machine, of ball form, of
     bar length, of the deflection of the mount, and of force error. Nuisances are effects that are
-    modelled but not of interest. They are set to their means conditional on the readings, on the p
-    parameters ``beta``, shape (draws, p), and on the h hyper-parameters ``phi``, shape (draws, h).
-    The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
-    ``bound`` is the model of the campaign.
+    modelled but not of interest. The nuisances are set to their means conditional on the readings,
+    on the p parameters ``beta``, shape (draws, p), and on the h hyper-parameters ``phi``, shape
+    (draws, h). The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests,
+    25). ``bound`` is the model of the campaign.
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean

@@ -14,10 +14,11 @@ there are many dimensions. The density f e^q is known at all nodes, and
     ∫ g = ∫ f e^q · E[g / (f e^q)],
 
 where the last factor is the weighted mean over the sample of ρ = g / (f e^q). The scatter of ρ,
-which is small, gives the error of the mean. This is the regression estimator of survey sampling
-(Cochran, Sampling Techniques, 1977, chapter 7; Särndal, Swensson and Wretman, Model Assisted Survey
-Sampling, 1992). The estimator does not assume that q fits well: a poor fit only makes the error
-larger. Averages under g are computed with the weights that the nodes have under the density f e^q.
+which is small, gives the error of the mean. This method is the regression estimator of survey
+sampling (Cochran, Sampling Techniques, 1977, chapter 7; Särndal, Swensson and Wretman, Model
+Assisted Survey Sampling, 1992). The estimator does not assume that q fits well: a poor fit only
+makes the error larger. Averages under g are computed with the weights that the nodes have under the
+density f e^q.
 """
 
 from __future__ import annotations

@@ -158,8 +158,8 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     k = np.inf
     try:
         smoothed, shape = _smooth_tail(log_ratio)
-    # ArviZ fits a Pareto distribution to the largest importance weights. It raises a ValueError if
-    # these are too few, or if all of them are equal.
+    # ArviZ fits a Pareto distribution to the largest importance weights, and raises a ValueError if
+    # there are too few of these weights or if all of them are equal.
     except ValueError:
         pass
     else:
@@ -182,8 +182,8 @@ def pareto_k(log_weight: Array) -> float:
     """
     try:
         shape = _smooth_tail(log_weight)[1]
-    # ArviZ fits a Pareto distribution to the largest importance weights. It raises a ValueError if
-    # these are too few, or if all of them are equal.
+    # ArviZ fits a Pareto distribution to the largest importance weights, and raises a ValueError if
+    # there are too few of these weights or if all of them are equal.
     except ValueError:
         if len(log_weight) < _FEWEST_WEIGHTS:
             return np.inf

@@ -54,7 +54,7 @@ class CurveDraws(NamedTuple):
 class ForceCurves:
     """Posterior draws of the compliances that may change with force, at three forces.
 
-    They are the smallest force tested, the reference force and the largest force tested.
+    The three forces are the smallest force tested, the reference force and the largest one tested.
     """
 
     smallest_force_N: float  #: smallest bar force tested, F_min [N]

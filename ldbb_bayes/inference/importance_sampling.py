@@ -67,8 +67,8 @@ _REACHABLE = 2.0
 _FITTED_PER_DIMENSION = 40.0
 # A proposal (the density from which points are drawn) is fitted to points with importance weights.
 # If a few weights dominate, all weights are made more equal by raising them to a power. The power
-# starts at one. It is multiplied by ``_EVENING`` until the effective sample size of the weights
-# suffices, or until the power is at most ``_LEAST_POWER``.
+# starts at one. The power is multiplied by ``_EVENING`` until the effective sample size of the
+# weights suffices, or until the power is at most ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 

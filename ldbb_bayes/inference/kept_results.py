@@ -62,8 +62,8 @@ def kept(work: F) -> F:
 def _fingerprint(posterior: xr.DataTree) -> bytes:
     """Return a cryptographic hash by which a posterior is recognised.
 
-    It is computed from the draws and readings in the posterior, and from its record, which states
-    the model and how the sampler ran.
+    The hash is computed from the draws and readings in the posterior, and from its record, which
+    states the model and how the sampler ran.
     """
     digest = hashlib.blake2b(posterior["provenance"].attrs["json"].encode())
     for group in _IDENTIFYING_GROUPS:

@@ -36,8 +36,8 @@ _FEW_DIMENSIONS = 5
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
-# The two sides of a split Student-t distribution meet at a value of the coordinate z (see
-# `SplitT`). These values are tried when the distribution is fitted.
+# Values of the coordinate z (see `SplitT`) at which the two sides of a split Student-t distribution
+# may meet. All these values are tried when the distribution is fitted.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 # When a split Student-t distribution is fitted, its scales and its degrees of freedom are fitted in
 # turn, ``_ALTERNATIONS`` times. Each time, the scales are fitted by ``_EM_STEPS``
@@ -67,9 +67,9 @@ class SplitT:
 
     The elements of z are independent if ``dependence`` is None. Otherwise the mean and the width of
     an element depend on elements with a smaller index (`coordinate_dependence`). A split t is a
-    Student-t distribution with different scales and degrees of freedom on its two sides. Its
-    density is continuous, as the two sides have the same height at z = 0. The columns of the matrix
-    ``root`` are the directions of the elements of z in the space of x.
+    Student-t distribution with different scales and degrees of freedom on its two sides. The
+    density of a split t is continuous, because the two sides have the same height at z = 0. The
+    columns of the matrix ``root`` are the directions of the elements of z in the space of x.
     """
 
     #: point x at which the two sides of a split Student-t distribution meet in each of h
@@ -340,9 +340,9 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     """Fit a split Student-t distribution along each of h directions.
 
     A split Student-t has different scales and degrees of freedom below and above the coordinate
-    ``offset``. It is fitted to n points: ``z``, shape (n, h), holds their coordinates along each
-    direction, and ``weight``, shape (n, h), their weights. ``freedoms`` holds the degrees of
-    freedom that are tried for each side.
+    ``offset``. The distribution is fitted to n points: ``z``, shape (n, h), holds their coordinates
+    along each direction, and ``weight``, shape (n, h), their weights. ``freedoms`` holds the
+    degrees of freedom that are tried for each side.
     """
     h = z.shape[1]
     square = (z - offset) ** 2

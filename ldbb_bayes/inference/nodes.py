@@ -527,10 +527,10 @@ class HyperPosterior:
 
         If the mode of a similar density was given, it is the first point. At most three further
         points are chosen from many points for their high density and for a sufficient distance from
-        each other. They are needed in addition to the mode of a similar density, because the search
-        from this mode may end at a lower maximum. Each point, shape (h,), holds the h
-        hyper-parameters in normal scores, coordinates in which most of the priors are standard
-        normal.
+        each other. The further points are needed in addition to the mode of a similar density,
+        because the search from this mode may end at a lower maximum. Each point, shape (h,), holds
+        the h hyper-parameters in normal scores, coordinates in which most of the priors are
+        standard normal.
         """
         similar: list[Array] = []
         if self._near is not None:

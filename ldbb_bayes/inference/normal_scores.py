@@ -3,11 +3,11 @@
 The hyper-parameters φ are quantities such as the standard deviation of the noise. The normal score
 z of a value of a hyper-parameter is defined by Φ(z) = P, where P is the prior probability of
 smaller values and Φ the standard normal distribution function. The logarithm of a scale that the
-readings hardly determine extends far towards minus infinity, with an exponential tail. Its normal
-score, in contrast, has a Gaussian tail. In normal scores, the posterior of φ therefore resembles a
-Gaussian more closely, and an integral over φ needs fewer nodes (weighted values of φ). For the
-factors that multiply the noise of single circles, the logarithms are used instead, because they are
-nearly normal.
+readings hardly determine extends far towards minus infinity, with an exponential tail. The normal
+score of such a scale, in contrast, has a Gaussian tail. In normal scores, the posterior of φ
+therefore resembles a Gaussian more closely, and an integral over φ needs fewer nodes (weighted
+values of φ). For the factors that multiply the noise of single circles, the logarithms are used
+instead, because they are nearly normal.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ __all__ = ["NormalScores"]
 _LEAST_DISTANCE = 1e-300
 # A value of a hyper-parameter counts as near a bound if the log prior probability of the interval
 # between the value and the bound is below this limit. Subtracting the bound from the value would
-# then be inaccurate. Their distance is computed instead as the prior probability of the interval
-# divided by the prior density at the bound.
+# then be inaccurate. The distance between them is computed instead as the prior probability of the
+# interval divided by the prior density at the bound.
 _NEAR_BOUND = -20.0
 # The logarithm of a probability is taken to be at most this value, so that the normal quantile at
 # this probability is finite.

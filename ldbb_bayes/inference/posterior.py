@@ -90,8 +90,8 @@ _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # the file plus ``_SMALL_FILE_BYTES``. A file with larger arrays counts as damaged.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
-# Number of the present edition of the default model. It is increased whenever the terms or priors
-# of the default model change. The record of a posterior states the edition with which it was
+# Number of the present edition of the default model. The number is increased whenever the terms or
+# priors of the default model change. The record of a posterior states the edition with which it was
 # computed; draws from another edition are refused. The presets ``first`` and ``paper`` are the same
 # in all editions.
 MODEL_EDITION = 3

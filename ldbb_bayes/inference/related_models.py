@@ -82,7 +82,7 @@ class RelatedModels:
         """Return the nodes of one model, with new weights for the posterior of another model.
 
         Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
-        the hyper-parameters under the other model. It is evaluated at all nodes.
+        the hyper-parameters under the other model. This density is evaluated at all nodes.
         """
         plain = replace(
             self._integral,

@@ -55,9 +55,10 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
 
     The result holds the root-mean-square residual and the fitness. The prediction contains the
     effects of the machine and of nuisances (effects that are modelled but not of interest, such as
-    ball form), but no scatter. It is averaged over posterior draws. ``phi``, shape (draws, h),
-    holds draws of the h hyper-parameters (such as the standard deviation of the noise); ``beta``,
-    shape (draws, p), holds draws of the p parameters. ``bound`` is the model of the campaign.
+    ball form), but no scatter. The prediction is averaged over posterior draws. ``phi``, shape
+    (draws, h), holds draws of the h hyper-parameters (such as the standard deviation of the noise);
+    ``beta``, shape (draws, p), holds draws of the p parameters. ``bound`` is the model of the
+    campaign.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
