@@ -15,6 +15,7 @@ from ldbb_bayes.reading.line_parts import divide_line, finer_divisions, segments
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.travel_direction import senses_in
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 
 __all__ = ["is_about_sign", "leaves_difference_unread", "sign_of_readings"]
@@ -134,6 +135,7 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
     sources: dict[int, str | CitedLine] = {}
+    unread: list[tuple[str | CitedLine, str]] = []
     _note_names(recording)
     if _MINUS.search(_words_of_header(header)):
         sources[-1] = f"the header {header!r}"
@@ -147,10 +149,7 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
         if words:
             sign = _sign_from_kinds(words)
         elif not _leaves_sign_open(source, text):
-            # The text is not understood. A note on it says that a longer bar is taken to give a
-            # positive reading. The note is left out if another text states the opposite.
-            if -1 not in sources:
-                _note_unread(recording, source, text)
+            unread.append((source, text))
             continue
         if sign is not None:
             sources.setdefault(sign, source)
@@ -162,6 +161,11 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
                 "sign",
                 ("1", "-1"),
             )
+    # A note on a text that is not understood says that a longer bar is taken to give a positive
+    # reading. The note is left out if another text states the opposite.
+    if -1 not in sources:
+        for source, text in unread:
+            _note_unread(recording, source, text)
     return sources
 
 
@@ -351,8 +355,11 @@ def _note_unread(recording: Recording, source: str | CitedLine, text: str) -> No
 
 
 def _explains_sign(text: str) -> bool:
-    """Return whether a text may explain the sign of readings, such as ``Positive: see drawing``."""
-    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text):
+    """Return whether a text may explain the sign of readings, such as ``Positive: see drawing``.
+
+    A text with a word such as clockwise explains the sense of angles or the direction of travel.
+    """
+    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or senses_in(text):
         return False
     return _MEANING.search(text) is not None
 

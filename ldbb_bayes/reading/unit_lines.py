@@ -83,6 +83,8 @@ _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*",
 # Regular expression for the separators in a list of quantities and units, such as the comma in
 # "Angle: deg, Force: N".
 _BETWEEN_PAIRS = re.compile(r"[;,|\t](?!\d)|\s{2,}(?=[^\W\d]+\s*[:=])")
+# Regular expression for the marks between a unit and remarks, as in "0.1 um; from +X".
+_BETWEEN_REMARKS = re.compile(r"[;|\t]")
 # Regular expression for a pair of a quantity and its unit, such as "Angle: deg".
 _PAIR = re.compile(r"\s*(?P<label>[^:=]+)[:=](?P<unit>[^:=]+)")
 # Regular expression for a number that may be the factor of a unit: 1, 10, 100, or a fraction such
@@ -188,12 +190,25 @@ def units_stated(text: str) -> dict[str, str]:
     role = _role_of_label(match["label"])
     if role is None:
         return stated
-    text = match["units"].strip()
+    text = _unit_before_remarks(match["units"].strip())
     if _has_unread_factor(text) and not _lists_units(text):
         return stated | {f"{role or 'reading'}_unit": text}
     if scaled_unit(text) and not unit_named(text):  # the text is a unit with a factor: 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _unit_before_remarks(text: str) -> str:
+    """Return the unit at the beginning of a text if semicolons separate it from other remarks.
+
+    An example is ``0.001 deg; from +X; positive=CCW``. Only a unit with a factor is returned alone,
+    and only if the remarks name no further unit; any other text is returned unchanged.
+    """
+    first, *remarks = _BETWEEN_REMARKS.split(text)
+    unit = scaled_unit(first.strip())
+    if not unit or unit_named(first) or _units_in(" ; ".join(remarks)):
+        return text
+    return first.strip()
 
 
 def _units_of_whole_line(text: str) -> dict[str, str]:

@@ -22,7 +22,7 @@ from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import NAMES_DIRECTION, directions_stated, senses_in
 from ldbb_bayes.reading.unit_lines import unit_mentioned
-from ldbb_bayes.reading.unused_segments import unused_segments
+from ldbb_bayes.reading.unused_segments import states_correction, unused_segments
 
 __all__ = ["note_unstated"]
 
@@ -153,22 +153,28 @@ def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
 def _most_important(texts: Sequence[_Text]) -> list[_Text]:
     """Return those unused texts that get separate notes.
 
-    Texts on angles, signs, units, directions and the mount come first, and all of them are
-    returned, because they may change the numbers of the campaign. Of texts that differ only in
-    their numbers, only the first is returned.
+    Texts on angles, signs, units, corrections, directions and the mount come first, and all of them
+    are returned, because they may change the numbers of the campaign. Of texts that differ only in
+    their numbers, only the first is returned; of texts on corrections, such as ``Preset: 10 um``,
+    others are returned in front of the remaining texts.
     """
     distinct: dict[str, _Text] = {}
     for text in texts:
         distinct.setdefault(_NUMBER.sub("", text.text), text)
     conventions = [text for text in distinct.values() if _may_be_convention(text)]
-    others = [text for text in distinct.values() if not _may_be_convention(text)]
+    others = [text for text in texts if states_correction(text.text) and text not in conventions]
+    others += [text for text in distinct.values() if not _may_be_convention(text)]
     n_others = max(0, _MOST_TEXTS - len(conventions))
     return conventions + others[:n_others]
 
 
 def _may_be_convention(text: _Text) -> bool:
-    """Return whether a text may be about angles, signs, units, directions or the mount."""
+    """Return whether a text may be about angles, signs, units, directions or the mount.
+
+    A text on a correction of readings, such as a preset of the gauge, counts too.
+    """
     is_stated = is_about_angles(text.text) or is_about_sign(text.text)
+    is_stated = is_stated or states_correction(text.text)
     has_direction = NAMES_DIRECTION.search(text.text) is not None or bool(senses_in(text.text))
     is_of_mount = bool(unread_mount([(text.line, text.text)]))
     return is_stated or has_direction or is_of_mount or bool(unit_mentioned(text.text))

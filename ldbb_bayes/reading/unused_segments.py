@@ -12,14 +12,15 @@ from ldbb_bayes.reading.angle_convention import states_angles
 from ldbb_bayes.reading.circle_centre import without_centre
 from ldbb_bayes.reading.line_parts import finer_divisions, segments_of_line
 from ldbb_bayes.reading.lines_above import is_label, statements_in
+from ldbb_bayes.reading.mount_statement import mount_state
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import is_missing
 from ldbb_bayes.reading.reading_sign import is_about_sign, leaves_difference_unread
 from ldbb_bayes.reading.timestamps import stamps_in
 from ldbb_bayes.reading.travel_direction import directions_stated, senses_in
-from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, unit_named
 
-__all__ = ["unused_segments"]
+__all__ = ["states_correction", "unused_segments"]
 
 # A segment with fewer letters than this, such as a unit or the number of a page, is not shown in a
 # note, unless it is an equation.
@@ -27,6 +28,14 @@ _FEWEST_LETTERS = 4
 _LETTER = re.compile(r"[^\W\d_]")
 # Regular expression for an equation between quantities, such as "e = L0 - L".
 _EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
+# Regular expression for words which show that readings must be corrected by a number.
+_CORRECTION = re.compile(rf"(?<![^\W_])(?:{WORDS['corrections']['words']})", re.IGNORECASE)
+
+
+def states_correction(text: str) -> bool:
+    """Return whether a text may say that readings must be corrected, as in ``Preset: 10 um``."""
+    text = text[:LONGEST_TEXT]
+    return _CORRECTION.search(text) is not None and not mount_state(text)
 
 
 def unused_segments(text: str, quoted: Collection[str]) -> str:
@@ -57,7 +66,7 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
         is_quoted = segment.strip() in quoted or (is_line_quoted and states_load)
         if not _may_matter(segment) or is_quoted:
             continue
-        if _is_used(segments, k, text):
+        if _is_used(segments, k, text) and not (_defines(segment) and states_correction(segment)):
             unused += _unused_parts(segment, quoted)
         else:
             unused.append(segment.strip())
@@ -79,6 +88,11 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
         if len(parts) > 1 and _may_matter(part) and not (is_needed or part.strip() in quoted):
             unused.append(part.strip())
     return unused
+
+
+def _defines(segment: str) -> bool:
+    """Return whether a segment is an equation, such as ``true deviation = reading - preset``."""
+    return re.search(r"[^\W\d]\s*=\s*[^\W\d].*\s[+\-−–]\s*[^\W\d]", segment) is not None
 
 
 def _may_matter(segment: str) -> bool:

@@ -16,7 +16,13 @@ NEWTONS_PER_KGF = 9.80665
 
 def language_cases() -> dict[str, FieldCase]:
     """Return the cases of files in further languages."""
-    return {**portuguese_cases(), **pandas_cases(), **stamp_cases(), **log_cases()}
+    return {
+        **portuguese_cases(),
+        **pandas_cases(),
+        **stamp_cases(),
+        **log_cases(),
+        **channel_cases(),
+    }
 
 
 def portuguese_cases() -> dict[str, FieldCase]:
@@ -123,5 +129,38 @@ def log_cases() -> dict[str, FieldCase]:
             step=feed,
             options=("--direction", "CCW"),
             circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
+        )
+    }
+
+
+def channel_cases() -> dict[str, FieldCase]:
+    """Return files in which a line for each channel states its name, unit and convention."""
+    above = "\n".join(
+        (
+            "[Header]",
+            "Force_N={F}",
+            "Ch1=Angle; Unit=0.001 deg; from +X; positive=CCW",
+            "Ch2=dR; Unit=0.00001 mm; dR=R_nominal-R_actual",
+            "[Data]",
+        )
+    )
+    files = field.texts(
+        "",
+        lambda circle, k: [
+            f"{1e3 * circle.angle_deg[k]:.0f}",
+            f"{-100.0 * circle.reading_um[k]:.3f}",
+        ],
+        above=above,
+        separator="; ",
+        suffix=".ini",
+    )
+    return {
+        "channels_with_units": FieldCase(
+            "units with factors",
+            "lines 'Ch1=Angle; Unit=0.001 deg; …' and 'Ch2=dR; Unit=0.00001 mm; …'",
+            files,
+            refusal="--header-line where it is another, 0 for none",
+            step=("--header-line", "0"),
+            told="unit of the angle: 0.001 deg (line 3",
         )
     }

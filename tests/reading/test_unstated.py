@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 import ldbb_bayes as lb
+from ldbb_bayes.reading.unit_lines import units_stated
 
 
 def notes_of(folder: Path, lines: list[str], **layout: Any) -> dict[str, str]:
@@ -375,3 +376,57 @@ def test_the_convention_of_angles_is_read_in_many_languages(
 def test_a_sense_of_angles_is_no_direction_of_travel(tmp_path: Path) -> None:
     notes = notes_of(tmp_path, ["angulo_deg: desde +X, sentido horario"])
     assert notes["direction"].startswith("not stated")
+
+
+def texts_not_used(folder: Path, above: str) -> list[str]:
+    """Return the texts that the notes of an import list as not used."""
+    lines = [*above.split("\n"), "Angle [deg],Reading [um]"]
+    lines += [f"{5 * k},{k % 7}.25" for k in range(72)]
+    path = folder / "36N.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    notes = lb.import_campaign(path).assumptions
+    return [note.value for note in notes if note.what == "texts not used"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "true deviation of the radius = gauge reading - preset",
+        "Preset: 10 um",
+        "Offset of the gauge 3.5 um to be subtracted",
+        "Vorhalt: 10 µm",
+        "Correzione: 10 µm",
+    ],
+)
+def test_a_correction_of_readings_is_told_in_front_of_other_texts(
+    line: str, tmp_path: Path
+) -> None:
+    others = "\n".join(f"remark {word}" for word in ("a", "b", "c", "d", "e", "f", "g"))
+    assert texts_not_used(tmp_path, f"{others}\n{line}")[0] == repr(line)
+
+
+def test_a_correction_beside_used_words_is_told_whole(tmp_path: Path) -> None:
+    formula = "true deviation of the radius = gauge reading - preset"
+    line = f"Gauge was preset; {formula}. Longer bar positive. Angles anticlockwise from +X."
+    assert any(formula in text for text in texts_not_used(tmp_path, line))
+
+
+def test_corrections_that_differ_in_numbers_are_all_told(tmp_path: Path) -> None:
+    texts = texts_not_used(tmp_path, "Preset 1: 10 um\nPreset 2: 25 um")
+    assert texts == ["'Preset 1: 10 um'", "'Preset 2: 25 um'"]
+
+
+def test_a_unit_before_remarks_is_used() -> None:
+    assert units_stated("Ch2=dR; Unit=0.01 um; dR=R_nominal-R_actual") == {
+        "reading_unit": "0.01 um"
+    }
+
+
+def test_a_sense_of_angles_is_no_unclear_sign(tmp_path: Path) -> None:
+    path = tmp_path / "36N.csv"
+    rows = [f"{5 * k},{k % 7}.25" for k in range(72)]
+    above = ["Angle from +X; positive=CCW", "dR=R_nominal-R_actual"]
+    path.write_text("\n".join([*above, "Angle [deg],Reading [um]", *rows, ""]), encoding="utf-8")
+    notes = lb.import_campaign(path).assumptions
+    signs = [note.value for note in notes if note.what == "sign of the reading"]
+    assert signs == ["-1: a longer bar is negative"]
