@@ -170,6 +170,7 @@ def short_zero_cases() -> dict[str, FieldCase]:
         "Referência angular;eixo +Y, sentido horário",
         "Vinkel fra +Y, med klokka",
         "Hoek vanaf +Y, met de klok mee",
+        "Відлік кутів: від осі +Y за годинниковою стрілкою",
     )
     for number, line in enumerate(lines):
         cases[f"zero_in_language_{number}"] = FieldCase(

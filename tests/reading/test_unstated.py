@@ -363,6 +363,7 @@ def test_parts_of_a_line_that_are_used_are_not_told(tmp_path: Path) -> None:
         ("angulo_deg: desde +Y, sentido horario", "from +Y, CW (line 1)"),
         ("Referência angular;eixo -X, sentido horário", "from -X, CW (line 1)"),
         ("Vinkel fra +Y, mot klokka", "from +Y, CCW (line 1)"),
+        ("Відлік кутів: від осі +Y за годинниковою стрілкою", "from +Y, CW (line 1)"),
         ("Winkel 0° liegt auf -Y, positiv im Uhrzeigersinn", "from -Y, CW (line 1)"),
     ],
 )
@@ -371,6 +372,21 @@ def test_the_convention_of_angles_is_read_in_many_languages(
 ) -> None:
     notes = notes_of(tmp_path, [line])
     assert notes["angle"] == convention
+
+
+def test_a_plus_before_an_axis_is_no_sum_of_lengths(tmp_path: Path) -> None:
+    line = "Radius 100 mm - 1 Digit = 0,1 µm - Winkel ab +Y im UZS"
+    assert notes_of(tmp_path, [line])["radius_mm"] == "100 mm (line 1)"
+
+
+@pytest.mark.parametrize(
+    "line", ["Siła promieniowa: 36 N", "Terhelés: 36 N", "Навантаження: 36 N", "Voima: 36 N"]
+)
+def test_a_force_is_read_in_many_languages(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "circle.csv"
+    rows = [f"{5 * k},{k % 7}.25" for k in range(72)]
+    path.write_text("\n".join([line, "angle [deg],dR [um]", *rows, ""]), encoding="utf-8")
+    assert notes_on(path)["force_N"] == "36 N (line 1)"
 
 
 def test_a_sense_of_angles_is_no_direction_of_travel(tmp_path: Path) -> None:
