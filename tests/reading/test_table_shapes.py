@@ -207,13 +207,13 @@ def test_a_first_column_without_name_that_numbers_no_rows_is_refused(tmp_path: P
 
 
 def test_a_column_of_unknown_name_has_the_role_of_its_unit(tmp_path: Path) -> None:
-    path = file(tmp_path, "100N.csv", ["Kulmanopeus [deg],Poikkeama [um]", *rows(100.0)])
+    path = file(tmp_path, "100N.csv", ["Suunta [deg],Outo [um]", *rows(100.0)])
     (test,) = read_tests(path)
     check_test(test, 100.0)
 
 
 def test_two_columns_of_unknown_names_and_one_unit_are_refused(tmp_path: Path) -> None:
-    lines = ["Angle [deg],Poikkeama [um],Siirto [um]"]
+    lines = ["Angle [deg],Outo [um],Siirto [um]"]
     for line in rows(100.0):
         lines.append(f"{line},1.5")
     refuses("--reading-column", read_tests, file(tmp_path, "100N.csv", lines))
