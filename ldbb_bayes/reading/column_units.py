@@ -251,7 +251,8 @@ def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
     A role is what the column holds, such as angle or reading. Some instruments give readings in
     counts (digital steps), and a line above the table may state the size of one count. If the
     readings are in counts or have no stated unit, this size is returned as their unit. So is the
-    size of one count of an encoder for angles whose header has a word for counts. Times of day
+    size of one count of an encoder for angles whose header has a word for counts, and the time
+    between samples for times that are the numbers of samples. Times of day
     are treated as times with the unit s in their header.
     """
     evidence = []
@@ -265,8 +266,7 @@ def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
         evidence.append(_UnitEvidence([statement.value], cited_line(statement.line)))
     scales = recording.statements.get(f"{role}_scale", ())
     without_counts = [other for other in evidence if not _is_count(other.units)]
-    may_be_counts = role != "angle" or _heads_counts(recording, role)
-    if scales and not without_counts and may_be_counts:
+    if scales and not without_counts and _may_be_counts(recording, role):
         return [_UnitEvidence([scale.value], cited_line(scale.line)) for scale in scales]
     return evidence
 
@@ -305,6 +305,20 @@ def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvi
     if role == "angle" and names_degrees and are_in_seconds:
         return ""
     return unit
+
+
+def _may_be_counts(recording: Recording, role: str) -> bool:
+    """Return whether the numbers of a column may be counts, whose size a line may state.
+
+    Readings without a unit may be counts. Angles are counts if their header has a word for counts.
+    Times are numbers of samples if they are successive integers. ``role`` is the role of the
+    column.
+    """
+    if role == "angle":
+        return _heads_counts(recording, role)
+    if role == "time":
+        return bool(np.all(np.diff(recording.numbers[role]) == 1.0))
+    return True
 
 
 def _heads_counts(recording: Recording, role: str) -> bool:

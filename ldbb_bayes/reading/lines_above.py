@@ -188,6 +188,8 @@ _BAR_AND_NUMBER = re.compile(
     r"(?![\d.,]|-\d)(?!\s?\w{3})",
     re.IGNORECASE,
 )
+# Regular expression for the end of a unit such as mm/min.
+_PER_MINUTE = re.compile(r"/\s?min\b", re.IGNORECASE)
 # Regular expression for words that mean the ball bar. It serves to remove these words from a line
 # before words for other balls are looked for.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
@@ -433,10 +435,11 @@ def _words_before_number(match: re.Match[str]) -> str:
     """Return the words in the cell of a matched statement that precede the number.
 
     The name of the quantity and a unit before the number are left out, because words in them could
-    be mistaken for another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``.
+    be mistaken for another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``. So
+    is the end of a unit such as mm/min in front of the name.
     """
     before_match = match.string[: match.start()]
-    cell = re.split(r"[;,|\t]", before_match)[-1]
+    cell = _PER_MINUTE.sub("", re.split(r"[;,|\t]", before_match)[-1])
     words = match.string[match.end("words") : match.start("number")]
     for unit in (match["inside"], match["brackets"]):
         if unit:

@@ -25,6 +25,10 @@ _LONG_WORD = re.compile("durchmesser|diamet")
 # Regular expression for the letter D alone in a header.
 _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
+# Regular expression for words which deny what follows them, such as "not".
+_DENIED = re.compile(_WORDS["denied"])
+# Regular expression for the words up to the next mark, at the beginning of a text.
+_TO_NEXT_MARK = re.compile(r"[^,;:()|\t]*")
 # Regular expression for words which show that a line is about the readings.
 _READINGS = re.compile(_WORDS["line"])
 # Regular expression for words which show that a diameter in a text is not what the readings
@@ -43,12 +47,27 @@ def measured_length(text: str) -> str:
 
     The result is an empty string if the text names neither or both.
     """
-    words = comparable(text[:LONGEST_TEXT])
+    words = _without_denied_lengths(comparable(text[:LONGEST_TEXT]))
     is_diameter = _DIAMETER.search(words) is not None or _LONG_WORD.search(words) is not None
     is_radial = _RADIAL.search(words) is not None
     if is_diameter == is_radial:
         return ""
     return "diameter" if is_diameter else "radius"
+
+
+def _without_denied_lengths(words: str) -> str:
+    """Return words without a denied length, as in ``of the diameter (not of the radius)``.
+
+    If the words in front of the denial name a length, all words behind it are left out. If they do
+    not, only the words up to the next mark are left out.
+    """
+    denial = _DENIED.search(words)
+    if denial is None:
+        return words
+    before = words[: denial.start()]
+    if any(pattern.search(before) for pattern in (_DIAMETER, _LONG_WORD, _RADIAL)):
+        return before
+    return before + _TO_NEXT_MARK.sub("", words[denial.end() :], count=1)
 
 
 def measured_length_stated(text: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
+from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, number_in_text
 from ldbb_bayes.reading.unit_sentences import units_in_sentences
 from ldbb_bayes.reading.words import (
     LONGEST_NAME,
@@ -39,8 +39,9 @@ __all__ = [
 _WORDS = WORDS["unit_lines"]
 # Keys of the dict with the units that a line states. There is one key for the unit of each role of
 # a column. The key ``reading_scale`` is for the size of one count (digital step) of the instrument,
-# and ``angle_scale`` for the size of one count of the encoder of the angles.
-UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale", "angle_scale")
+# ``angle_scale`` for the size of one count of the encoder of the angles, and ``time_scale`` for the
+# time from one sample to the next.
+UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale", "angle_scale", "time_scale")
 # Regular expression for a line that states units: a label with a word such as "unit", a separator,
 # and the units.
 _LINE = re.compile(
@@ -145,6 +146,17 @@ _COUNTS_OF_TURN = re.compile(
     r"(?P<turn>[^\W\d_]+)",
     re.IGNORECASE,
 )
+# Regular expressions for the time between samples, as in "Sampling period: 100 ms", and for the
+# number of samples in a second, as in "Sampling rate: 10 Hz".
+_SAMPLE_PERIOD = re.compile(
+    rf"(?<!\w){_WORDS['sample_period']}\s*[:=;,|\t]?\s*(?P<size>{NUMBER_IN_TEXT}\s*[^\W\d_]+)",
+    re.IGNORECASE,
+)
+_SAMPLE_RATE = re.compile(
+    rf"(?<!\w){_WORDS['sample_rate']}\s*[:=;,|\t]?\s*(?P<number>{NUMBER_IN_TEXT})"
+    r"\s*(?P<kilo>k?)Hz(?!\w)",
+    re.IGNORECASE,
+)
 # Number of degrees in a turn.
 _TURN_DEG = 360.0
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
@@ -167,19 +179,14 @@ def units_stated(text: str) -> dict[str, str]:
 
     The keys are ``reading_unit``, ``angle_unit`` and so on. The value for the key ``reading_scale``
     is the size of one count (digital step) of the instrument, such as ``0.1 um``, and the value for
-    ``angle_scale`` the size of one count of an encoder, such as ``0.01 deg``. A unit that is not
+    ``angle_scale`` the size of one count of an encoder, such as ``0.01 deg``. The value for
+    ``time_scale`` is the time from one sample to the next, such as ``100 ms``. A unit that is not
     known is returned as written, and several units for one role of a column (angle, reading, …)
     are returned as one text. In both cases, an error is raised later, but only if the table itself
     does not state the unit.
     """
     text = joined_prefixes(text[:LONGEST_TEXT])
-    stated = {}
-    scale = _size_of_count(text)
-    if scale:
-        stated["reading_scale"] = scale
-    scale_of_angles = _size_of_angular_count(text)
-    if scale_of_angles:
-        stated["angle_scale"] = scale_of_angles
+    stated = _sizes_of_counts(text)
     stated |= units_in_sentences(text)
     units_of_line = _units_of_whole_line(text)
     if units_of_line:
@@ -196,6 +203,20 @@ def units_stated(text: str) -> dict[str, str]:
     if scaled_unit(text) and not unit_named(text):  # the text is a unit with a factor: 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _sizes_of_counts(text: str) -> dict[str, str]:
+    """Return a dict with the sizes of counts that a line states, such as ``1 count = 0.1 µm``.
+
+    The keys are ``reading_scale`` for one count of the instrument, ``angle_scale`` for one count of
+    an encoder, and ``time_scale`` for the time from one sample to the next.
+    """
+    sizes = {
+        "reading_scale": _size_of_count(text),
+        "angle_scale": _size_of_angular_count(text),
+        "time_scale": _period_of_samples(text),
+    }
+    return {key: size for key, size in sizes.items() if size}
 
 
 def _unit_before_remarks(text: str) -> str:
@@ -387,6 +408,27 @@ def _size_of_count(text: str) -> str:
         if match is not None:
             return scaled_unit(re.sub(r"[;|]", " ", match["size"]))
     return ""
+
+
+def _period_of_samples(text: str) -> str:
+    """Return the time from one sample to the next that a line states, such as ``100 ms``.
+
+    The result is an empty string if the line states neither this time nor a number of samples in a
+    second.
+    """
+    period = _SAMPLE_PERIOD.search(text)
+    if period is not None:
+        unit = scaled_unit(period["size"])
+        return unit if size_of_unit("time", unit) is not None else ""
+    rate = _SAMPLE_RATE.search(text)
+    if rate is None:
+        return ""
+    hertz = number_in_text(rate["number"])
+    if not hertz:
+        return ""
+    if rate["kilo"]:
+        hertz *= 1e3
+    return f"{1.0 / hertz:.12g} s"
 
 
 def _size_of_angular_count(text: str) -> str:

@@ -33,7 +33,7 @@ _MOST_TEXTS = 6
 _TEXT_SHOWN = 160
 # Statements on the size of one count (digital step) of the instrument. An import does not always
 # use a line with such a statement; a line was used if a note cites it.
-_CITED_WHERE_USED = {"reading_scale", "angle_scale"}
+_CITED_WHERE_USED = {"reading_scale", "angle_scale", "time_scale"}
 # Regular expression for a number in an unused text of a file. Of texts that differ only in numbers,
 # only one gets a note.
 _NUMBER = re.compile(r"[\d.,]+")

@@ -22,6 +22,8 @@ def language_cases() -> dict[str, FieldCase]:
         **stamp_cases(),
         **log_cases(),
         **channel_cases(),
+        **sample_cases(),
+        **diameter_cases(),
     }
 
 
@@ -162,5 +164,54 @@ def channel_cases() -> dict[str, FieldCase]:
             refusal="--header-line where it is another, 0 for none",
             step=("--header-line", "0"),
             told="unit of the angle: 0.001 deg (line 3",
+        )
+    }
+
+
+def sample_cases() -> dict[str, FieldCase]:
+    """Return a log in numbers of samples and counts, as a control writes it in Spain."""
+    above = "\n".join(
+        (
+            "; Registro del control",
+            "; Fuerza radial: {F} N",
+            "; Avance: 3000 mm/min   Radio nominal: 150 mm   Sentido: G3",
+            "; Período de muestreo: {P} ms; 1 cuenta = 0,001 µm",
+        )
+    )
+    step_s = np.deg2rad(5.0) * field.RADIUS_MM / (field.FEED_MM_PER_MIN / 60.0)
+    files = field.texts(
+        "MUESTRA;CUENTA",
+        lambda circle, k: [k, f"{1e3 * circle.reading_um[k]:.0f}"],
+        above=above.replace("{P}", f"{1e3 * step_s:.6f}").replace(
+            "3000", str(field.FEED_MM_PER_MIN)
+        ),
+        separator=";",
+    )
+    return {
+        "samples_and_counts": FieldCase(
+            "logs over time",
+            "columns MUESTRA and CUENTA; sampling period and size of a count in one line",
+            files,
+            refusal="Say which: --angle-column, or --time-column",
+            step=("--time-column", "MUESTRA", "--reading-column", "CUENTA"),
+            told="unit of the time: ",
+            circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
+        )
+    }
+
+
+def diameter_cases() -> dict[str, FieldCase]:
+    """Return tables whose readings are of the diameter, and not of the radius, in Portuguese."""
+    return {
+        "diameter_in_portugal": FieldCase(
+            "readings of the diameter",
+            "a line 'Grandeza;variação do diâmetro (não do raio)'",
+            field.texts(
+                "Ângulo [°];Leitura [µm]",
+                field.scaled(0.5),
+                above="Grandeza;variação do diâmetro (não do raio)",
+                separator=";",
+            ),
+            told="reading: half of each, as it is of the diameter",
         )
     }
