@@ -35,6 +35,8 @@ _FEWEST_ANGLES = 18
 _RANGES = ((180.0, 405.0), (3.0, 6.4))
 # Angles are evenly spaced if their steps agree within this fraction of a step.
 _EVEN_SHARE = 0.02
+# A table is taken to be a matrix of angles only if it has at least this many columns and rows.
+_FEWEST_OF_MATRIX = 4
 
 
 def with_circles_in_columns(sheet: Sheet) -> Sheet:
@@ -132,8 +134,10 @@ def check_not_transposed(sheet: Sheet) -> None:
     Raises
     ------
     InputError
-        If one of the first 1000 rows ends with evenly spaced angles over at least half a circle.
+        If one of the first 1000 rows ends with evenly spaced angles over at least half a circle, or
+        if the table is a matrix in which each angle is the sum of a row's and a column's number.
     """
+    _check_no_matrix(sheet)
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         angles = _angles_in(row.cells)
         if _cover_a_circle(angles):
@@ -143,6 +147,42 @@ def check_not_transposed(sheet: Sheet) -> None:
                 " a column 'Angle [deg]', and each circle in a column with its force in the"
                 " header, such as '100 N [um]'."
             )
+
+
+def _check_no_matrix(sheet: Sheet) -> None:
+    """Raise an error for a matrix of readings whose angles are sums of two numbers.
+
+    One number stands above the column, and the other in front of the row, as in a table with a row
+    for every 10° and a column for every degree.
+    """
+    for k, row in enumerate(sheet.rows[:LONGEST_OVERVIEW]):
+        units = _angles_in(row.cells)
+        if len(units) < _FEWEST_OF_MATRIX or len(units) != len(
+            [cell for cell in row.cells if cell]
+        ):
+            continue
+        rows_below = sheet.rows[k + 1 : k + 1 + _FEWEST_OF_MATRIX]
+        firsts = []
+        for below in rows_below:
+            numbers = [cell for cell in below.cells if looks_like_number(cell)]
+            if len(numbers) == len(units) + 1:
+                firsts.append(number_in_text(numbers[0]) or 0.0)
+        if len(firsts) == _FEWEST_OF_MATRIX and _continue_each_other(units, np.array(firsts)):
+            raise InputError(
+                f"{sheet.place}, line {row.line}: angles must stand in one column, got a matrix in"
+                f" which they are sums such as {firsts[1]:g} + {units[1]:g}. Write the angle and"
+                " the reading of each cell in a line below 'Angle [deg],Reading [um]'."
+            )
+
+
+def _continue_each_other(columns: Array, rows: Array) -> bool:
+    """Return whether sums of the numbers of rows and columns are evenly spaced.
+
+    ``columns`` are the numbers above the columns, shape (n,), and ``rows`` the numbers in front of
+    the rows, shape (m,).
+    """
+    steps = np.diff((rows[:, np.newaxis] + columns).ravel())
+    return bool(steps[0] > 0.0 and np.allclose(steps, steps[0], rtol=_EVEN_SHARE))
 
 
 def _angles_in(cells: Sequence[str]) -> Array:

@@ -24,6 +24,7 @@ def language_cases() -> dict[str, FieldCase]:
         **channel_cases(),
         **sample_cases(),
         **diameter_cases(),
+        **matrix_cases(),
     }
 
 
@@ -213,5 +214,25 @@ def diameter_cases() -> dict[str, FieldCase]:
                 separator=";",
             ),
             told="reading: half of each, as it is of the diameter",
+        )
+    }
+
+
+def matrix_cases() -> dict[str, FieldCase]:
+    """Return a printout in which each angle is the sum of a row's and a column's number."""
+    files = {}
+    for circle in TRUTH:
+        lines = [f"Síla: {circle.force_N:g} N", "Úhel [°] = řádek + sloupec", ";0;5;10;15;20;25"]
+        for first in range(0, len(circle.angle_deg), 6):
+            readings = [f"{reading:.3f}" for reading in circle.reading_um[first : first + 6]]
+            lines.append(";".join([f"{circle.angle_deg[first]:g}", *readings]))
+        files[f"{circle.force_N:g}N.txt"] = "\n".join([*lines, ""]).encode()
+    return {
+        "matrix_of_angles": FieldCase(
+            "transposed tables",
+            "a row for every 30°, a column for every 5°",
+            files,
+            refusal="Write the angle and the reading of each cell in a line below 'Angle [deg]",
+            mended=field.texts("Angle [deg],Reading [um]"),
         )
     }

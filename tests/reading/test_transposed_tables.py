@@ -70,3 +70,12 @@ def test_columns_named_by_evenly_spaced_loads_are_no_angles(tmp_path: Path) -> N
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     layout = Layout(forces_N=list(forces), reading_unit="um")
     assert len(lb.import_campaign([path], layout=layout).campaign.tests) == len(forces)
+
+
+def test_a_matrix_of_sums_of_angles_is_refused_with_the_step(tmp_path: Path) -> None:
+    lines = ["Force: 36 N", ";".join(["", *map(str, range(10))])]
+    for first in range(0, 360, 10):
+        lines.append(";".join([str(first), *(f"{0.1 * (first % 70 + k):.2f}" for k in range(10))]))
+    step = r"got a matrix in which they are sums such as 10 \+ 1\. Write the angle and the reading"
+    with pytest.raises(InputError, match=step):
+        imported(tmp_path, lines)
