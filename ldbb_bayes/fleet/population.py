@@ -424,9 +424,11 @@ def fit_population(
     seed : int
         Seed of the random draws.
     progress : callable, optional
-        Function that is called while machines are compared with the other machines. Its arguments
-        are the number of machines for which new spreads have been drawn so far, and the total
-        number of machines for which new spreads will be drawn.
+        Function that is called during the comparison of each machine with the other machines. For
+        some machines, new random draws of the spreads are made from the posterior given the other
+        machines. The function is called after the draws for each of these machines. Its arguments
+        are the number of machines for which the draws have been made, and the number of machines
+        for which they are made in all.
 
     Returns
     -------

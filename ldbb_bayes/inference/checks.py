@@ -139,9 +139,9 @@ class TestChecks(Result):
     autocorrelation_p: float | None
 
     def of(self, test: str) -> list[Check]:
-        """Return one posterior predictive check of the test for each of its p-values.
+        """Return one posterior predictive check of a circular test for each of its p-values.
 
-        ``test`` is the name of the test.
+        ``test`` is the name of the circular test; each check states it.
         """
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:

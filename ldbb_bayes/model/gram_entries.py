@@ -196,9 +196,9 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
 
     Gram entries are scalar products of columns of the design matrix; a block holds the scalar
     products of several groups of columns. The list is empty if most of the entries are zero, or if
-    the block has too few entries. ``gram``, shape (entries, kinds), holds the Gram entries of all
-    blocks, one for each kind of rows. Rows of the design matrix are of one kind if their readings
-    have the same variance.
+    the block has too few entries. Rows of the design matrix are of one kind if their readings have
+    the same variance. ``gram``, shape (entries, kinds), holds the Gram entries of all blocks; the
+    column for a kind holds the scalar products over the rows of this kind alone.
     """
     groups = block.shape[0]
     columns = block.shape[1]

@@ -65,7 +65,11 @@ class Parameter:
 
 
 class _Row(NamedTuple):
-    """Name, unit, kind and degree (in force) of a parameter of interest, without its prior."""
+    """The name, the unit, the kind and the degree of a parameter of interest, without its prior.
+
+    The degree is the power of the bar force by which the parameter is multiplied in the polynomial
+    of a compliance in force; it is 0 for geometric errors.
+    """
 
     name: str
     unit: str
@@ -123,7 +127,11 @@ class ParametersOfInterest:
         return np.array([prior.means.get(name, 0.0) for name in self.names])
 
     def _parameters_without_prior(self) -> list[_Row]:
-        """Return name, unit, kind and degree (in force) of each of the p parameters of interest."""
+        """Return the name, the unit, the kind and the degree of each of the p parameters.
+
+        The degree is the power of the bar force by which the parameter is multiplied in the
+        polynomial of a compliance in force; it is 0 for geometric errors.
+        """
         rows = [
             _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances
         ]

@@ -200,10 +200,11 @@ class Prior(Shown):
     file of a model; every value may be a string with a unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
-    slope is always zero, because the model of constant compliance is the linear model with all
-    slopes at zero. If ``means`` contains a compliance, the prior sd of this compliance expresses
-    how well the compliance is known, not how large it may be. The prior sds of its slopes are
-    therefore computed from the default prior sd of this kind of compliance.
+    slope is always zero: before the readings are taken, the compliance is expected to be constant,
+    and ``slope_scale`` states how far it may change with force. If ``means`` contains a compliance,
+    the prior sd of this compliance expresses how well the compliance is known, not how large it may
+    be. The prior sds of its slopes are therefore computed from the default prior sd of this kind of
+    compliance.
 
     Raises
     ------

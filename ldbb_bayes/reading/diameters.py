@@ -24,14 +24,14 @@ def halve_diameters(recording: Recording) -> None:
     """Halve the readings of a test if they measure the diameter, and note that they were halved.
 
     Whether the readings measure the radius or the diameter is stated by the user, by the header of
-    the readings or by a line above the table.
+    the column of readings or by a line above the table.
 
     Raises
     ------
     InputError
-        If header and lines contradict each other, or if a header, line or name leaves open whether
-        the radius or the diameter is measured. No error is raised if the user states which length
-        is measured.
+        If the header and the lines contradict each other, or if the header, a line or the name of
+        a file leaves open whether the radius or the diameter is measured. No error is raised if the
+        user states which length is measured.
     """
     readings = recording.numbers.get("reading")
     if readings is None:

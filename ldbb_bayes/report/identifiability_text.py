@@ -17,7 +17,7 @@ from ldbb_bayes.units import display_name, display_unit, is_slope, three_digits,
 
 __all__ = ["certificates_table", "judged_quantities", "parts_of", "verdicts_table"]
 
-# Largest number of parameters that each row of the short table of certificates names.
+# Largest number of parameters that are listed in one row of the short table of certificates.
 _MOST_NARROWED = 4
 
 
