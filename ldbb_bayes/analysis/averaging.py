@@ -231,8 +231,12 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
     """Return the models of the average with their posterior probabilities.
 
-    The average contains every given model once with each subset of its alternative explanations.
-    Evidences that are missing in ``evidences`` are computed.
+    Alternative explanations (rivals) are effects, such as a nonlinear mount, that change the
+    readings like a compliance that changes with force. The average contains every given model once
+    with each subset of its rivals; before the readings are taken, all these models are equally
+    probable. The evidence of a model is computed from its nodes, which are weighted values of its
+    hyper-parameters. Evidences that are missing in ``evidences`` are computed. Raise an
+    `InputError` if a model is not nested in the largest one.
     """
     combinations = []
     variants = []

@@ -300,10 +300,12 @@ def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
 
 
 def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
-    """Return the measured range of every circle, and its prior predictive interval.
+    """Return the measured range of every circle, with the prior predictive interval of the range.
 
-    The range is the largest minus the smallest reading of a circle. ``seed`` is the seed of the
-    circles that are drawn from the prior. The keys are names of tests.
+    The range is the largest minus the smallest reading of a circle. The result also states the
+    prior predictive probability that the range is at least as large as the measured range. Interval
+    and probability are computed from circles drawn from the prior; ``seed`` is the seed of these
+    circles. The keys are names of tests.
     """
     bound = bound_of(posterior)
     rng = np.random.default_rng(seed)
@@ -311,11 +313,11 @@ def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
     for test, readings_mm in zip(
         bound.campaign.tests, prior_circles(bound, _PRIOR_CIRCLES, rng), strict=True
     ):
-        expected = np.ptp(readings_mm, axis=1) * 1e3
-        measured = float(np.ptp(test.readings_mm()) * 1e3)
-        exceeding = (1.0 + (expected >= measured).sum()) / (_PRIOR_CIRCLES + 1.0)
-        low, high = np.quantile(expected, [0.5 - 0.5 * _PRIOR_PROB, 0.5 + 0.5 * _PRIOR_PROB])
-        ranges[test.name] = PriorRange(measured, float(low), float(high), float(exceeding))
+        simulated_um = np.ptp(readings_mm, axis=1) * 1e3
+        measured_um = float(np.ptp(test.readings_mm()) * 1e3)
+        p_value = (1.0 + (simulated_um >= measured_um).sum()) / (_PRIOR_CIRCLES + 1.0)
+        low, high = np.quantile(simulated_um, [0.5 - 0.5 * _PRIOR_PROB, 0.5 + 0.5 * _PRIOR_PROB])
+        ranges[test.name] = PriorRange(measured_um, float(low), float(high), float(p_value))
     return ranges
 
 

@@ -251,13 +251,17 @@ def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence
 
 
 def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -> None:
-    """Save the row of a campaign in the journal, in a separate transaction.
+    """Save the row of a campaign in the journal, which must already list the campaign.
+
+    The row is saved without a commit, because every statement is a separate transaction.
 
     Parameters
     ----------
     journal : open journal (database of the rows), see `open_journal`.
     number : number of the campaign in the batch, from 0.
-    row : values of the row; the keys are the names of the columns, see `fit_row`.
+    row : values of the row; the keys are the names of the columns, see `fit_row`. The status is
+        "done" or "failed". The state says how far a fit can be trusted; a campaign that could not
+        be fitted has none.
     """
     journal.execute(
         "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",

@@ -215,6 +215,9 @@ def _compare_with_others(m: int, likelihood: Gaussian, separate: Estimates, spre
     their population). ``likelihood`` holds the likelihoods of all machines, and ``separate`` the
     estimates from each machine alone.
     """
+    # ``shared`` is the Gaussian density of the q quantities that all machines share: the mean of
+    # the population and the errors of the instrument, given each draw of the spreads. Its ``shift``
+    # is the product of precision and mean.
     shared = shared_quantities(_without_machine(m, likelihood), spread)
     machine = Estimates(
         separate.covariance[m : m + 1],

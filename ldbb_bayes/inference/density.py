@@ -425,7 +425,8 @@ class LinearRedraw:
         ``points``, shape (n, p + h), holds p parameters and h hyper-parameters in the coordinates
         of `JointDensity`. The weight of a point is the posterior density at the point divided by
         the density from which `draw` draws points, up to a constant factor. If the model does not
-        allow negative compliances, no compliance may be negative at any of the points.
+        allow negative compliances, the caller must ensure that no compliance is negative at any of
+        the points; this is not checked.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)

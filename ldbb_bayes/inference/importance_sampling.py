@@ -285,10 +285,11 @@ def _fit_to_rounds(
 ) -> Mixture:
     """Return the mixture ``fitted``, refitted to the weighted points of all rounds of sampling.
 
-    ``rounds`` holds the points of each round, and ``proposals`` the density from which these points
-    were drawn. The weight of a point is the density to integrate divided by the mixture of all
-    ``proposals``. In the mixture, the share of a proposal is proportional to the number of points
-    of its round.
+    ``rounds`` holds the points of each round (values of the hyper-parameters in unbounded
+    coordinates), and ``proposals`` the density from which the points of each round were drawn. The
+    weight of a point is the density to integrate divided by the mixture of all ``proposals``. In
+    the mixture, the share of a proposal is proportional to the number of points of its round. If a
+    few points have almost all the weight, the weights are made more equal before the fit.
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])

@@ -341,8 +341,9 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 
     A split Student-t has different scales and degrees of freedom below and above the coordinate
     ``offset``. The distribution is fitted to n points: ``z``, shape (n, h), holds their coordinates
-    along each direction, and ``weight``, shape (n, h), their weights. ``freedoms`` holds the
-    degrees of freedom that are tried for each side.
+    along each direction, and ``weight``, shape (n, h), their weights, which sum to one for each
+    direction. ``freedoms`` holds the degrees of freedom that are tried for each side. The fit
+    alternates between the scales and the degrees of freedom.
     """
     h = z.shape[1]
     square = (z - offset) ** 2
@@ -358,6 +359,8 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     for side in (0, 1):
         log_tail = _log_tail(square, scale[side], freedom[side])
         tails = tails + (side_weights[side] * log_tail).sum(axis=0)
+    # The split density is one at ``offset`` before it is divided by its integral, the sum of the
+    # integrals of its two sides. ``tails`` is the weighted mean of −ln of the undivided density.
     log_likelihood = -np.log(_side_masses(scale, freedom).sum(axis=0)) - tails
     return _AxisFit(np.full(h, offset), scale, freedom, log_likelihood)
 

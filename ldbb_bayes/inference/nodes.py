@@ -355,8 +355,10 @@ class HyperPosterior:
             # Return the log posterior density at those nodes (values of the hyper-parameters) of
             # ``integral`` whose indices are ``index``. It is the log density in ``integral`` plus
             # ln P, where P is the probability that no compliance is negative. If the density in
-            # ``integral`` contains an upper bound of P, the log of this bound is subtracted. The
-            # random error of each value is stored in ``noise``.
+            # ``integral`` contains an upper bound of P, the log of this bound is subtracted. ln P
+            # has two numerical errors: one that may be common to all nodes is returned with the
+            # density; the random error, which is independent between nodes, is stored in ``noise``.
+            # ``orthant`` computes P from the Gaussian density of the compliances at each node.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
             log_density = integral.log_density[index] + probability.log_value

@@ -257,7 +257,12 @@ class Machine(Shown):
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
     def joint(self, axis: str) -> Joint:
-        """Return the joint of the linear axis with the given name: X, Y or Z."""
+        """Return the joint of the linear axis with the given name: X, Y or Z.
+
+        In the topology, the axes that carry the workpiece come before the foundation F, and the
+        axes that carry the tool come after it. An axis without an entry in ``frames_mm`` has its
+        frame at the origin.
+        """
         branch: Branch = "tool"
         if self.topology.index(axis) < self.topology.index("F"):
             branch = "workpiece"

@@ -1007,9 +1007,9 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (such as the standard deviation of the noise). Negative compliances are
-        not excluded. β − `centre` are treated like nuisance coefficients, where `centre` is a
-        least-squares estimate of β. They are the last of the coefficients that are the same in all
-        tests.
+        not excluded. The readings that the least-squares estimate `centre` of β predicts are
+        subtracted from y. The differences β − `centre` are then treated like the coefficients of
+        nuisances that are the same in all tests. In arrays, they follow these coefficients.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre

@@ -356,15 +356,16 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 
 
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
-    """Return the lower limits (edges) of shifted normal variables at w saddle points, (w, d).
+    """Return the edges at the saddle points of the log importance weight, shape (w, d).
 
-    There are w sets of d constraints unit · x ≥ bound on a standard normal vector x, where ``unit``
-    has the shape (w, d, d) and ``bound`` the shape (w, d). Each element of x is drawn at random
-    from a shifted normal density, above the lower limit that a constraint sets; its edge is this
-    limit minus the shift. Newton's method starts with the bounds as edges. If it fails, it is
-    started a second time, with the edges at the most probable x that satisfies the constraints.
-    Raise an `InputError` if the method fails again, unless the probability of the constraints is
-    too small to matter.
+    There is one saddle point for each of w sets of d constraints unit · x ≥ bound on a standard
+    normal vector x. ``unit``, shape (w, d, d), holds lower triangular matrices with ones on their
+    diagonals; ``bound`` has the shape (w, d). Each element of x is drawn at random from a shifted
+    normal density, above the lower limit that a constraint sets; its edge is this limit minus the
+    shift. Newton's method starts with the bounds as edges. If it fails, it is started a second
+    time, with the edges at the most probable x that satisfies the constraints. Raise an
+    `InputError` if the method fails again, unless the probability of the constraints is too small
+    to matter.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)
@@ -373,6 +374,8 @@ def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
         starts = [_edges_of_nearest_point(coupling[k], unit[k], bound[k]) for k in failed]
         retried = _solve_edges(coupling[failed], bound[failed], np.array(starts))
         edge[failed] = retried.edge
+        # At the saddle point, ``value`` is an upper bound of the log probability that all
+        # constraints hold.
         negligible = np.abs(retried.value) > _NEGLIGIBLE_LOG_PROBABILITY
         solved[failed] = retried.solved | negligible
     if not solved.all():

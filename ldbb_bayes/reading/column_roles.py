@@ -575,12 +575,13 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
     """Find the column whose header names ``role``, such as time, and record it in ``roles``.
 
-    Columns that already have a role are not considered. Several columns of readings are accepted if
-    their headers state loads, such as 36 N, or name runs, such as Run 1; each column is then a
-    separate test. A column whose header is a field of a test (`PER_TEST`), such as ``force_N``,
-    gets no role here, unless it holds the readings. Raise an `InputError` if several columns could
-    have the role, or if a column of readings holds angles. ``place`` names the table in error
-    messages. ``headers`` are the headers of all columns.
+    Columns that already have a role are not considered. Several columns are accepted in one case:
+    if their headers state loads, such as 36 N, or name runs, such as Run 1, each column holds the
+    readings of a separate test. Otherwise, raise an `InputError` if several columns could have the
+    role. The column with the role "test" says to which test each row belongs. A column whose header
+    is a field of a test (`PER_TEST`), such as ``force_N``, gets no role here, unless it holds the
+    readings. Raise an `InputError` if a column of readings holds angles. ``place`` names the table
+    in error messages. ``headers`` are the headers of all columns.
     """
     free = _free_columns(role, roles, headers)
     candidates = _candidates(role, free, headers)

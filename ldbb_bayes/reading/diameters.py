@@ -30,8 +30,8 @@ def halve_diameters(recording: Recording) -> None:
     ------
     InputError
         If the header and the lines contradict each other, or if the header, a line or the name of
-        a file leaves open whether the radius or the diameter is measured. No error is raised if the
-        user states which length is measured.
+        the test, sheet or file leaves open whether the radius or the diameter is measured. No error
+        is raised if the user states which length is measured.
     """
     readings = recording.numbers.get("reading")
     if readings is None:

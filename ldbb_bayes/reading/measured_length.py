@@ -109,9 +109,10 @@ def doubles_readings(text: str) -> bool:
 
 
 def may_be_diameter(header: str) -> bool:
-    """Return whether a header may mean that its readings measure the diameter.
+    """Return whether a header may mean, without the word diameter, that the diameter is measured.
 
-    Examples are ``D [um]`` and ``2 x dR``.
+    Such a header contains the letter D alone or says that readings are doubled. Examples are
+    ``D [um]`` and ``2 x dR``. Words for the diameter are found by `measured_length`.
     """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
     return _LETTER.search(words) is not None or _DOUBLED.search(words) is not None

@@ -93,8 +93,11 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
 def unread_mount(lines: Iterable[tuple[int | str, str]]) -> CitedLine | None:
     """Return a note that a line about the mount's deflection or raw data was not understood.
 
-    The note names the first such line, for example ``Mount deflection 2.33 µm/bar``. The note is
-    empty if there is no such line, or if an earlier line clearly says whether the readings are raw.
+    The mount is that of the work ball; its deflection may be given per pressure [µm/bar]. The note
+    quotes the first such line, for example ``Mount deflection 2.33 µm/bar``. Return None if there
+    is no such line, or if an earlier line clearly says whether the readings contain the deflection.
+    ``lines`` holds the number and the text of each line; the number may be a text that also names
+    the sheet.
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):

@@ -281,10 +281,11 @@ class _SheetColumns:
         return statements
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return a dict with the different words in the column of directions as keys.
+        """Return a dict with the different words in the column of directions of travel as keys.
 
-        The values are the line numbers at which the words first appear. ``rows`` are the indices
-        (from 0) of the rows that are considered.
+        The values are the line numbers at which the words first appear. If the column holds both
+        letters R and L and nothing else, the words are "right" and "left". The dict is empty if the
+        table has no such column. ``rows`` are the indices (from 0) of the rows that are considered.
         """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:

@@ -404,9 +404,10 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return the angles and readings of a test. Laps are averaged if the layout says so.
 
     A lap is one turn of the bar. If the layout does not say that laps are averaged, all laps are
-    kept. This is noted, unless the layout says that laps are kept. ``recording`` holds the rows of
-    the test in its file, and all statements about the test; ``trace`` holds the angles and readings
-    of the test.
+    kept. If it says nothing about laps, a note says that they are kept, and the layout to be saved
+    for a later import states it. A contradiction between the angles and the stated direction of
+    travel is noted, or raises an `InputError`. ``recording`` holds the rows of the test in its
+    file, and all statements about the test; ``trace`` holds the angles and readings of the test.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

@@ -1209,9 +1209,13 @@ def _holder_in_words(name: str) -> str:
 
 
 def next_circle_head(step: NextCircle) -> tuple[str, ...]:
-    """Return sentences that name the next circle to run, or say that the campaign may stop."""
-    row = step.table.to_dict(orient="records")[0]
-    return _sentences("next_circle_head", step, row)
+    """Return the first sentences on the next circle: its settings, or that the campaign may stop.
+
+    The campaign may stop if every aim is reached. Otherwise the sentences name the best next
+    circle, and how many more circles are expected to be enough.
+    """
+    best_circle = step.table.to_dict(orient="records")[0]
+    return _sentences("next_circle_head", step, best_circle)
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:

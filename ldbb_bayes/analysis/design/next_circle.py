@@ -510,18 +510,23 @@ class _ModelOdds:
     def so_far(self, after: Array) -> ModelSoFar:
         """Return the present and the expected decision between constant and linear compliance.
 
-        The result states the odds of linear over constant compliance, and the probability that the
-        best next circle decides between the two. ``after``, shape (K, p, p), are the covariances of
-        the p parameters after this circle, at K values of the hyper-parameters.
+        The result states the odds of linear over constant compliance, given the circles run so far,
+        and the probability that it can be decided between the two after the best next circle.
+        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
+        circle, in units of their prior standard deviations, at K values of the hyper-parameters.
         """
         scale = self.known.bound.scale[self.columns]
         _, present = self.known.bound.given(self.known.phi)
-        now = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
+        slopes = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
+        # ``slopes`` is the density of the slopes (changes of compliance with force) before the next
+        # circle, in internal units (mm, N). Division by ``scale`` gives units of the prior standard
+        # deviations, in which ``after`` already is. ``size`` has no effect on the fields of
+        # ``expected`` that are used here.
         expected = discrimination_of(
             after[:, self.columns][:, :, self.columns],
             tuple(self.known.bound.names[k] for k in self.columns),
             size=1.0,
-            before=Gaussian.factored(now.mean / scale, now.root, now.scale / scale),
+            before=Gaussian.factored(slopes.mean / scale, slopes.root, slopes.scale / scale),
             threshold=self.threshold,
         )
         probability = float(expit(self.log_bayes_factor))

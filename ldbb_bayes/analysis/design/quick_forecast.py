@@ -92,9 +92,10 @@ class QuickForecast:
         """Return the distance of a campaign from the goals; zero if they are just met.
 
         For each goal, u is the standard uncertainty of its parameter, and u* the largest standard
-        uncertainty that the goal permits. The distance is the largest ln(u/u*) of all goals,
-        averaged over the values of the hyper-parameters. ``counts``, shape (candidates,), holds the
-        number of circles that the campaign has of every candidate test.
+        uncertainty that the goal permits. First, the largest ln(u/u*) of all goals is computed at
+        each value of the hyper-parameters (by a smooth function, which slightly exceeds it). The
+        distance is the mean of these maxima over the values. ``counts``, shape (candidates,), holds
+        the number of circles that the campaign has of every candidate test.
         """
         covariance = self._covariance(counts)
         return float(self._distance(self._variances_of_goals(covariance)))

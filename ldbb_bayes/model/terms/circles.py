@@ -283,11 +283,12 @@ class Hysteresis(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of the hysteresis, given the coefficient's name.
 
-        One part of the hysteresis is proportional to force: its coefficients are in µm/kN. The
-        other part does not depend on force: its coefficients are in µm.
+        One part of the hysteresis is proportional to force: reports display its coefficients in
+        µm/kN (1 µm/kN is 1e-6 mm/N, the internal unit). The other part does not depend on force:
+        reports display its coefficients in µm.
         """
         if coefficient.startswith("hysteresis_force"):
-            return Unit("mm/N", 1e-6, "µm/kN")
+            return Unit(inside="mm/N", one=1e-6, label="µm/kN")
         return cls.unit
 
     @classmethod
@@ -416,7 +417,7 @@ class Drift(Term):
         The unit is µm/h for a drift with time, and µm/K for a drift with temperature.
         """
         per = "h" if coefficient.startswith("drift_time") else "K"
-        return Unit(f"mm/{per}", 1e-3, f"µm/{per}")
+        return Unit(inside=f"mm/{per}", one=1e-3, label=f"µm/{per}")
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
