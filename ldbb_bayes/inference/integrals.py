@@ -64,9 +64,10 @@ _MEAN_OF_TWO = 0.25
 # ``_MEAN_OF_TWO`` times d. For a larger d, the error is d², but at least ``_MEAN_OF_TWO`` times
 # ``_LARGEST_LINEAR``.
 _LARGEST_LINEAR = 0.02
-# The error of a log integral is computed from the difference between the results of a lattice's two
-# grids, which may be small by chance. The difference is therefore taken to be at least this
-# fraction of the difference before the spacing of the points was last reduced.
+# The points of a lattice form two grids, and the error of a log integral is computed from the
+# difference between their results. This difference may be small by chance. If it is smaller than
+# this fraction of the difference that was found with the previous, wider spacing of the points, the
+# fraction of that difference is used instead.
 _DECLINE = 0.35
 # The integral over a lattice is the sum over its two grids. If the share of one grid in the sum is
 # below this number, the share is replaced by this number, so that its logarithm is finite.

@@ -92,11 +92,12 @@ class Update(NamedTuple):
     #: the set of these m columns is called the border of the group. Several groups may have the
     #: same border; different borders share no column.
     borders: int
-    #: Smallest row i in which an entry P_ij of the matrix P changes when a group of columns of P is
-    #: eliminated. i counts only the m later columns that change, from 0.
+    #: Smallest index i of a row in which entries of the symmetric matrix P change when a group of
+    #: columns of P is eliminated. Of the rows, only those are numbered, from 0, that belong to the
+    #: m later columns that change.
     first: int
-    #: Largest row i in which an entry P_ij of the matrix P changes when a group of columns of P is
-    #: eliminated, plus 1. i counts only the m later columns that change, from 0.
+    #: Largest index i of a row in which entries of P change when a group of columns of P is
+    #: eliminated, plus 1. The rows are numbered as for ``first``.
     stop: int
     #: Indices of the rows of the workspace (the array with the entries of the precision matrix P)
     #: in which the changed entries P_ij are stored. The shape is (borders, stop − first, m + 1 −

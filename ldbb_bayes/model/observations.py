@@ -143,13 +143,14 @@ class _Nuisances(NamedTuple):
 
 
 class _Rotated(NamedTuple):
-    """Matrices of one test after its m reduced readings are multiplied by a matrix Q.
+    """Matrices that describe one test whose reduced readings are multiplied by a matrix Q.
 
-    Reduced readings are the at most 25 numbers that replace the readings of the test. Q is chosen
-    so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q, shape (m,
-    m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier coefficients into its
-    reduced readings. ``noise_sd`` holds one array of shape (m,) for each noise term: the sd of the
-    noise in each of the m rows, divided by the hyper-parameter that scales this noise.
+    The reduced readings are m numbers, not more than 25, that replace the readings of the test. Q
+    is chosen so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
+    shape (m, m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier
+    coefficients into its reduced readings. ``noise_sd`` holds one array of shape (m,) for each
+    noise term: the sd of this noise in each of the m products of Q and the reduced readings,
+    divided by the hyper-parameter that scales this noise.
     """
 
     rotation: Array

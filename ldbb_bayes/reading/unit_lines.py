@@ -71,8 +71,8 @@ _BARE_LINE = re.compile(
     r"(?P<unit>(?:(?:1/)?[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
     re.IGNORECASE,
 )
-# Regular expression for a line that is nothing but a unit. The unit may be in brackets after a word
-# for readings.
+# Regular expression for a line that states a unit and nothing else, such as "um". The line may also
+# be a word for readings with the unit in brackets behind it, such as "Readings (um)".
 _UNIT_ALONE = re.compile(
     rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*"
     r"(?P<unit>(?:(?:0[.,]0*1|1/10+|100?(?=\s?nm))\s?)?[^\W\d]+)\W*",
