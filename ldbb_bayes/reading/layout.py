@@ -27,8 +27,8 @@ __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 # Characters that separate cells; the keys are the names that options and layouts may use for these
 # characters.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-# The keys are the fields of the layout that list the forces or pressures of all tests. The values are
-# the corresponding fields of a single test.
+# The keys are the fields of the layout that list the forces or pressures of all tests. The values
+# are the corresponding fields of a single test.
 _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 
