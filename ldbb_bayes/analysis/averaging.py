@@ -261,8 +261,9 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
 def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
     """Raise an `InputError` if a model is not nested in the largest model.
 
-    The model ``bound`` is nested if it differs from ``largest`` only because some parameters of
-    ``largest`` are fixed at zero in it.
+    A model is nested if it differs from the largest one only because some parameters are fixed at
+    zero. Of this, three things are checked: the names of the hyper-parameters are the same, all
+    parameters of ``bound`` are parameters of ``largest``, and the reference force is the same.
     """
     same_terms = bound.hyper_prior.names == largest.hyper_prior.names
     fewer_parameters = set(bound.names) <= set(largest.names)

@@ -302,10 +302,10 @@ def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
 def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
     """Return the measured range of every circle, with the prior predictive interval of the range.
 
-    The range is the largest minus the smallest reading of a circle. The result also states the
-    prior predictive probability that the range is at least as large as the measured range. Interval
-    and probability are computed from circles drawn from the prior; ``seed`` is the seed of these
-    circles. The keys are names of tests.
+    The range is the largest minus the smallest reading of a circle. The interval is computed from
+    n circles drawn from the prior; ``seed`` is the seed of these circles. The result also states
+    the p-value (m + 1) / (n + 1), where m of the n circles have at least the measured range. It
+    estimates the prior predictive probability of such a range. The keys are names of tests.
     """
     bound = bound_of(posterior)
     rng = np.random.default_rng(seed)

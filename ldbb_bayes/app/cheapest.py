@@ -221,7 +221,9 @@ def find_cheapest_campaigns(
 def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) -> None:
     """Write the files of one of the campaigns that a search found into the new folder ``folder``.
 
-    ``number`` is 1 for the cheapest campaign, 2 for the second cheapest, and so on.
+    ``number`` is 1 for the cheapest campaign, 2 for the second cheapest, and so on. ``seed`` is the
+    seed of the search; the file with its result states it. The campaign is written as a plan,
+    unless the search found none.
     """
     files = files_of_goal_design(result, seed, number)
     folder.mkdir(parents=True)

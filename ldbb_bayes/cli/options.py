@@ -374,7 +374,9 @@ def _read_negated(flag_is_set: bool, flag: str) -> bool:
 def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
     """Return the goals for expanded uncertainties U that the user typed as NAME=U.
 
-    The keys are names of quantities, and the values are texts such as "20 nm/N".
+    The keys are names of quantities, and the values are texts such as "20 nm/N". Raise an
+    `InputError` if an entry has another form, or if a name occurs twice. ``flag`` is the flag of
+    the option for the error messages.
     """
     return pairs_in(entries, flag, "NAME=U")
 

@@ -209,11 +209,12 @@ def _draw_spreads_without(m: int, density: SpreadDensity, *, mode: Array, seed: 
 def _compare_with_others(m: int, likelihood: Gaussian, separate: Estimates, spread: Array) -> Array:
     """Return the deviations z of the machine with the index m, shape (c, k, 1).
 
-    z is the difference between a parameter of machine m and its prediction from the other machines,
-    divided by the standard deviation of the difference. There are c parameters. ``spread``, shape
-    (k, c), holds k draws of the spreads (standard deviations of the machines about the mean of
-    their population). ``likelihood`` holds the likelihoods of all machines, and ``separate`` the
-    estimates from each machine alone.
+    z is the difference between the estimate of a parameter from machine m alone and the prediction
+    of this estimate from the other machines, divided by the standard deviation of the difference.
+    The prediction includes the errors of the instrument, which all machines share. There are c
+    parameters. ``spread``, shape (k, c), holds k draws of the spreads (standard deviations of the
+    machines about the mean of their population). ``likelihood`` holds the likelihoods of all
+    machines, and ``separate`` the estimates from each machine alone.
     """
     # ``shared`` is the Gaussian density of the q quantities that all machines share: the mean of
     # the population and the errors of the instrument, given each draw of the spreads. Its ``shift``

@@ -332,9 +332,10 @@ class Spreads:
 
     @property
     def effective(self) -> float:
-        """Effective sample size 1 / Σ w² of the draws of the spreads, which have the weights w.
+        """Effective sample size 1 / Σ w² of the draws of the spreads.
 
-        Spreads are the standard deviations of machines about the mean of their population.
+        The weights w of the draws sum to one. Spreads are the standard deviations of machines about
+        the mean of their population.
         """
         return 1.0 / float(np.sum(self.weight**2))
 

@@ -288,8 +288,9 @@ def _fit_to_rounds(
     ``rounds`` holds the points of each round (values of the hyper-parameters in unbounded
     coordinates), and ``proposals`` the density from which the points of each round were drawn. The
     weight of a point is the density to integrate divided by the mixture of all ``proposals``. In
-    the mixture, the share of a proposal is proportional to the number of points of its round. If a
-    few points have almost all the weight, the weights are made more equal before the fit.
+    the mixture, the share of a proposal is proportional to the number of points of its round. If
+    the effective sample size of the weights is too small for the fit, ``_even_out`` makes the
+    weights more equal first.
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])

@@ -320,9 +320,9 @@ class Gaussian(Shown):
 
     @property
     def root(self) -> Array:
-        """Lower triangular factor L of the precision matrix S⁻¹ L Lᵀ S⁻¹, shape (..., q, q).
+        """Lower triangular factor L of the scaled precision matrix S P S = L Lᵀ, shape (..., q, q).
 
-        The precision matrix belongs to a Gaussian function of q coefficients, and S is the diagonal
+        P is the precision matrix of a Gaussian function of q coefficients, and S is the diagonal
         matrix of the scales of these coefficients.
         """
         return self._factors.root

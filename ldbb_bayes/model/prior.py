@@ -315,10 +315,12 @@ class Prior(Shown):
                 object.__setattr__(self, name, float(number))
 
     def _convert_table(self, table: str, words: str) -> None:
-        """Convert every value of ``overrides`` or ``means`` to internal units (mm, N, rad).
+        """Convert ``overrides`` or ``means`` to a read-only table of numbers in internal units.
 
-        ``table`` is the name of one of these two fields. ``words`` describes the values in error
-        messages, for example as "prior sd of".
+        Strings with a unit are converted to mm, N and rad. Numbers are in these units already, and
+        are kept. The names of parameters are written as in files: E_C0YX for E_C(0Y)X. ``table`` is
+        the name of one of the two fields. ``words`` describes the values in error messages, for
+        example as "prior sd of".
         """
         values = {inside_name(name): value for name, value in getattr(self, table).items()}
         for name, value in values.items():

@@ -237,7 +237,8 @@ class Tilted(NamedTuple):
 
         A log weight is ln (f(x) / g(x)), up to a constant. f is the density of x given the
         constraints, and g is the shifted density from which x is drawn. The points ``x`` are
-        vectors of d elements, shape (d, s, w).
+        vectors of d elements, shape (d, s, w). The result is meant for points that
+        satisfy the constraints; whether they do is not checked.
         """
         log_mass = np.zeros(x.shape[1:])
         for j in range(len(x)):
@@ -361,11 +362,11 @@ def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     There is one saddle point for each of w sets of d constraints unit · x ≥ bound on a standard
     normal vector x. ``unit``, shape (w, d, d), holds lower triangular matrices with ones on their
     diagonals; ``bound`` has the shape (w, d). Each element of x is drawn at random from a shifted
-    normal density, above the lower limit that a constraint sets; its edge is this limit minus the
-    shift. Newton's method starts with the bounds as edges. If it fails, it is started a second
-    time, with the edges at the most probable x that satisfies the constraints. Raise an
-    `InputError` if the method fails again, unless the probability of the constraints is too small
-    to matter.
+    normal density, above the lower limit that a constraint and the elements before it set; its edge
+    is this limit minus the shift. Newton's method starts with the bounds as edges. If it fails, it
+    is started a second time, with approximate edges at the most probable x that satisfies the
+    constraints. If it fails again, raise an `InputError`, unless the probability of the constraints
+    is too small to matter; then the edges that the second search reached are returned.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)

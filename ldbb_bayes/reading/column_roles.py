@@ -133,8 +133,9 @@ class Header(NamedTuple):
 def unit_of(header: str) -> Header:
     """Return the name and the unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
-    An unknown unit, in brackets or after "in", is returned unchanged; an error is raised for it
-    only if the column is used. If a header states two different units of the same quantity, such as
+    The unit is empty if the header states none. An unknown unit, in brackets or after "in", is
+    returned as the text in the header; later code raises an error for it only if the column is
+    used. If a header states two different units of the same quantity, such as
     mm and µm, both are returned as one text, which later code treats as an unknown unit.
     """
     header = joined_prefixes(header)
@@ -576,9 +577,11 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
     """Find the column whose header names ``role``, such as time, and record it in ``roles``.
 
     Columns that already have a role are not considered. Several columns are accepted in one case:
-    if their headers state loads, such as 36 N, or name runs, such as Run 1, each column holds the
-    readings of a separate test. Otherwise, raise an `InputError` if several columns could have the
-    role. The column with the role "test" says to which test each row belongs. A column whose header
+    if their headers state loads, such as 36 N, are numbers, or name runs, such as Run 1, each
+    column holds the readings of a separate test. Columns named after runs are found with the role
+    "test", but are recorded as readings if no others are known. Otherwise, raise an `InputError` if
+    several columns could have the role. A single column with the role "test" says to which test
+    each row belongs. A column whose header
     is a field of a test (`PER_TEST`), such as ``force_N``, gets no role here, unless it holds the
     readings. Raise an `InputError` if a column of readings holds angles. ``place`` names the table
     in error messages. ``headers`` are the headers of all columns.

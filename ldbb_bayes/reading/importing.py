@@ -454,8 +454,8 @@ def _note_unused_entries(
 ) -> None:
     """Add a note to the log for each entry [[test]] of the layout that belongs to no test.
 
-    An entry [[test]] states fields of one test, such as its force. The key ``file`` of the entry
-    names the test.
+    An entry [[test]] states fields of a test, such as its force. The key ``file`` of the entry
+    holds the label of the test, or the name of its sheet or file.
     """
     names: set[str] = set()
     for recording in recordings:

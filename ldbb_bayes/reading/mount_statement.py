@@ -91,11 +91,11 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
 
 
 def unread_mount(lines: Iterable[tuple[int | str, str]]) -> CitedLine | None:
-    """Return a note that a line about the mount's deflection or raw data was not understood.
+    """Return a note that a statement about the mount's deflection or raw data is not understood.
 
-    The mount is that of the work ball; its deflection may be given per pressure [µm/bar]. The note
-    quotes the first such line, for example ``Mount deflection 2.33 µm/bar``. Return None if there
-    is no such line, or if an earlier line clearly says whether the readings contain the deflection.
+    A statement is a part of a line, such as ``Mount deflection 2.33 µm/bar``. The mount is that of
+    the work ball. The note quotes the first statement that is not understood. Return None if there
+    is none, or if an earlier statement says whether the readings contain the deflection.
     ``lines`` holds the number and the text of each line; the number may be a text that also names
     the sheet.
     """

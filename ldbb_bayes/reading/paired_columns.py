@@ -185,8 +185,8 @@ def _table_in_columns(
 def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
     """Return whether a table has all columns that the layout states by name.
 
-    Return False if the layout states a column by its number. Upper and lower case are not
-    distinguished.
+    Return False if the layout states a column by its number, or a list of columns of readings.
+    Upper and lower case are not distinguished.
     """
     names = {comparable(header) for header in headers}
     for reference in layout.columns.values():

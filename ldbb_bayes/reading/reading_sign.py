@@ -323,10 +323,11 @@ def _explains_sign_unclearly(source: str | CitedLine, text: str) -> bool:
 
 
 def _words_of_header(header: str) -> str:
-    """Return a header in a form in which headers can be compared.
+    """Return a header, or the text of a line, in a form in which such texts can be compared.
 
-    Capitals become small letters, and underscores become blanks. A unit in front of the name is
-    left out. So is a load in front of a minus sign, as in ``36 N -dR``.
+    Capitals become small letters, and underscores become blanks. A unit in brackets in front of the
+    name is left out. So is a load in front of a minus sign, as in ``36 N -dR``. Characters beyond
+    the longest text that is read are cut off.
     """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
     return _LOAD_IN_FRONT.sub("", _UNIT_IN_FRONT.sub("", words))

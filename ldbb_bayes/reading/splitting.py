@@ -283,9 +283,10 @@ class _SheetColumns:
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
         """Return a dict with the different words in the column of directions of travel as keys.
 
-        The values are the line numbers at which the words first appear. If the column holds both
-        letters R and L and nothing else, the words are "right" and "left". The dict is empty if the
-        table has no such column. ``rows`` are the indices (from 0) of the rows that are considered.
+        The values are the line numbers at which the words first appear. An empty cell counts as the
+        word "". If the column holds both letters R and L and no other word, the letters are
+        replaced by "right" and "left". The dict is empty if the table has no such column. ``rows``
+        are the indices (from 0) of the rows that are considered.
         """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:

@@ -257,8 +257,9 @@ def _times_from_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     """Return the times [s] from the earliest start to each start, from timestamps with dates.
 
     Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
-    lead to different times, the order is used for which all tests lie within one day. If both or
-    neither of the orders satisfy this condition, the result states that the times are not known.
+    lead to different times, the order is used for which all tests start within 24 hours. If both or
+    neither of the orders satisfy this condition, or if neither order makes all dates valid, the
+    result states that the times are not known.
     ``seconds`` are the times of day [s], shape (tests,). ``stamps`` holds the timestamp of each
     test.
     """

@@ -403,11 +403,13 @@ def _kind_of_readings(recording: Recording, reading_um: Array) -> str:
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return the angles and readings of a test. Laps are averaged if the layout says so.
 
-    A lap is one turn of the bar. If the layout does not say that laps are averaged, all laps are
-    kept. If it says nothing about laps, a note says that they are kept, and the layout to be saved
-    for a later import states it. A contradiction between the angles and the stated direction of
-    travel is noted, or raises an `InputError`. ``recording`` holds the rows of the test in its
-    file, and all statements about the test; ``trace`` holds the angles and readings of the test.
+    A lap is one turn of the bar. Laps are averaged only if the angles cover at least 1.02 turns;
+    otherwise, or if the layout does not say that laps are averaged, all readings are kept. If the
+    angles cover as much and the layout says nothing about laps, a note says that they are kept, and
+    the layout to be saved for a later import states it. A contradiction between the angles and the
+    stated direction of travel is noted, or raises an `InputError`. ``recording``
+    holds the rows of the test in its file, and all statements about the test; ``trace`` holds the
+    angles and readings of the test.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

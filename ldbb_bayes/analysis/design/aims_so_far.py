@@ -178,8 +178,9 @@ class GoalState:
         after very many circles.
 
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
-        circle, at K values of the hyper-parameters. ``floor``, of the same shape, are the
-        covariances after very many circles.
+        circle, in units of their prior standard deviations, at K values of the hyper-parameters.
+        ``floor``, of the same shape and in the same units, are the covariances after very many
+        circles.
         """
         sd_next = self.aim.sd(after)
         expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
@@ -246,7 +247,7 @@ class ToleranceState:
         circle is not known yet. It is taken to be normally distributed about the present estimate.
         A decision is made if the new estimate is at least a guard band away from each limit.
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
-        circle, at K values of the hyper-parameters.
+        circle, in units of their prior standard deviations, at K values of the hyper-parameters.
         """
         sd = self.now.sd
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)

@@ -299,7 +299,10 @@ def _aims_of(
 
 
 def _read_goals(goals: Mapping[str, str | Goal], space: Space) -> dict[str, Goal]:
-    """Read and check goals for uncertainties, and return them with the parameters as keys."""
+    """Read and check goals for uncertainties, and return them with the parameters as keys.
+
+    Raise an `InputError` if a goal is invalid. The result is empty if there are no goals.
+    """
     if not goals:
         return {}
     return goals_in(space.bound, goals)

@@ -89,13 +89,14 @@ class QuickForecast:
         self.candidates = objective.candidates
 
     def distance(self, counts: Array) -> float:
-        """Return the distance of a campaign from the goals; zero if they are just met.
+        """Return the distance of a campaign from the goals; it is about zero if they are just met.
 
         For each goal, u is the standard uncertainty of its parameter, and u* the largest standard
-        uncertainty that the goal permits. First, the largest ln(u/u*) of all goals is computed at
-        each value of the hyper-parameters (by a smooth function, which slightly exceeds it). The
-        distance is the mean of these maxima over the values. ``counts``, shape (candidates,), holds
-        the number of circles that the campaign has of every candidate test.
+        uncertainty that the goal permits. First, a smooth maximum of ln(u/u*) over all goals is
+        computed at each value of the hyper-parameters; it slightly exceeds the largest ln(u/u*) if
+        there are several goals. The distance is the mean of the smooth maxima over the values.
+        ``counts``, shape (candidates,), holds the number of circles that the campaign has of every
+        candidate test.
         """
         covariance = self._covariance(counts)
         return float(self._distance(self._variances_of_goals(covariance)))
