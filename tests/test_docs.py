@@ -34,6 +34,9 @@ def test_blocks_run(page: Path, tmp_path: Path, place_of_demonstration: Path) ->
     """In a folder of their own, with the data of the checkout and the tutorial's workbook."""
     (tmp_path / "data").symlink_to(ROOT / "data")
     (tmp_path / WORKBOOK.name).write_bytes(WORKBOOK.read_bytes())
+    in_checkout = tmp_path / WORKBOOK.relative_to(ROOT)
+    in_checkout.parent.mkdir(parents=True)
+    in_checkout.write_bytes(WORKBOOK.read_bytes())
     command = [sys.executable, "-W", "error", run_page.__file__, page, place_of_demonstration]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
