@@ -13,11 +13,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import count_numbers, has_role, unit_of
+from ldbb_bayes.reading.column_roles import count_numbers, has_role, is_rule, unit_of
+from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import direction_named
-from ldbb_bayes.reading.words import unit_named
+from ldbb_bayes.reading.words import UNITS, unit_named
 
 __all__ = ["with_index_names"]
 
@@ -34,7 +35,8 @@ def with_index_names(sheet: Sheet) -> Sheet:
     all cells of a column hold the same direction of travel, the column is removed. The direction is
     added to the headers of the columns in the same group, such as all columns below ``100 N``.
     """
-    rows = sheet.rows
+    rows = [_with_unit_of_loads(row) for row in sheet.rows[:LONGEST_OVERVIEW]]
+    rows += sheet.rows[LONGEST_OVERVIEW:]
     for k in range(1, min(len(rows) - 1, LONGEST_OVERVIEW)):
         n_index = _count_index_names(rows[k], rows[k - 1], rows[k + 1])
         if not n_index:
@@ -53,6 +55,20 @@ def with_index_names(sheet: Sheet) -> Sheet:
     return sheet
 
 
+def _with_unit_of_loads(row: Row) -> Row:
+    """Return a row of loads, such as ``Force_N,36,36,238,238``, with the unit behind each number.
+
+    Any other row is returned unchanged.
+    """
+    label = unit_of(row.cells[0]) if row.cells else None
+    loads = row.cells[1:]
+    if label is None or label.unit not in UNITS["force"] or not has_role(label.name, "force"):
+        return row
+    if len(loads) < 2 or not all(looks_like_number(cell) for cell in loads):
+        return row
+    return Row(row.line, [row.cells[0], *[f"{cell} {label.unit}" for cell in loads]])
+
+
 def _count_index_names(row: Row, above: Row, below: Row) -> int:
     """Return how many columns of a table's index a row names; zero for any other row.
 
@@ -64,10 +80,19 @@ def _count_index_names(row: Row, above: Row, below: Row) -> int:
     n_index = sum(bool(cell) for cell in row.cells)
     if not 0 < n_index < width or any(row.cells[n_index:]) or count_numbers(below.cells) < 2:
         return 0
+    if is_rule(row.cells):
+        return 0
     has_names_above = len(above.cells) == width and all(above.cells[n_index:])
     if not has_names_above or count_numbers([*row.cells, *above.cells]):
         return 0
-    return n_index if _may_be_index(row.cells[:n_index], above.cells[:n_index]) else 0
+    is_named_level = n_index == 1 and bool(above.cells[0]) and _hold_units(above.cells[1:])
+    may_be_index = _may_be_index(row.cells[:n_index], above.cells[:n_index])
+    return n_index if is_named_level or may_be_index else 0
+
+
+def _hold_units(cells: Sequence[str]) -> bool:
+    """Return whether all cells of a row are units, as in the level ``°,mm,°,mm`` of a header."""
+    return all(unit_named(cell) for cell in cells)
 
 
 def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:

@@ -208,7 +208,28 @@ def wide_cases() -> dict[str, FieldCase]:
             ),
             circles=tuple(replace(circle, direction="CCW") for circle in TRUTH),
         )
-    return {**cases, **numbered_pair_cases(), **conversion_cases()}
+    return {**cases, **numbered_pair_cases(), **level_cases(), **conversion_cases()}
+
+
+def level_cases() -> dict[str, FieldCase]:
+    """Return pairs of columns below rows with their forces, names and units."""
+    header = "Kraft [N];100;100;300;300;600;600"
+    names = ";".join(["Größe", *["Winkel", "Messwert"] * 3])
+    units = ";".join(["Einheit", *["°", "µm"] * 3])
+
+    def row(k: int) -> list[str]:
+        cells = [f"{k}"]
+        for reading in field.readings_of(k):
+            cells += [f"{5 * k}", reading]
+        return cells
+
+    case = FieldCase(
+        "headers of several levels",
+        "rows of forces, names and units above pairs of columns",
+        field.wide("Punkt;;;;;;", row, above=f"{header}\n{names}\n{units}"),
+        told="columns not used: Punkt",
+    )
+    return {"levels_of_pairs": case}
 
 
 def conversion_cases() -> dict[str, FieldCase]:

@@ -450,3 +450,23 @@ def test_a_header_of_angles_with_an_axis_and_zero_is_read_with_the_step(tmp_path
     path = file(tmp_path, "100N.csv", ["theta_Y0_cw,Deviation [um]", *rows(100.0)])
     (test,) = read_tests(path, angle_zero="+Y")
     np.testing.assert_allclose(test.angle_deg[:2], [90.0, 85.0])
+
+
+def test_forces_above_names_and_units_of_pairs_are_their_loads(tmp_path: Path) -> None:
+    lines = [
+        "Kraft_N,100,100,300,300",
+        "Größe,Winkel,Abstand,Winkel,Abstand",
+        "Einheit,°,mm,°,mm",
+        "Punkt,,,,",
+    ]
+    pairs_of_rows = zip(rows(100.0), rows(300.0), strict=True)
+    for number, (first, second) in enumerate(pairs_of_rows):
+        cells = []
+        for row in (first, second):
+            angle, reading = row.split(",")
+            cells += [angle, f"{150.0 + float(reading) / 1e3:.6f}"]
+        lines.append(",".join([str(number), *cells]))
+    tests = read_tests(file(tmp_path, "wide.csv", lines))
+    assert [test.force_N for test in tests] == [100.0, 300.0]
+    for test, force_N in zip(tests, (100.0, 300.0), strict=True):
+        np.testing.assert_allclose(test.reading_um, readings(force_N), atol=1e-6)
