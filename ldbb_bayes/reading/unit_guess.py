@@ -24,6 +24,7 @@ from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import AssumedUnit, Recording
 from ldbb_bayes.reading.unit_lines import (
     header_has_factor,
+    inch_alone,
     mentions_scale,
     multiplies_readings,
     unit_mentioned,
@@ -268,7 +269,8 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
     for source, text in mentions:
         mentioned = unit_mentioned(text)
         if isinstance(source, CitedLine):
-            mentioned = mentioned or unknown_unit_in(text) or _other_fraction(text, unit)
+            mentioned = mentioned or inch_alone(text) or unknown_unit_in(text)
+            mentioned = mentioned or _other_fraction(text, unit)
         if mentioned == unit:
             note = with_words(source, f" says {text.strip()[:_TEXT_SHOWN]!r}")
         if not isinstance(source, CitedLine) and _COUNTS_OR_SCALED_UNIT.search(text):

@@ -27,6 +27,7 @@ __all__ = [
     "UNIT_COLUMN",
     "UNIT_KEYS",
     "header_has_factor",
+    "inch_alone",
     "is_unit_with_unread_factor",
     "mentions_scale",
     "multiplies_readings",
@@ -584,6 +585,14 @@ def unit_mentioned(text: str) -> str:
         if unit in UNITS["reading"] and not has_number and not may_be_word:
             return unit
     return ""
+
+
+def inch_alone(line: str) -> str:
+    """Return "inch" if a line is nothing but ``in``, which may be this unit or the word "in".
+
+    The result is empty for any other line.
+    """
+    return "inch" if comparable(line[:LONGEST_TEXT]) in _ALSO_WORDS else ""
 
 
 def unknown_unit_in(line: str) -> str:

@@ -189,6 +189,13 @@ def unit_row_cases() -> dict[str, FieldCase]:
     for number, units in enumerate(("° 1/1000 mm", "[deg] [1/1000 mm]")):
         files = field.texts(f"Angle Reading\n{units}", separator=" ")
         cases[f"unit_row_blanks_{number}"] = FieldCase(kind, f"a row of units '{units}'", files)
+    cases["inch_alone"] = FieldCase(
+        "units that are also words",
+        "a line of nothing but 'in'",
+        field.texts("Angle [deg];Reading", field.scaled(25400.0), above="in", separator=";"),
+        refusal="readings must have a unit, got none",
+        step=("--unit", "inch"),
+    )
     cases["unit_row_against_header"] = FieldCase(
         kind,
         "a row of units 'deg;0.001 mm' below 'Reading [mm]'",

@@ -8,6 +8,7 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.words import size_of_unit
 
 
@@ -87,3 +88,13 @@ def test_a_unit_that_may_be_two_is_refused_with_both(
     path.write_text("\n".join([header, *rows, ""]))
     with pytest.raises(lb.InputError, match=step):
         lb.import_campaign(path)
+
+
+def test_inches_that_may_be_a_word_are_asked(tmp_path: Path) -> None:
+    path = tmp_path / "100N.csv"
+    rows = [f"{5 * k},{k / 1000}" for k in range(72)]
+    path.write_text("\n".join(["in", "Angle [deg],Reading", *rows, ""]))
+    with pytest.raises(lb.InputError, match=r"'in' in line 1.*--unit"):
+        lb.import_campaign(path)
+    imported = lb.import_campaign(path, layout=Layout(reading_unit="inch"))
+    assert imported.campaign.tests[0].reading_um[1] == pytest.approx(25.4)
