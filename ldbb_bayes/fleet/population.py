@@ -70,53 +70,52 @@ from ldbb_bayes.units import (
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "pool"]
 
-# Smallest number of machines in a population with which the machines are compared with one another.
+# The machines of a population are compared with one another if there are at least this many.
 _FEWEST_MACHINES = 6
-# A machine is flagged as not belonging to the population if the p-value of the hypothesis that it
-# belongs to the population is below this value. If all machines belong to the population, the
+# A machine is flagged if its p-value is below this value. The p-value is that of the hypothesis
+# that the machine belongs to the population. If all machines belong to the population, the
 # probability that any machine is flagged is at most this value.
 _FALSE_ALARMS = 0.05
-# Pattern of the names of compliances at the reference force; it does not match names of slopes,
-# which are coefficients of the change of a compliance with force.
+# Pattern of the names of compliances at the reference force, such as C_XXX. It does not match the
+# names of slopes, which describe how a compliance changes with force.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
 # Text of empty cells in the printed table of a population's parameters.
 _NOTHING = "–"
 
 
 class _DrawLimits(NamedTuple):
-    """Limits of the number of random draws of the machines' spreads.
+    """Limits of the number of random draws of a population's spreads.
 
-    Spreads are the standard deviations of the machines about the mean of their population.
+    A spread is the standard deviation of a parameter from machine to machine.
     """
 
-    #: limit of the product of the number of machines and the number of random draws of the spreads
-    #: (standard deviations from machine to machine). If there are so many machines that the limit
-    #: allows fewer than ``lowest`` draws, it is exceeded, and ``lowest`` draws are made.
+    #: limit of the number of machines times the number of random draws of the spreads (standard
+    #: deviations from machine to machine). At least ``lowest`` draws are made, even if they exceed
+    #: this limit.
     pairs: int
-    #: smallest number of random draws of the spreads (standard deviations from machine to machine)
-    #: that are made, however many machines there are
+    #: smallest number of random draws of the spreads (standard deviations from machine to machine),
+    #: however many machines there are
     lowest: int
-    #: largest number of random draws of the spreads (standard deviations from machine to machine)
-    #: that are made, however few machines there are
+    #: largest number of random draws of the spreads (standard deviations from machine to machine),
+    #: however few machines there are
     highest: int
 
     def size(self, machines: int) -> int:
         """Return the number of random draws of the spreads for a given number of machines.
 
-        Spreads are the standard deviations of the machines about their mean. The number of draws is
-        a power of two from ``lowest`` to ``highest``: the largest for which the number of draws
-        times the number of machines is at most ``pairs``, or else ``lowest``.
+        A spread is the standard deviation of a parameter from machine to machine. The number of
+        draws is a power of two and at least ``lowest``. It is as large as ``highest`` and ``pairs``
+        allow.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
 
 
-# Limits of the number of random draws from which the spreads of a population (standard deviations
-# of the machines about the mean) are summarised.
+# Limits of the number of random draws that are made to estimate the spreads of a population
+# (standard deviations from machine to machine).
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
 # Limits of the number of random draws of the spreads (standard deviations from machine to machine)
-# from which the estimates for every machine are computed. They are the first draws of a longer
-# sequence; all draws of the sequence are used to summarise the spreads themselves.
+# that are used to estimate the parameters of each machine.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
@@ -128,7 +127,7 @@ class PooledParameter(Result):
     internal units (mm, N, rad).
     """
 
-    unit: str  #: internal unit of one parameter of the machines, made of mm, N and rad
+    unit: str  #: unit of one parameter of the machines, made of mm, N and rad, such as mm/N
     #: standard deviation of the prior of the parameter's mean over the population, in ``unit``;
     #: this prior has the mean zero
     prior_sd: float
@@ -163,15 +162,15 @@ class PooledMachine(Result):
     alone: dict[str, Summary]
     #: p-value of the hypothesis that the machine belongs to the population of the other machines,
     #: corrected for the number of parameters (Bonferroni) and for the number of machines (Holm). If
-    #: all machines belong to one population, the probability that any machine has a p-value of at
-    #: most p is itself at most p. None if there are fewer than six machines.
+    #: all machines belong to one population, the probability that any machine has a p-value below
+    #: 5 % is at most 5 %. None if there are fewer than six machines.
     p_value: float | None = None
     #: whether the machine stands out from the other machines: its corrected p-value is below 5 %
     flag: bool = False
-    #: deviation of each parameter of the machine from the value predicted from the other machines;
-    #: positive if the parameter is larger. It is stated as the standard normal quantile with the
-    #: same two-sided p-value. The keys are the names of the parameters. Empty if there are fewer
-    #: than six machines.
+    #: deviation of each parameter of the machine from the value predicted from the other machines,
+    #: positive if the parameter is larger. The deviation is stated as a quantile of the standard
+    #: normal distribution: 2, for example, means a two-sided p-value of 4.6 %. The keys are the
+    #: names of the parameters. Empty if there are fewer than six machines.
     z: dict[str, float] = field(default_factory=dict)
 
 
@@ -179,8 +178,8 @@ class PooledMachine(Result):
 class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
-    If ``judged`` is false, not every machine could be reliably compared with the other machines. In
-    this case, ``not_belonging`` may lack machines that do not belong to the population.
+    ``judged`` states whether every machine could be compared reliably with the other machines. If
+    it is false, the list ``not_belonging`` may be incomplete.
 
     Examples
     --------
@@ -203,8 +202,8 @@ class Population(Result):
     #: such range, the lowest force is above the highest force
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances that each fitted compliance stands for; the keys are the
-    #: names of the fitted compliances; empty if the batch does not state the sums
+    #: weighted sum of joint compliances for which each fitted compliance stands. The keys are the
+    #: names of the fitted compliances. Empty if the batch does not state the sums.
     compliances: Mapping[str, Meaning]
     #: names of the instrument errors that are the same in all campaigns, such as "mount" for the
     #: error of the mount's deflection; empty if the campaigns used different instruments
@@ -214,17 +213,17 @@ class Population(Result):
     spread_scale: float
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
-    #: Pareto shape k̂ of the draws' weights; the lower k̂ is, the more reliable are the draws. The
-    #: draws are random draws of the spreads (standard deviations of the machines about the mean).
+    #: Pareto shape k̂ of the weights of the random draws of the spreads (standard deviations from
+    #: machine to machine); the lower k̂ is, the more reliable are the draws
     pareto_k: float
-    #: whether the random draws of the spreads (standard deviations from machine to machine) can be
-    #: trusted. They can be trusted if the Pareto shape k̂ of their weights is low enough.
+    #: whether ``pareto_k`` is low enough to trust the random draws of the spreads (standard
+    #: deviations from machine to machine)
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the results for the population
     #: probability of the credible intervals in the results for a population
     prob: Annotated[float, Field(exclude=True)]
-    #: whether every machine was compared with the other machines and the comparison was reliable;
-    #: this comparison shows which machines do not belong to the population
+    #: whether every machine could be compared reliably with the other machines, to find out whether
+    #: it belongs to the population
     judged: Annotated[bool, Field(exclude=True)]
     #: one SHA-256 digest for each campaign, computed from the campaign's readings and the
     #: conditions under which they were taken. The digests show which campaigns are part of the
@@ -236,9 +235,8 @@ class Population(Result):
     def not_belonging(self) -> tuple[str, ...]:
         """Names of the machines that stand out from the other machines.
 
-        A machine stands out if its corrected p-value is below 5 %. The first name is that of the
-        machine with the largest deviation (attribute ``z``) of a parameter from the prediction of
-        the other machines.
+        A machine stands out if its corrected p-value is below 5 %. The machine that deviates most
+        from the prediction of the other machines (attribute ``z``) comes first.
         """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))
@@ -305,9 +303,9 @@ class Population(Result):
 
 @with_words.register
 def _population_record(result: Population) -> dict[str, Any]:
-    """Return the content of population.json: the population, sentences on it, and a digest.
+    """Return the content of the file population.json.
 
-    The digest is the SHA-256 of the population and the sentences.
+    The file holds the results, sentences on their limitations, and the SHA-256 digest of both.
     """
     record = result.as_dict() | {"doubts": list(population_doubts(result))}
     return {**record, "sha256": digest_of(json.loads(json_text(record)))}
@@ -337,13 +335,13 @@ def _population_parts(result: Population) -> tuple[Table | str, ...]:
 
 
 def _table_row(name: str, parameter: PooledParameter) -> list[str]:
-    """Return the row of a parameter in the printed table of a population.
+    """Return the cells of one parameter's row in the printed table of a population.
 
-    The row holds the name of the parameter, its display unit, the mean of the population as value ±
-    U, the part of U that is due to the instrument, the spread (standard deviation between machines)
-    with its credible interval, and the prediction for a further machine as value ± U. U is the
-    expanded uncertainty (k = 2); skewed quantities are stated with an interval instead. All numbers
-    are texts in the display unit.
+    The cells are the name of the parameter, its unit, the mean of the population ± U, the part of U
+    that is due to the instrument, the spread, the credible interval of the spread, and the
+    prediction for a further machine ± U. The spread is the standard deviation from machine to
+    machine. U is the expanded uncertainty (k = 2). For a skewed quantity, an interval is stated
+    instead of ± U.
     """
     factor, unit = display_unit(parameter.unit)
     common = _NOTHING
@@ -388,7 +386,7 @@ def fit_population(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """Fit a population to the machines of a batch.
+    """Estimate the mean and the spread of each parameter over the machines of a batch.
 
     The result also predicts the parameters of a further machine, and states which machines do not
     belong to the population.
@@ -424,11 +422,9 @@ def fit_population(
     seed : int
         Seed of the random draws.
     progress : callable, optional
-        Function that is called during the comparison of each machine with the other machines. For
-        some machines, new random draws of the spreads are made from the posterior given the other
-        machines. The function is called after the draws for each of these machines. Its arguments
-        are the number of machines for which the draws have been made, and the number of machines
-        for which they are made in all.
+        Function ``progress(done, total)`` that is called while machines are compared with one
+        another. New random draws are needed to compare ``total`` of the machines; ``done`` is the
+        number of these machines that are finished.
 
     Returns
     -------
@@ -486,7 +482,7 @@ def pool(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """Fit a population to the machines of campaigns; see `fit_population`.
+    """Estimate the mean and the spread of each parameter over machines, see `fit_population`.
 
     Parameters
     ----------
@@ -551,25 +547,23 @@ class _Moments(NamedTuple):
 def _average_over_draws(
     weight: Array, mean: Array, sd: Array, tails: tuple[float, float]
 ) -> _Moments:
-    """Return the moments of c parameters, averaged over weighted draws of the spreads.
+    """Return mean, sd and credible interval of c parameters, averaged over draws of the spreads.
 
-    The moments are the mean, the sd and the credible interval of each parameter. Spreads are the
-    standard deviations of the machines about the mean of their population. For each of k draws of
-    the spreads, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the means and
-    standard deviations of these Gaussians, shape (k, c), or (k, n, c) for n machines. ``weight``,
-    shape (k,), holds the weights of the draws. ``tails`` are the cumulative probabilities of the
-    two ends of the credible intervals.
+    Spreads are the standard deviations from machine to machine. k values of the spreads are drawn
+    at random; ``weight``, shape (k,), holds the weights of the draws. For each draw, every
+    parameter has a Gaussian distribution with the mean ``mean`` and the standard deviation ``sd``,
+    shape (k, c), or (k, n, c) for n machines. ``tails`` are the cumulative probabilities of the two
+    ends of the credible intervals.
     """
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
 
 
 def _summarize(scale: Array, moments: _Moments) -> list[Summary]:
-    """Return the summary of each of the c parameters, in internal units (mm, N, rad).
+    """Return mean, sd and interval of each of c parameters, in internal units (mm, N, rad).
 
-    A summary consists of mean, sd and credible interval. ``scale``, shape (c,), holds the prior sds
-    of the parameters in internal units. ``moments`` are the moments of the parameters in units of
-    these prior sds.
+    ``scale``, shape (c,), holds the prior sds of the parameters in internal units. ``moments``
+    holds the means, sds and credible intervals in units of these prior sds.
     """
     mean = (scale * moments.mean).tolist()
     sd = (scale * moments.sd).tolist()
@@ -596,11 +590,9 @@ def _pool_parameters(
     statistics
         Likelihoods of the campaigns.
     spreads
-        Random draws of the spreads (standard deviations of the machines about their mean), from
-        which the spreads are summarised.
+        Random draws of the spreads (standard deviations of the machines about their mean).
     first_spreads
-        The first draws in ``spreads``. The distributions of the mean and of a further machine are
-        averaged over these draws only.
+        The first of these draws. Only they are used to compute the mean and the prediction.
     shared
         Gaussian distribution of the population's mean and the instrument's errors, for each draw in
         ``first_spreads``.
@@ -738,10 +730,10 @@ def _estimate_machines_separately(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> _Moments:
-    """Return estimates of c parameters of n machines; each estimate uses one machine's campaigns.
+    """Estimate the c parameters of n machines, each machine from its own campaigns.
 
-    The means and sds have the shape (n, c). The errors of the instrument, however, are estimated
-    from the campaigns of all machines. All values are in units of the prior sds.
+    Only the errors of the instrument are estimated from the campaigns of all machines. The means
+    and sds have the shape (n, c). All values are in units of the prior sds.
 
     Parameters
     ----------
@@ -801,10 +793,10 @@ def _population_caveats(
 def _instrument_caveat(
     statistics: FleetStatistics, parameters: Mapping[str, PooledParameter]
 ) -> Caveat:
-    """Return a caveat (limitation) that names the parameter most affected by instrument errors.
+    """Return the caveat (limitation) that all campaigns used the same instrument.
 
-    The instrument's errors cause a share of the variance of each parameter's population mean. The
-    caveat names the parameter with the largest share, and states this share in per cent.
+    The caveat names the parameter whose population mean is most affected by the instrument's
+    errors. It also states how many per cent of the variance of this mean the errors cause.
     ``parameters`` are the distributions of the parameters over the machines, and ``statistics``
     names the errors.
     """

@@ -21,8 +21,8 @@ from ldbb_bayes.results import Shown, read_result
 
 __all__ = ["PopulationPrior", "digest_of", "read_population_prior"]
 
-# Two reference forces are treated as equal if their relative difference, which may be a rounding
-# error, is at most this number.
+# Two reference forces are treated as equal if their relative difference is at most this number.
+# Such a small difference may be a rounding error.
 _SAME_FORCE = 1e-9
 
 
@@ -264,7 +264,7 @@ def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
 
 
 def digest_of(record: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the content of the file population.json, except its entry ``sha256``.
+    """Return the SHA-256 digest of the content of population.json without its entry ``sha256``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Selection of the campaigns that a trend or a population uses, and its limitations (caveats)."""
+"""Selection of the campaigns from which a trend or a population of machines is computed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELA
 
 
 class CaveatKind(StrEnum):
-    """Kinds of limitations of the analysis of a trend, or of a population of machines.
+    """Kinds of limitations of a trend or of a population of machines.
 
     A limitation concerns the analysis itself, the campaigns that the analysis uses, or the
     campaigns that are left out.
@@ -101,7 +101,7 @@ def choose(
     *,
     among: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, list[Caveat]]:
-    """Return the rows of a batch that an analysis uses, and limitations (caveats) of the selection.
+    """Return the rows of a batch to be analysed, and limitations (caveats) of this selection.
 
     By default, campaigns whose readings do not fit the model are left out. The readings do not fit
     if the difference between readings and model is too large at one Fourier order of a circle, or
@@ -167,11 +167,11 @@ def _leave_out(
     caveats: list[Caveat],
     text: str = "",
 ) -> pd.DataFrame:
-    """Return the rows of a batch's table that are kept; add a caveat on campaigns left out.
+    """Return the rows that are not left out, and add a caveat that names the other campaigns.
 
-    ``is_left_out`` states for each row of the table whether the row is left out. If at least
-    one row is left out, a caveat (limitation) with the given kind and text is added to the list
-    ``caveats``.
+    ``rows`` are rows of a batch's table, and ``is_left_out`` states for each of them whether it is
+    left out. If at least one row is left out, a caveat (limitation) with the given kind and text is
+    added to the list ``caveats``.
     """
     _add_caveat(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]
@@ -180,11 +180,10 @@ def _leave_out(
 def _add_caveat(
     kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = ""
 ) -> None:
-    """Add a caveat that names some campaigns to the list ``caveats``.
+    """Add a caveat (limitation of an analysis) on some campaigns to the list ``caveats``.
 
-    A caveat is a limitation of an analysis, which reports describe to the user. ``rows`` are the
-    rows of the campaigns in the table of a batch. If there are no rows, no caveat is added.
-    ``kind`` and ``text`` are the kind and the text of the caveat.
+    ``rows`` are the rows of these campaigns in the table of a batch. If there are none, no caveat
+    is added. ``kind`` and ``text`` are the kind and the text of the caveat.
     """
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))

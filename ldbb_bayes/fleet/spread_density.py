@@ -6,8 +6,8 @@ All values are in units of the parameters' prior sds. c_m are the parameters of 
 the mean of the population. s are the spreads, that is, the standard deviations of the machines
 about μ; the prior of the spreads has the scale τ. b are the instrument's errors; j is the index of
 a parameter. Given s, all distributions are Gaussian, and c_m, μ and b are therefore integrated out
-exactly. By importance sampling, values of ln s are drawn from a Student t distribution about the
-mode of the density of ln s, and are weighted.
+exactly. Values of ln s are drawn from a Student t distribution about the mode of the density of ln
+s, and are weighted (importance sampling).
 
 In the shapes of arrays, k is the number of values of s, n the number of machines, c the number of
 parameters, and q the number of parameters and instrument errors.
@@ -42,9 +42,9 @@ __all__ = [
     "spread_slices",
 ]
 
-# The spreads (standard deviations of machines about the mean of their population) are drawn at
-# random. For n machines, at most this number divided by n draws are processed at once, so that the
-# arrays fit into the processor's cache.
+# Random draws of the spreads (standard deviations of machines about the mean of their population)
+# are processed in groups. The number of draws in a group times the number of machines is at most
+# this number, so that the arrays fit into the processor's cache.
 _PAIRS_AT_ONCE = 4096
 # Degrees of freedom of the Student t distribution from which ln s is drawn. The spreads s are the
 # standard deviations of machines about the mean of their population.
@@ -149,7 +149,7 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class MachineEstimates(NamedTuple):
-    """Moments of the parameters of n machines, for each of k values of the spreads s.
+    """Estimates of the parameters of n machines, for each of k values of the spreads s.
 
     Spreads are the standard deviations of the machines about the mean μ of their population. c_m
     are the parameters of machine m. z_m = (c_m − μ) / s are the differences between these
@@ -175,7 +175,7 @@ class MachineEstimates(NamedTuple):
 
 
 def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> MachineEstimates:
-    """Return the posterior moments of every machine's parameters given the spreads.
+    """Return estimates of every machine's parameters for given values of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population.
 
@@ -214,14 +214,14 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 
 
 def _explained_variance(root: Array, response: Array) -> Array:
-    """Return the variances that the uncertainty of μ and b causes, shape (c, k, n).
+    """Return the variances that are due to the uncertainty of μ and b, shape (c, k, n).
 
-    μ, the population's mean, and b, the instrument's errors, are q quantities. They cause variances
-    of the c parameters of each of n machines, or of the parameters' deviations from μ in units of
-    the spreads (standard deviations of the machines about μ). The variances are computed for k
-    values of the spreads. ``root``, shape (k, q, q), is the transposed square root of the
-    covariance of μ and b. ``response``, shape (c, q, k, n), holds the derivatives of the parameters
-    or deviations with respect to μ and b; the sign of the derivatives does not matter.
+    μ is the population's mean, and b are the instrument's errors; together they are q quantities.
+    The variances are those of the c parameters of n machines, or those of z = (c_m − μ) / s. They
+    are computed for k values of the spreads s (standard deviations of the machines about μ).
+    ``root``, shape (k, q, q), is the transposed square root of the covariance of μ and b.
+    ``response``, shape (c, q, k, n), holds the derivatives of the parameters, or of z, with respect
+    to μ and b. The sign of the derivatives does not matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
@@ -234,8 +234,8 @@ class SpreadDensity:
     each parameter.
     """
 
-    #: likelihood of the parameters and the instrument errors, q quantities in all, given the
-    #: readings on each of n machines; Gaussian densities of shape (n, q)
+    #: Gaussian likelihood of q quantities from the readings on each of n machines, shape (n, q).
+    #: The quantities are the parameters of the machine, then the errors of the instrument.
     likelihood: Gaussian
     #: scale τ of the half-normal prior of the spreads (standard deviations from machine to
     #: machine), in units of the parameters' prior sd
@@ -311,10 +311,10 @@ class Spreads:
     #: importance weights of the k random draws of the spreads (standard deviations from machine to
     #: machine), Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
-    #: Pareto shape k̂ of the draws' weights; the larger k̂ is, the less reliable are the weights.
-    #: The draws are random draws of the spreads (standard deviations from machine to machine).
+    #: Pareto shape k̂ of the weights of the random draws of the spreads (standard deviations from
+    #: machine to machine); the larger k̂ is, the less reliable are the weights
     pareto_k: float
-    #: largest Pareto shape k̂ of their weights with which the random draws of the spreads (standard
+    #: largest Pareto shape k̂ of the weights with which the random draws of the spreads (standard
     #: deviations from machine to machine) can be trusted
     good_k: float
     #: mode of the posterior density of ln s, shape (c,); s are the spreads (standard deviations

@@ -1,8 +1,8 @@
 """Stiffness by direction of one machine over time, from each campaign alone.
 
-The stiffnesses are taken from a batch's table. Step changes of the stiffnesses are not modelled:
-each stiffness is a function of several compliances, and `change_point` already models step changes
-of the compliances.
+The stiffnesses are taken from a batch's table. No model of step changes is fitted to the
+stiffnesses, because `change_point` already models step changes of the compliances from which the
+stiffnesses are computed.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _NOT_DETERMINED = "not determined"
 class StiffnessOfVisit(Result):
     """Stiffness in one direction, computed from the readings of one campaign alone.
 
-    It is given at the reference force of the campaign. The quantity may also be a ratio of
+    The stiffness is given at the reference force of the campaign. The class also holds a ratio of
     stiffnesses, a direction, or a difference of compliances. If the readings do not determine the
-    quantity, its mean, uncertainties and interval are None, except for the lower end of the
-    interval of a stiffness or of a ratio of stiffnesses, which is then a lower limit.
+    quantity, the mean, the uncertainties and the interval are None. For a stiffness or a ratio of
+    stiffnesses, however, the lower end of the interval is then a lower limit.
     """
 
     campaign: str  #: label of the campaign from which the stiffness is computed
@@ -110,7 +110,10 @@ def _number_or_none(value: float | None) -> float | None:
 
 
 def _unit_of(name: str) -> str:
-    """Return the unit of a quantity of stiffness by direction; empty for a ratio."""
+    """Return the unit of a stiffness, ratio of stiffnesses, direction or difference of compliances.
+
+    ``name`` is the name of the quantity, such as k_min. The unit of a ratio is an empty text.
+    """
     if name.startswith("k_ratio"):
         return ""
     if name.startswith("k_"):

@@ -75,9 +75,9 @@ __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 # the change is at least this value. Smaller probabilities would appear as zero, because the table
 # shows probabilities with three decimals.
 _UNLIKELY = 5e-4
-# The change of a parameter is also stated as a percentage of the level before the change, if this
-# level divided by its standard uncertainty exceeds this value. The percentage neglects this
-# standard uncertainty, which is then below 20 % of the level.
+# The change of a parameter is stated in per cent of the level before the change only if this level
+# is more than this many times its standard uncertainty. The percentage neglects the standard
+# uncertainty, which is then below 20 % of the level.
 _KNOWN_LEVEL = 5.0
 # Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
@@ -93,12 +93,12 @@ class ParameterChange(Result):
     and changes are in internal units (mm, N, rad).
     """
 
-    unit: str  #: internal unit of one parameter of the machine, made of mm, N and rad
+    unit: str  #: unit of one parameter of the machine, made of mm, N and rad, such as mm/N
     #: posterior probability that this parameter of the machine has changed over time; the model
     #: allows a change of one parameter only
     probability: float
-    #: index of the campaign just before which the parameter most probably changed, under the
-    #: assumption that it changed; campaigns are counted from 0 in order of time
+    #: index of the campaign just before which the parameter most probably changed, if it changed at
+    #: all; campaigns are counted from 0 in order of time
     place: int
     #: size of the step change of the parameter over time (later level minus earlier level) under
     #: the assumption that this parameter changed, averaged over the possible times of the change
@@ -109,10 +109,10 @@ class ParameterChange(Result):
     #: posterior mean of the parameter's level before its step change, under the assumption that
     #: this parameter changed
     level_before: float
-    #: level (value) of the parameter at the last campaign. The level is averaged over all
-    #: possibilities, weighted by their probabilities: that no parameter has changed, or that one
-    #: parameter changed just before one of the campaigns. The uncertainty of the level includes the
-    #: uncertainty due to the errors of the instrument.
+    #: level (value) of the parameter at the last campaign, averaged over all possibilities: that no
+    #: parameter has changed, or that one parameter changed just before one of the campaigns. The
+    #: possibilities are weighted by their probabilities. The uncertainty of the level includes the
+    #: part that is due to the errors of the instrument.
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together. The estimates and limits of the control chart do not
@@ -127,7 +127,7 @@ def _isoformat(date: datetime | None) -> str | None:
 
 @dataclass(frozen=True)
 class Visit(Result):
-    """One of the campaigns of a machine whose parameters are followed over time."""
+    """One campaign of a trend, and the probability that the machine changed just before it."""
 
     #: label of the campaign: its name, or its file path if the name is missing or not unique
     campaign: str
@@ -143,13 +143,19 @@ class Trend(Result):
     """Parameters of one machine over time, and whether one of them has changed.
 
     The table ``estimates`` has one row per campaign and parameter, in internal units (mm, N, rad).
-    Its columns are: campaign, date, parameter and unit; estimate, sd, ci_low and ci_high, from this
-    campaign alone; limit_low and limit_high, the 99.7 % control limits that follow from the earlier
-    campaigns if nothing changes (NaN for the first campaign); outside, whether the estimate is
-    outside these limits; change_here, the probability that the parameter changed just before this
-    campaign; and change_by_here, the probability that the parameter changed just before this
-    campaign or earlier. The estimates and limits in the table are computed with the instrument's
-    errors fixed at their posterior means. The JSON record does not contain the table.
+    It has the following columns:
+
+    - campaign, date, parameter and unit;
+    - estimate, sd, ci_low and ci_high: the result from this campaign alone;
+    - limit_low and limit_high: the 99.7 % control limits that follow from the earlier campaigns if
+      nothing changes (NaN for the first campaign);
+    - outside: whether the estimate is outside these limits;
+    - change_here: the probability that the parameter changed just before this campaign;
+    - change_by_here: the probability that the parameter changed just before this campaign or
+      earlier.
+
+    The estimates and limits in the table are computed with the instrument's errors fixed at their
+    posterior means. The JSON record does not contain the table.
 
     Examples
     --------
@@ -181,10 +187,10 @@ class Trend(Result):
     caveats: tuple[Caveat, ...]  #: limitations of the trend and of its campaigns
     #: table of the estimates from each campaign alone, one row per campaign and parameter
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    #: decisions on conformity with tolerances; the keys are the names of the quantities with a
-    #: tolerance. Each value is a dictionary of decisions, one for each campaign, whose keys are the
-    #: names of the campaigns. A decision follows from one campaign alone, and assumes a normal
-    #: distribution of the parameter.
+    #: decisions on conformity with tolerances, a dictionary of dictionaries. The outer keys are the
+    #: names of the quantities that have a tolerance, and the inner keys are the names of the
+    #: campaigns. A decision follows from one campaign alone, and assumes a normal distribution of
+    #: the parameter.
     conformity: Mapping[str, Mapping[str, Conformity]]
     #: stiffness by direction from each campaign alone, in the order of time; the keys are names
     #: such as k_min. Empty if the batches have no stiffness by direction.
@@ -235,11 +241,11 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
 
 
 def _table_row(name: str, parameter: ParameterChange) -> list[str]:
-    """Return the row of a parameter in the printed table of changes.
+    """Return the cells of one parameter's row in the printed table of a trend.
 
-    The row holds the name of the parameter, its present level, the part of the level's expanded
-    uncertainty U that is common to all campaigns, the probability of a change of the parameter, and
-    the size of this change, also in per cent. The size is replaced by a dash if the probability of
+    The cells are the name of the parameter, its present level ± U, the part of U that is common to
+    all campaigns, the probability that the parameter changed, and the size of this change ± U and
+    in per cent. U is the expanded uncertainty. The size is replaced by a dash if the probability of
     a change is negligible. The percentage is also replaced by a dash if the level before the change
     is too uncertain.
     """
@@ -327,10 +333,10 @@ def find_trend(
         Prior standard deviation of a change, in units of the parameter's reference standard
         deviation. For C_XXX, the default corresponds to 2e-5 mm/N.
     repeatability : float
-        Scale of the half-normal prior of r, in units of the parameter's reference standard
-        deviation. Here r is the standard deviation of the machine's parameters from campaign to
-        campaign, apart from a step. For C_XXX, the default corresponds to 1e-6 mm/N, which is 2 %
-        of a typical compliance of 5e-5 mm/N.
+        Scale of the half-normal prior of the machine's repeatability, in units of the parameter's
+        reference standard deviation. The repeatability is the standard deviation of the machine's
+        parameters from campaign to campaign, apart from a step. For C_XXX, the default corresponds
+        to 1e-6 mm/N, which is 2 % of a typical compliance of 5e-5 mm/N.
     probability : float
         Prior probability of a change.
     threshold : float
@@ -512,9 +518,8 @@ def _visits(
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
     names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds posterior
-    probabilities for r values of the machine's scatter from campaign to campaign, for the campaigns
-    2 to n, and for p parameters. Each is the probability that the scatter has this value and that
-    the parameter changed by a step just before the campaign.
+    probabilities. Each is the probability that one of p parameters changed just before one of the
+    campaigns 2 to n, and that the machine's scatter from campaign to campaign has one of r values.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -566,9 +571,9 @@ def _parameter_change(
         Gaussian distributions of levels, instrument errors and step under every hypothesis, see
         `hypotheses`.
     step_probabilities
-        Posterior probabilities for r values of the machine's scatter from campaign to campaign, and
-        for the campaigns 2 to n, shape (r, n − 1). Each is the probability that the scatter has
-        this value and that the parameter changed by a step just before the campaign.
+        Posterior probabilities, shape (r, n − 1). Each is the probability that the parameter
+        changed just before one of the campaigns 2 to n, and that the machine's scatter from
+        campaign to campaign has one of r values.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -660,10 +665,9 @@ def _estimates_table(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Posterior probabilities for r values of the machine's scatter from campaign to campaign, for
-        the campaigns 2 to n, and for p parameters, shape (r, n − 1, p). Each is the probability
-        that the scatter has this value and that the parameter changed by a step just before the
-        campaign.
+        Posterior probabilities, shape (r, n − 1, p). Each is the probability that one of the
+        parameters changed just before one of the campaigns 2 to n, and that the machine's scatter
+        from campaign to campaign has one of r values.
     prob
         Probability of the credible intervals.
     """
@@ -699,9 +703,9 @@ def _conformities(
 ) -> dict[str, dict[str, Conformity]]:
     """Return the decisions on conformity with tolerances for each quantity.
 
-    The keys are the names of the quantities, which are parameters or stiffnesses. Each value is a
-    dictionary of decisions, one for each campaign, whose keys are the names of the campaigns. Each
-    decision follows from one campaign alone. The uncertainties include the uncertainty due to the
+    The result is a dictionary of dictionaries. The outer keys are the names of the quantities
+    (parameters or stiffnesses), and the inner keys are the names of the campaigns. Each decision
+    follows from one campaign alone. The uncertainties include the uncertainty due to the
     instrument's errors, which is common to all campaigns.
 
     Parameters
@@ -741,10 +745,11 @@ def _conformities(
 
 
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
-    """Return the index, among ``parameters``, of the parameter to which a quantity belongs.
+    """Return the index in ``parameters`` of the parameter that determines a quantity.
 
-    The quantity is either a parameter itself or the stiffness of an axis. A stiffness belongs to
-    the direct compliance of the same axis. Raise an `InputError` if there is no such parameter.
+    The quantity is either a parameter itself or the stiffness along an axis. The stiffness along X,
+    for example, is determined by the compliance C_XXX. Raise an `InputError` if there is no such
+    parameter.
     """
     for j, name in enumerate(parameters):
         if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):

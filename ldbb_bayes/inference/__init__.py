@@ -1,4 +1,4 @@
-"""Inference from readings: the posterior, its diagnostics, its evidence and its predictions."""
+"""Inference from readings: posterior, diagnostics, evidence of models and predictions."""
 
 import lazy_loader
 

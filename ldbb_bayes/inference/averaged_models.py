@@ -33,11 +33,10 @@ class AveragedModel:
     #: the posterior probability of this model
     probability: float
     bound: BoundModel  #: one of the averaged models, applied to the campaign
-    #: indices of the parameters of one averaged model in the list of the p parameters of the
-    #: average over models
+    #: indices of the model's parameters among the p parameters of all averaged models
     places: NDArray[np.intp]
-    #: n posterior draws from one averaged model, shape (n, p), of all p parameters of the average
-    #: over models; parameters that the model lacks are zero
+    #: n posterior draws from one averaged model, shape (n, p). The p parameters are those of all
+    #: averaged models; the parameters that this model lacks are zero.
     beta: Array
     #: n posterior draws of the h hyper-parameters (such as the standard deviation of the noise)
     #: from one averaged model, shape (n, h); values that are lengths are in mm

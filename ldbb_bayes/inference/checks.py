@@ -139,7 +139,7 @@ class TestChecks(Result):
     autocorrelation_p: float | None
 
     def of(self, test: str) -> list[Check]:
-        """Return one posterior predictive check of a circular test for each of its p-values.
+        """Return the posterior predictive checks of a circular test, one for each p-value.
 
         ``test`` is the name of the circular test; each check states it.
         """
@@ -163,9 +163,10 @@ def all_checks(checks_by_test: Mapping[str, TestChecks]) -> list[Check]:
 
 
 def _surprise(check: Check) -> float:
-    """Return −ln p for the p-value of a posterior predictive check.
+    """Return −ln p of a check; checks are ranked by this number.
 
-    A p-value below ``_SMALLEST_P`` is first replaced by ``_SMALLEST_P``.
+    p is the posterior predictive p-value. A p-value below ``_SMALLEST_P`` is replaced by
+    ``_SMALLEST_P``.
     """
     return -math.log(max(check.p, _SMALLEST_P))
 
@@ -193,9 +194,9 @@ def effects_of_failures(
       check of a Fourier order fails, if the campaign has only one test, or if the prior is flat;
     - the widening of credible intervals, a number. Tests that fail a check of noise or
       autocorrelation may be noisier than modelled. Their noise is estimated from their readings at
-      the Fourier orders 13 to 16. The widening is the largest relative increase, due to this noise,
-      in the width of a credible interval. The widening is 0 if no check of noise or autocorrelation
-      fails.
+      the Fourier orders 13 to 16. The widening is the largest relative increase of the width of a
+      credible interval that this noise causes. The widening is 0 if no check of noise or
+      autocorrelation fails.
 
     Both items are computed at one value ``phi`` of the h hyper-parameters (such as the standard
     deviation of the noise), shape (h,). ``checks`` holds the p-values of each test; its keys are
@@ -253,12 +254,11 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 
 
 def _noise_variance_above_order_12(bound: BoundModel) -> Array:
-    """Return the variance of white noise that explains each test's readings at orders 13 to 16.
+    """Estimate the noise variance of each test from its readings at the Fourier orders 13 to 16.
 
-    The orders are Fourier orders. The variances are in mm², shape (tests,). The mean Fourier
-    coefficients of all tests with the same plane, radius and direction of travel are first
-    subtracted, because deviations that the machine repeats in all these tests are not noise.
-    ``bound`` is the model of the campaign.
+    The variances are in mm², shape (tests,). Deviations that the machine repeats are not noise. The
+    mean Fourier coefficients of all tests with the same plane, radius and direction of travel are
+    therefore first subtracted. ``bound`` is the model of the campaign.
     """
     setting = bound.setting
     coefficients = np.array([_coefficients_above_order_12(test) for test in tests_in_order(bound)])
