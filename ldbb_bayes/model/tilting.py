@@ -9,13 +9,13 @@ normal distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
-is bounded by its value at the saddle point. With this bound, rejection sampling is exact, and means
-of the weights are efficient estimates even if the probability of the constraints is very small
-(Botev, J. R. Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower
-limits of the shifted variables x_j − μ_j. There may be further constraints, which are linear
-combinations of the constraints above. Each further constraint bounds the last x_j on which it
-depends, from below or from above, and therefore only reduces the weights. The functions of this
-module process w sets of constraints at once.
+is bounded by its value at the saddle point. With this bound, rejection sampling is exact. The mean
+of the weights is an efficient estimate of the probability that all constraints hold, even if this
+probability is very small (Botev, J. R. Statist. Soc. B 79, 125-148, 2017). The e_j are called
+edges: they are the lower limits of the shifted variables x_j − μ_j. There may be further
+constraints, which are linear combinations of the constraints above. Each further constraint bounds
+the last x_j on which it depends, from below or from above, and therefore only reduces the weights.
+The functions of this module process w sets of constraints at once.
 """
 
 from __future__ import annotations
@@ -257,8 +257,8 @@ class Tilted(NamedTuple):
         follow from the constraints on x. ``x``, shape (d, s, w), holds s points of d coordinates
         for each of w sets of constraints. Each limit has the shape (s, w), or (1, w) if it is the
         same for all points. Only dependent constraints, which are linear combinations of the
-        independent constraints, can bound x_j from above. The upper limit is None if none of them
-        bounds x_j.
+        independent constraints, can bound x_j from above. Without such a constraint, the upper
+        limit is None.
         """
         # The first constraint on the vector x depends only on its first element x_0. The lower
         # limit of x_0 is therefore the same for all points x.
@@ -362,11 +362,12 @@ def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     There is one saddle point for each of w sets of d constraints unit · x ≥ bound on a standard
     normal vector x. ``unit``, shape (w, d, d), holds lower triangular matrices with ones on their
     diagonals; ``bound`` has the shape (w, d). Each element of x is drawn at random from a shifted
-    normal density, above the lower limit that a constraint and the elements before it set; its edge
-    is this limit minus the shift. Newton's method starts with the bounds as edges. If it fails, it
-    is started a second time, with approximate edges at the most probable x that satisfies the
-    constraints. If it fails again, raise an `InputError`, unless the probability of the constraints
-    is too small to matter; then the edges that the second search reached are returned.
+    normal density. The constraint and the elements drawn before give a lower limit of the element;
+    the edge is this limit minus the shift. Newton's method starts with the bounds as edges. If it
+    fails, it is started a second time, with approximate edges at the most probable x that satisfies
+    the constraints. If it fails again, an `InputError` is raised. If the probability of the
+    constraints is too small to matter, the edges that the second search reached are returned
+    instead.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)

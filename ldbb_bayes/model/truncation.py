@@ -84,7 +84,8 @@ class Truncation:
     def bounds(self) -> Array:
         """Lower and upper bound of each of the p parameters in the region A β ≥ 0, shape (p, 2).
 
-        In this region no compliance is negative. The bound is infinite where there is no limit.
+        In this region no compliance is negative. A bound is infinite if the region does not limit
+        the parameter.
         """
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
@@ -133,7 +134,7 @@ class Truncation:
 
 
 class _Block(NamedTuple):
-    """Parameters that have constraints in common, directly or through other parameters."""
+    """Parameters that are linked by constraints, directly or through other parameters."""
 
     columns: NDArray[np.intp]  # indices of the parameters in the block
     rows: NDArray[np.intp]  # indices of the constraints on the parameters in the block
@@ -335,11 +336,11 @@ def _eliminate_last(
     below, above = _opposite_pairs(last)
 
     def combine(values: Array) -> Array:
-        """Return the coefficients, or the lower bounds, of the new constraints.
+        """Return the coefficients, or the bounds, of the constraints without the last coordinate.
 
-        The new constraints do not contain the last coordinate. They are the old constraints that do
-        not contain it, and sums of two old constraints in which it cancels. ``values`` holds the
-        coefficients, or the lower bounds, of the old constraints, with one row for each constraint.
+        These are the old constraints that do not contain the last coordinate, and sums of two old
+        constraints in which it cancels. ``values`` holds the coefficients, or the lower bounds, of
+        the old constraints, with one row for each constraint.
         """
         scale = last.reshape(-1, *[1] * (values.ndim - 1))
         pairs = values[below] / scale[below] - values[above] / scale[above]

@@ -27,7 +27,7 @@ from ldbb_bayes.parallel.versions import versions
 
 __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
-# Longest time for which this program waits for the answer of a Dask scheduler [s].
+# Longest time that this program waits for the answer of a Dask scheduler [s].
 ANSWER_S = 10.0
 # Number of threads of this process that wait for results of Dask workers. Each thread waits for one
 # job, so that Dask has at most this number of jobs at a time.
@@ -142,7 +142,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
 
 class _DaskExecutor(Executor):
-    """Executor whose threads send jobs to Dask workers; each thread waits for one job at a time."""
+    """Executor with several threads, each of which sends one job at a time to Dask workers."""
 
     def __init__(self, client: Any) -> None:
         """Create an executor for Dask workers; ``client`` is the connection to Dask's scheduler."""
@@ -211,7 +211,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 def _check_workers(client: Any, scheduler: str) -> None:
     """Raise an `InputError` if a Dask worker has several threads or differing library versions.
 
-    A worker with versions that differ from those of this process would fail or give other results.
+    If the versions differ from those of this process, the worker could fail or give other results.
     If the scheduler has no workers yet, give a warning. ``client`` is Dask's connection to the
     scheduler, and ``scheduler`` its address, used in messages.
     """

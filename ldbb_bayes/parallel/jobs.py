@@ -29,9 +29,9 @@ _JOBS_PER_WORKER = 4
 # Largest number of jobs that are submitted and not yet finished, for an executor whose number of
 # workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Lock that makes jobs in threads of one process run one at a time, because these threads share BLAS
-# (the linear algebra library behind NumPy) and the filters of warnings. One thread may take the
-# lock twice, because a job may itself run jobs.
+# Lock with which jobs in threads of one process run one at a time. The threads must not run at the
+# same time, because they share the linear algebra library BLAS and the filters of warnings. One
+# thread may take the lock twice, because a job may itself run jobs.
 _TURN = threading.RLock()
 
 
@@ -63,12 +63,13 @@ def done(
 ) -> Iterator[tuple[int, R | Lost]]:
     """Yield the index (from 0) and the result of every job, in the order in which jobs finish.
 
-    Each job uses one thread of BLAS, the linear algebra library behind NumPy. A job whose worker
-    process dies (killed, out of memory) is repeated alone after all other jobs; if the worker
-    process dies again, the result of the job is `Lost`. With an executor of threads, jobs run one
-    at a time; an executor of processes is faster, but the function must then be importable, and
-    jobs and results must be picklable. Jobs are taken from ``jobs`` only when they are needed. When
-    the iterator that this function returns is closed, pending jobs are cancelled.
+    Each job uses one thread of BLAS, the linear algebra library behind NumPy. If the worker process
+    of a job dies, for example because it lacks memory, the job is repeated alone after all other
+    jobs. If the worker process dies again, the result of the job is `Lost`. With an executor of
+    threads, jobs run one at a time. An executor of processes is faster, but requires that the
+    function can be imported, and that jobs and results can be pickled. Jobs are taken from ``jobs``
+    only when they are needed. When the iterator that this function returns is closed, pending jobs
+    are cancelled.
 
     Parameters
     ----------
@@ -122,7 +123,8 @@ def done(
                 yield attempt.index, Lost()
             else:
                 retries.append(_Attempt(attempt.index, attempt.job, is_last=True))
-            # The result of a job must not stay in memory while this process waits for the next job.
+            # The result is deleted here, so that it does not stay in memory during the wait for the
+            # next job.
             del future
     except BrokenExecutor as error:
         raise InputError(
@@ -166,7 +168,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
 
 
 def _limit_in_flight(executor: Executor | None) -> int:
-    """Return how many jobs may be submitted to an executor before their results are awaited."""
+    """Return the largest number of jobs that are submitted to an executor and not yet finished."""
     if executor is None:
         return 1
     workers: int = getattr(executor, "workers", 0)

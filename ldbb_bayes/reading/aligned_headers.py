@@ -1,6 +1,6 @@
-"""Headers whose names hold blanks, above aligned columns: ``Angle (deg)   2 bar   4 bar``.
+"""Headers of aligned columns with names that contain blanks: ``Angle (deg)   2 bar   4 bar``.
 
-At least two blanks stand between the names of such a header.
+Between two names, such a header has at least two blanks.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ _FEWEST_ROWS = 2
 def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
     """Return rows in which each name of a header above numbers is one cell.
 
-    A row above numbers is split where it has at least two blanks, if this gives one name for each
-    column and a split at every blank does not. All other rows are returned unchanged.
+    The rows were split at every blank, which divides a name such as ``Angle (deg)`` into two cells.
+    If a row above numbers has too many cells for this reason, it is split only where it has at
+    least two blanks. All other rows are returned unchanged.
 
     Parameters
     ----------
@@ -51,11 +52,11 @@ def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]
 
 
 def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
-    """Return whether the numbers of a table begin at the row with the index ``first``.
+    """Return whether numbers begin at the row ``first``, below a row with another number of cells.
 
-    The result is False if the row above has as many cells as the rows of numbers: this row then
-    needs no other split. ``rows`` are the rows of the text, split at every blank. If the names of a
-    header hold blanks, this split gives too many cells.
+    If the row above has as many cells as the rows of numbers, its cells are the names of the
+    columns, and it need not be split in another way. ``rows`` are the rows of the text, split at
+    every blank.
     """
     width = len(rows[first].cells)
     below = rows[first : first + _FEWEST_ROWS]

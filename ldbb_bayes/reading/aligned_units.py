@@ -1,4 +1,4 @@
-"""Rows of units that stand below the names of aligned columns, some of which have no unit.
+"""Rows of units below the names of aligned columns, where some columns have no unit.
 
 An example is a row with ``deg`` and ``um`` below ``No  Angle  Deviation  Temp``. Each unit belongs
 to the column whose name stands above it, or whose numbers stand below it.
@@ -19,9 +19,9 @@ from ldbb_bayes.reading.unit_rows import COMMENT_SIGN, joined_factors, row_of_un
 
 __all__ = ["with_aligned_units"]
 
-# Largest number of rows above the numbers among which the header and the row of units are.
+# The header and the row of units are looked for in at most this number of rows above the numbers.
 _HEADER_ROWS = 4
-# The places of the columns in the lines of a text file are determined from this number of rows.
+# Number of rows from which the places of the columns in the lines of a text file are determined.
 _SAMPLE_ROWS = 9
 # Regular expressions for the names of columns in a header line that has no separators but blanks.
 # The first expression is for names without blanks, the second for names with single blanks.
@@ -87,9 +87,10 @@ def _holds_numbers(row: Row) -> bool:
 
 
 def _line_above(rows: Sequence[Row], lines: Sequence[str]) -> str:
-    """Return the line of the last row that is not a line of dashes, as the file writes it.
+    """Return the line of the last of several rows that is not a line of dashes.
 
-    The result is empty if there is no such row. ``lines`` are all lines of the text.
+    The line is returned as the file writes it. The result is empty if all rows are lines of dashes.
+    ``lines`` are all lines of the text.
     """
     rows_of_words = [row for row in rows if not is_rule(row.cells)]
     if not rows_of_words:
@@ -127,7 +128,7 @@ def _units_with_places(row: Row, lines: Sequence[str]) -> list[_Word]:
 
 
 def _places_of_columns(header: str, numbers: Sequence[str], width: int) -> list[_Word]:
-    """Return the place of each column of a table: the place of its name and its numbers.
+    """Return where the name and the numbers of each column begin and end in a line.
 
     The list is empty if the line of the header does not hold one name for each column.
 
@@ -162,8 +163,8 @@ def _aligned_columns(units: Sequence[_Word], places: Sequence[_Word]) -> list[in
 
     A unit aligns with the column whose place in the line overlaps the unit most, or else with the
     nearest column. Units do not align if a unit is equally near to two columns, or if two units
-    align with the same column.
-    ``units`` and ``places`` hold the beginnings and ends of the units and of the columns in a line.
+    align with the same column. ``units`` and ``places`` hold the beginnings and ends of the units
+    and of the columns in a line.
     """
     if not places:
         return []

@@ -50,8 +50,8 @@ _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
 # Regular expression for negations, such as "not".
 _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
-# Regular expression for words such as "step". A line about angles with such a word states neither
-# the axis at which angles begin nor their sense.
+# Regular expression for words, such as "step", which show that a line about angles does not state
+# where angles begin or in which sense they run.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
 # Regular expression for words, such as "compass", which show that angles are counted clockwise from
 # north.
@@ -73,8 +73,8 @@ _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
 # Regular expression for words that mean an angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
-# Regular expression for words which show that an axis in the same text has another meaning: it is
-# not where angles begin.
+# Regular expression for words which show that an axis in the same text is not the axis at which
+# angles begin.
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
 # Regular expression for an angle of zero, such as "0° =" or "zero at", after which an axis may
 # follow.
@@ -120,9 +120,8 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
 
     If the user states the sign or the offset of the angles, only these two values are used.
     Otherwise, the conversion follows from the axis at which angles begin and the sense in which
-    they run. The axis is taken from the user's statement or else from words in the file, and so is
-    the sense. If nothing is stated, angles are counted counter-clockwise from the plane's first
-    axis.
+    they run. Axis and sense are those that the user states, or else those that words in the file
+    state. If nothing is stated, angles are counted counter-clockwise from the plane's first axis.
 
     Parameters
     ----------
@@ -172,7 +171,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line states where angles begin, or their sense, in words not understood.
+    """Return whether a line about the start or the sense of angles is not understood.
 
     Angles begin at an axis, such as +Y. Their sense is clockwise or counter-clockwise.
     """
@@ -256,9 +255,10 @@ def _note_words(
 def _agreed_statement(recording: Recording, subject: str, stated: list[str]) -> str:
     """Return the axis at which a file says that angles begin, or their sense (CW or CCW).
 
-    ``subject`` is "zero" for the axis, and "sense" for the sense. ``stated`` has an entry for each
-    place in the file that may state it; the entry is empty if the place does not. The result is an
-    empty string if no place states it. Raise an `InputError` if places contradict each other.
+    ``subject`` is "zero" for the axis, and "sense" for the sense. ``stated`` holds the axis or the
+    sense that each place in the file states, or an empty string for a place that states none. If no
+    place states one, the result is an empty string. Raise an `InputError` if places contradict each
+    other.
     """
     values = list(dict.fromkeys(value for value in stated if value))
     if len(values) > 1:
@@ -396,7 +396,7 @@ def _check_reversed(
 
     ``source`` tells where the text is, such as "line 3". ``is_header`` states whether the text is
     the header of the column of angles. Any other text causes the error only if it has a word for
-    angles. No error is raised if the user states the sense or the sign of angles.
+    angles. If the user states the sense or the sign of angles, no error is raised.
     """
     layout = recording.layout
     if layout.angle_sense is not None or layout.angle_sign is not None:

@@ -13,8 +13,8 @@ __all__ = ["NOTHING_STATED", "Assumption", "AssumptionLog", "shown_list"]
 
 #: reason for a value that is assumed because nothing in the files states it
 NOTHING_STATED = "nothing says otherwise"
-# Reason that replaces ``NOTHING_STATED`` if the files have texts from which nothing was taken,
-# because one of these texts may state the value.
+# Reason for a value that is assumed although texts in the files were not understood. One of these
+# texts may state the value.
 _NOTHING_UNDERSTOOD = "no text that is understood says otherwise"
 
 
@@ -104,7 +104,7 @@ class AssumptionLog:
     def allow_for_unused_texts(self) -> None:
         """Change the reason of all assumptions that are made because nothing states a value.
 
-        The changed reason admits that a text that is not understood may state the value.
+        The new reason says that no text that is understood states the value.
         """
         places_of_entries: dict[_Entry, list[str]] = {}
         for entry, places in self._places.items():
@@ -114,7 +114,7 @@ class AssumptionLog:
         self._places = places_of_entries
 
     def keep(self, **fields: Any) -> None:
-        """Store values that were found in one sheet for fields of the layout.
+        """Store values for fields of the layout, such as the separator, that were found in a sheet.
 
         The method `layout` completes the user's layout with these values. The keyword arguments are
         fields of the layout, such as ``separator=";"``. The value None means that the layout need

@@ -72,7 +72,7 @@ class _StatedValue(NamedTuple):
 
     value: Any
     source: str | CitedLine  # line or name that states the value of the field, such as "line 3"
-    # place that states the value of the field, as error messages name it; for a line, the place
+    # name, in error messages, of the place that states the value of the field; for a line, the name
     # includes the file, as in "line 3 of …"
     place: str
 
@@ -259,11 +259,10 @@ def _note_contradictions(
 def _plane_of_column(recording: Recording, plane: str) -> str:
     """Return the plane that the user or a column states for a test.
 
-    ``plane`` is the plane that `_certain_value` returns. It is returned unchanged, with one
-    exception: if the letters of the column's plane are swapped, as in XZ, and the option --plane
-    states the same plane by its usual name, ZX, the usual name is stored and returned. If the
-    column and the option state different planes, a note is added to the log. Raise an `InputError`
-    for an unknown plane in the column.
+    Usually, this is ``plane``, which `_certain_value` returns. If the column swaps the letters of
+    the plane, as in XZ, and the option --plane states the usual name ZX, this name is stored and
+    returned. If the column and the option state different planes, a note is added to the log. Raise
+    an `InputError` for an unknown plane in the column.
     """
     option = recording.campaign.get("plane")
     column_plane = recording.fields.get("plane")
@@ -300,19 +299,19 @@ def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str])
     """Return whether files state a single plane and all tests are in this plane.
 
     The keys of ``places`` are the planes that lines and names state, and the values say which line
-    or name states each. A test without a plane is not in the stated plane.
+    or name states each. If a test has no plane, the result is False.
     """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
 
 
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
-    """Set the field ``key`` of the campaign; its files may state different values of this field.
+    """Set the field ``key`` of the campaign from the different values that its files state.
 
-    If the files name several people, places or instruments, the field lists all of them. Of several
-    dates of calibration, the latest is used; of several dates of measurement, the earliest. If the
-    files state different feeds, the feed of the campaign is not set. ``values`` are the different
-    values that the files state.
+    If the files name several people, places or instruments, the field lists all of them. The latest
+    of several dates of calibration is used, and the earliest of several dates of measurement. If
+    the files state different feeds, the feed of the campaign is not set. ``values`` are the
+    different values that the files state.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
@@ -426,10 +425,10 @@ def note_assumed_fields(
 
 
 def _without_doubt(reason: CitedLine) -> CitedLine:
-    """Return the note on a line with a length that may be the radius, such as ``R=150``.
+    """Return the note on a length such as ``R=150``, without its remark if it is the usual radius.
 
-    A length that agrees with the usual radius changes nothing. The words of the note which say that
-    the length is not used are then left out.
+    The length may be the radius. The remark says that the length is not used. It is left out for
+    150 mm, because this radius is assumed anyway.
     """
     if _USUAL_RADIUS.fullmatch(reason.quoted):
         return quoted_line(reason.line, reason.quoted)

@@ -1,8 +1,8 @@
 """Reading of a circle's centre from a line such as ``centre X 300 Y -120 mm``.
 
-A campaign states centres in machine coordinates. A line may state a centre in the coordinates of a
-programme or of a workpiece. A centre is therefore not used, but only shown in a note, if the line
-is a comment in a programme or has words for such other coordinates.
+A campaign states centres in machine coordinates, but a line may state a centre in the coordinates
+of a programme or a workpiece. If a line is a comment in a programme or has words for such
+coordinates, its centre is only shown in a note.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _Centre(NamedTuple):
     # number of the line that states the centre of the circle; for a line of another sheet, a text
     # such as "3 of notes.txt"
     line: int | str
-    text: str  # the words of the line that state the centre of the circle
+    text: str  # words of the line that state the centre of the circle
     #: machine coordinates [mm] that a line states for the centre of the circle; the keys are names
     #: of fields, such as ``centre_x_mm``; empty if the line states the centre in other coordinates,
     #: in another unit, or without the letters of the axes

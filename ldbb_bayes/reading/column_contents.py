@@ -56,11 +56,11 @@ _CONDITIONS = ("force", "pressure", "direction")
 def with_condition_that_names_tests(
     sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
 ) -> Heading:
-    """Return a heading in which the column that names tests also states their force.
+    """Return a heading in which the column that names tests is also the column of their forces.
 
-    The user must state which column names tests. The header of this column must name the force and
-    nothing else, or have a unit of force, and its cells must be numbers. The same holds for a
-    pressure, and for a direction with cells such as ``CW``. Any other heading is returned
+    This is done if the user states which column names tests, if the header of this column names
+    only the force or has a unit of force, and if the cells are numbers. A column of pressures, or
+    of directions such as ``CW``, is treated in the same way. Any other heading is returned
     unchanged.
 
     Parameters
@@ -148,9 +148,9 @@ def name_plane_column(
     Raises
     ------
     InputError
-        If one or more columns hold planes, but not exactly one of them has a header with a word for
-        plane. The error is also raised if the header of a column has a word for plane, but some of
-        its cells name no plane.
+        If columns hold planes, but none or several of them have a header with a word for plane. The
+        error is also raised if the header of a column has a word for plane, but some of its cells
+        name no plane.
     """
     if "plane" in heading.headers:
         return heading
@@ -236,7 +236,7 @@ def check_directions(
 ) -> None:
     """Raise an `InputError` for an unused column that may hold directions of travel.
 
-    The cells of such a column are words such as CW, or they are signs such as + and − and the
+    The cells of such a column are words such as CW. They may also be signs such as + and −, if the
     header has a word for travel. No error is raised if the user states directions, or if another
     column is known to hold directions. ``heading`` is the heading of the table, and ``cells`` holds
     the cells of each column.

@@ -113,8 +113,8 @@ _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
-# Largest number of headers whose name, unit and roles are stored after they have been found,
-# because many steps of an import need them again.
+# The name, unit and roles of at most this number of headers are kept in memory, because many steps
+# of an import need them again.
 _KEPT_HEADERS = 4096
 # Regular expression for a cell of dashes or similar signs that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")
@@ -135,8 +135,8 @@ def unit_of(header: str) -> Header:
 
     The unit is empty if the header states none. An unknown unit, in brackets or after "in", is
     returned as the text in the header; later code raises an error for it only if the column is
-    used. If a header states two different units of the same quantity, such as
-    mm and µm, both are returned as one text, which later code treats as an unknown unit.
+    used. If a header states two different units of the same quantity, such as mm and µm, both are
+    returned as one text, which later code treats as an unknown unit.
     """
     header = joined_prefixes(header)
     stated = _with_multiplier(_unit_between_dots(header) or _name_and_unit(header))
@@ -171,7 +171,7 @@ def _unit_between_dots(header: str) -> Header | None:
 
 
 def _with_multiplier(stated: Header) -> Header:
-    """Return the name and unit of a header; words that multiply the unit become part of it.
+    """Return the name and unit of a header, where words that multiply the unit become part of it.
 
     For the name "Angle half" and the unit deg, the unit is the text "half deg". Later code raises
     an error for such a text unless it is a known fraction of a unit, such as "tenths of a deg".
@@ -320,7 +320,7 @@ def _unit_at_end(header: str) -> Header:
 
 
 def _unread_unit_at_end(header: str) -> Header:
-    """Return the name and the unit of a header whose last word is a unit that no option reads.
+    """Return the name and the unit of a header that ends with a unit not known to this package.
 
     Examples are a force in oz, and a reading in "tenths", which may be tenths of several units. The
     unit is empty if the header ends with another word, or names another quantity.
@@ -334,7 +334,7 @@ def _unread_unit_at_end(header: str) -> Header:
 
 @cache
 def _plain_words(role: str) -> tuple[str, ...]:
-    """Return the words for a role of a column without accents."""
+    """Return the words, without accents, that name a role of a column."""
     return tuple(without_accents(word) for word in ROLES[role])
 
 
@@ -454,10 +454,9 @@ def find_columns(
     ------
     InputError
         If a stated column does not exist, if several columns could have the same role, or if a
-        table has both several columns of readings and a column that names tests. The error is also
-        raised for a table without a header in two cases: if the layout states roles, but does not
-        state the column of readings and the column of angles or times; and if the layout states no
-        role and the table does not have exactly two columns.
+        table has both several columns of readings and a column that names tests. For a table
+        without a header, the layout must state the column of readings and the column of angles or
+        times. If it states no column at all, the table must have exactly two columns.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -576,15 +575,14 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
     """Find the column whose header names ``role``, such as time, and record it in ``roles``.
 
-    Columns that already have a role are not considered. Several columns are accepted in one case:
-    if their headers state loads, such as 36 N, are numbers, or name runs, such as Run 1, each
-    column holds the readings of a separate test. Columns named after runs are found with the role
-    "test", but are recorded as readings if no others are known. Otherwise, raise an `InputError` if
-    several columns could have the role. A single column with the role "test" says to which test
-    each row belongs. A column whose header
-    is a field of a test (`PER_TEST`), such as ``force_N``, gets no role here, unless it holds the
-    readings. Raise an `InputError` if a column of readings holds angles. ``place`` names the table
-    in error messages. ``headers`` are the headers of all columns.
+    Columns that already have a role are not considered. If several columns could have the role, an
+    `InputError` is raised, unless each column holds the readings of a separate test. The headers of
+    such columns state loads, as in 36 N, are numbers, or name runs, as in Run 1. Columns of runs
+    are found with the role "test", but are recorded as readings if no other readings are known.
+
+    A column whose header is a field of a test (`PER_TEST`), such as ``force_N``, gets no role here,
+    unless it holds the readings. Raise an `InputError` if a column of readings holds angles.
+    ``place`` names the table in error messages. ``headers`` are the headers of all columns.
     """
     free = _free_columns(role, roles, headers)
     candidates = _candidates(role, free, headers)
@@ -819,7 +817,7 @@ def _numbers_of(columns: Sequence[int]) -> str:
 def _unknown_column(place: str, role: str, reference: str, headers: Sequence[str]) -> InputError:
     """Return the error for a column that the user names, but that the table does not have.
 
-    ``reference`` is the name that the user states for the column of this role, and ``headers`` are
+    ``reference`` is the header or the number by which the user names the column. ``headers`` are
     the headers of the table.
     """
     candidates = ", ".join(repr(header[:LONGEST_NAME]) for header in headers if header)

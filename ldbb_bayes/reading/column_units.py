@@ -39,14 +39,14 @@ _SENSITIVITY = re.compile(
 )
 # Units of angles that are gon in some languages and degrees in others.
 _GRADS = ("gr", "grad", "g")
-# Units of mass, which may stand for the weight of this mass.
+# Units of mass. If a file states a force in one of these units, the error message advises kgf.
 _KILOGRAMS = ("kg", "kgs", "kilogram", "kilograms", "kilogramm")
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
 
 
 class _UnitEvidence(NamedTuple):
-    """Units of a column, as one place in the file, such as a line or the cells, states them."""
+    """Units of a column that one place in the file states, such as a line or the cells."""
 
     # unit of the column's number in each row, or one unit for all rows; a unit that this package
     # does not know is stored as the file writes it
@@ -104,7 +104,7 @@ def unit_size(
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
     # Several places in the file may state the unit of the column. Places that state a unit for
-    # every row come first. A place that states no unit for some rows does not contradict them.
+    # every row come first. They are not contradicted by a place that states no unit for some rows.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:
@@ -250,10 +250,9 @@ def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
 
     A role is what the column holds, such as angle or reading. Some instruments give readings in
     counts (digital steps), and a line above the table may state the size of one count. If the
-    readings are in counts or have no stated unit, this size is returned as their unit. So is the
-    size of one count of an encoder for angles whose header has a word for counts, and the time
-    between samples for times that are the numbers of samples. Times of day
-    are treated as times with the unit s in their header.
+    readings are in counts or have no stated unit, this size is returned as their unit. The unit of
+    angles in counts is the size of one count of the encoder. The unit of times that are numbers of
+    samples is the time between samples. Times of day have the unit s.
     """
     evidence = []
     for row_units in recording.row_units.get(role, ()):

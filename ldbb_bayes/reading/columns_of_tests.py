@@ -1,7 +1,8 @@
 """Columns that may name the test of each row, or hold the readings of a further test.
 
-Two error messages name such columns to help the user: that the rows of one test have different
-directions of travel, and that the user states more forces or pressures than a table has tests.
+Two error messages name such columns to help the user. One says that the rows of one test have
+different directions of travel. The other says that the user states more forces or pressures than a
+table has tests.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Conversion of dates to ISO 8601. Months may be numbers, or names in English or German."""
+"""Conversion of dates to ISO 8601. Months may be numbers, or names in several languages."""
 
 from __future__ import annotations
 

@@ -19,9 +19,9 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# Options for the random shift between circles. The readings' zero and the circle's centre both
-# shift, with one common sd (``together``) or with separate sds (``apart``), or only one of them
-# shifts (``zero``, ``centre``).
+# What shifts at random between circles: the readings' zero and the circle's centre with a common sd
+# (``together``), both with separate sds (``apart``), only the zero (``zero``), or only the centre
+# (``centre``).
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
@@ -30,8 +30,8 @@ Covariate = Literal["time", "temperature"]
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
 # one direction. In such a plane, hysteresis cannot be distinguished from bar length, geometric
-# errors and compliances, whose effects also have orders up to this number. (Only the compliance
-# that relates a rotation to a moment can also have an effect of order 4.)
+# errors and compliances, whose effects also have orders up to this number. An effect of order 4 is
+# possible only for the compliance that relates a rotation to a moment.
 _ONE_WAY_ORDERS = 3
 # If all circles of a plane run in one direction, the prior sd of the part of hysteresis that is
 # proportional to force is multiplied by this number.
@@ -45,8 +45,8 @@ class SetupShift(Term):
     A shift of the zero adds a constant to the readings of a circle (order 0). A shift of the centre
     adds multiples of cos θ and sin θ (order 1), where θ is the angle on the circle. Every test has
     separate coefficients. Their prior sds are hyper-parameters: one sd δ for zero and centre, or
-    separate sds δ_0 and δ_1. The field ``moves`` selects these options; it can also restrict the
-    shift to the zero or to the centre, with the sd δ.
+    separate sds δ_0 and δ_1, as the field ``moves`` states. This field can also restrict the shift
+    to the zero or to the centre.
 
     Examples
     --------
@@ -56,9 +56,9 @@ class SetupShift(Term):
     ['delta_0', 'delta_1']
     """
 
-    #: what shifts at random from one circle to the next: both the readings' zero and the circle's
-    #: centre, with one common sd (``together``) or with separate sds (``apart``); or only the zero
-    #: (``zero``) or only the centre (``centre``)
+    #: what shifts at random between circles: the readings' zero and the circle's centre with a
+    #: common sd (``together``), both with separate sds (``apart``), only the zero (``zero``), or
+    #: only the centre (``centre``)
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
@@ -78,7 +78,7 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the random shift between circles as noise of coefficients of 1, cos θ, sin θ.
+        """Return the random shift between circles as noise of the Fourier orders 0 and 1.
 
         The coefficient of 1 is the shift of the readings' zero; the coefficients of cos θ and sin θ
         are the shift of the circle's centre. The field ``moves`` states whether zero, centre or
@@ -96,11 +96,12 @@ class SetupShift(Term):
 
 @dataclass(frozen=True)
 class Discrepancy(Term):
-    """Model inadequacy and variation between circles, in harmonics of the orders n = 2 … 12.
+    """Deviation of each circle from the model, in harmonics of the orders n = 2 … 12.
 
-    The harmonics are cos nθ and sin nθ, where θ is the angle on the circle. Every test has separate
-    coefficients. Their prior sd is κ/n^decay, with the hyper-parameter κ and the fixed exponent
-    ``decay``.
+    The deviation is due to effects that the model lacks, and to variation from one circle to the
+    next. The harmonics are cos nθ and sin nθ, where θ is the angle on the circle. Every test has
+    separate coefficients. Their prior sd is κ/n^decay, with the hyper-parameter κ and the fixed
+    exponent ``decay``.
 
     Examples
     --------
@@ -111,18 +112,17 @@ class Discrepancy(Term):
     array([0. , 0. , 0. , 0.5, 0.5])
     """
 
-    #: exponent with which the prior sd of the discrepancy (model inadequacy, and variation between
-    #: circles) decreases with the order n of the harmonics cos nθ, sin nθ. The sd is κ/n^decay,
-    #: with the hyper-parameter κ
+    #: exponent in the prior sd κ/n^decay of the harmonics cos nθ and sin nθ, where κ is a
+    #: hyper-parameter
     decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the discrepancy, described as noise of the Fourier coefficients of orders 2 to 12.
+        """Return the deviations of circles from the model as noise of the Fourier orders 2 to 12.
 
-        The discrepancy consists of model inadequacy and variation from one circle to the next. The
-        noise is independent between the tests of a campaign. ``setting`` describes the test
+        The deviations are due to effects that the model lacks, and to variation between circles.
+        The noise is independent between the tests of a campaign. ``setting`` describes the test
         conditions.
         """
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
@@ -150,7 +150,7 @@ class CircleScale(Term):
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the factors λ on the noise of the circles; each factor is a hyper-parameter.
+        """Return the hyper-parameters λ, each of which multiplies the noise of one circle.
 
         ``setting`` describes the test conditions. The result is an empty tuple for campaigns with
         fewer than four tests.
@@ -163,11 +163,7 @@ class CircleScale(Term):
         return tuple(scales)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return an empty tuple, whatever the test conditions (``setting``) are.
-
-        The factors λ on the noise of single circles need no columns, because they only scale the
-        noise of other terms.
-        """
+        """Return no columns, because the factors λ only multiply the noise of other terms."""
         return ()
 
 
@@ -230,11 +226,11 @@ class Hysteresis(Term):
     #: ``fixed``. In all other cases this sd is the hyper-parameter η.
     constant_um: float = 2.0
     #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
-    #: [µm/kN]; in planes with one direction of travel, the prior sd is 0.6 of this value
+    #: [µm/kN]. In planes with one direction of travel, the prior sd is 0.6 times this value.
     proportional_um_per_kN: float = 2.0
-    #: kind of prior for the part of hysteresis that does not depend on force, in planes with both
-    #: directions of travel: if ``sampled``, its sd at Fourier order 1 is the hyper-parameter η; if
-    #: ``fixed``, the sd is ``constant_um``
+    #: how the prior sd of the part of hysteresis that does not depend on force is set in planes
+    #: with both directions of travel. At Fourier order 1, the sd is the hyper-parameter η
+    #: (``sampled``) or the field ``constant_um`` (``fixed``)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
@@ -302,11 +298,11 @@ class Hysteresis(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return a description in words of the harmonic of a hysteresis coefficient.
+        """Return words for the harmonic of a hysteresis coefficient, such as `` in cos 2θ``.
 
-        For example, hysteresis_force_cos2 gives `` in cos 2θ times force``. Reports append these
-        words to the name of the term. If the coefficient's name contains a plane, the words name
-        the plane too.
+        The words for hysteresis_force_cos2 are `` in cos 2θ times force``. If the coefficient's
+        name contains a plane, the words name the plane too. Reports append the words to the name of
+        the term.
         """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
@@ -348,12 +344,13 @@ def _columns_of_plane(
 class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
 
-    Let u be the time [h] or the temperature [K] of a test, minus the mean of all tests of the
-    campaign; ``over`` chooses time or temperature. A drift of the bar's length changes the reading
-    by u times one coefficient. A drift of the circle's centre changes the reading by u B̂ · c. B̂
-    is the unit vector along the bar, and the vector c holds one coefficient for each coordinate of
-    the centre. ``length_um`` and ``centre_um`` are the prior sds of the coefficients, per hour or
-    kelvin. For comparison, a steel bar of 150 mm grows by 1.7 µm/K.
+    Let u be the time [h] or the temperature [K] of a test, minus its mean over all tests of the
+    campaign. The field ``over`` states whether u is a time or a temperature. A drift of the bar's
+    length changes the reading by u times one coefficient. A drift of the circle's centre changes
+    the reading by u B̂ · c. B̂ is the unit vector along the bar, and the vector c holds one
+    coefficient for each coordinate of the centre. ``length_um`` and ``centre_um`` are the prior sds
+    of the coefficients, per hour or kelvin. For comparison, a steel bar of 150 mm grows by 1.7
+    µm/K.
 
     If the time is missing for at least one test, the model assumes that the tests were run in the
     order in which they are listed, one every six minutes. If the tests were run in random order

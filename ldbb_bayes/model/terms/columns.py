@@ -21,17 +21,17 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Word that stands for the parameters of interest where each coefficient of a model is listed with
-# the class name of its nuisance term (an effect modelled but not of interest). The parameters of
-# interest belong to no nuisance term.
+# Lists of a model's coefficients state the class name of the nuisance term (an effect modelled but
+# not of interest) to which each coefficient belongs. For the parameters of interest, which belong
+# to no nuisance term, they state this word.
 OWN = "Parameters"
-# Word that stands for the white noise of the readings where each source of noise is listed with the
-# class name of its nuisance term (an effect modelled but not of interest). The white noise belongs
-# to no nuisance term.
+# Lists of the sources of noise state the class name of the nuisance term (an effect modelled but
+# not of interest) that causes each noise. For the white noise of the readings, which belongs to no
+# nuisance term, they state this word.
 NOISE = "ReadingNoise"
-# The scale τ of the balls' form errors, and the scale ω of the machine's errors of higher orders,
-# apply to harmonics cos nθ, sin nθ of this order n. At any other order, the scales are multiplied
-# by (n/6)^(−decay).
+# Order of the harmonics to which the scale τ of the balls' form errors and the scale ω of the
+# machine's errors of higher orders apply. For harmonics of another order n, the scales are
+# multiplied by (n/6)^(−decay).
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter: half-normal for standard deviations, decay for
 # the exponent p (the prior sd of a form error of order n is proportional to n^(−p)), circle for the
@@ -127,10 +127,9 @@ class Columns(Shown):
     Raises
     ------
     InputError
-        If the shapes of ``values`` or ``sd`` do not agree with the number of names; if a prior mean
-        is given although the coefficients have separate values in every test (``private``); or if
-        ``circle`` names noise factors of circles although the coefficients have the same values in
-        all tests.
+        If the shapes of ``values`` or ``sd`` do not agree with the number of names. The error is
+        also raised if coefficients with separate values in every test (``private``) have a prior
+        mean, or if other coefficients have noise factors of circles (``circle``).
 
     Examples
     --------
@@ -162,8 +161,8 @@ class Columns(Shown):
     #: interest), in internal units (mm, N, rad), shape (p,), or one number for all; by default
     #: zero. It must be zero if coefficients have a separate value in every test
     mean: Any = None
-    #: name of the hyper-parameter d in a prior sd that is proportional to (n/6)^(−d), where n is
-    #: the order of the harmonic. None if the prior sd does not depend on the order
+    #: name of the hyper-parameter d if the prior sd is proportional to (n/6)^(−d), where n is the
+    #: order of the harmonic; None if the prior sd does not depend on the order
     decay: Hyper | None = None
     #: order n of the harmonic cos nθ or sin nθ to which each of the p coefficients of a nuisance
     #: term (an effect modelled but not of interest) belongs, shape (p,); needed if ``decay`` is
@@ -236,8 +235,8 @@ class Columns(Shown):
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
         w sets of hyper-parameters; lengths are in mm. The result has the shape (p,) or (w, p). The
         sds include the fixed part in the field ``stated``, which does not depend on
-        hyper-parameters. If ``test``, the index of a test from 0, is given, the noise factor λ of
-        this test's circle multiplies the sds of ``private`` coefficients.
+        hyper-parameters. ``test`` is the index of a test, from 0. If it is given, the noise factor
+        λ of this test's circle multiplies the sds of ``private`` coefficients.
         """
         circle = None
         if test is not None:
@@ -273,9 +272,9 @@ class BasisNoise(Shown):
 
     The noise is a function of the angle θ on the circle, with the Fourier coefficients of 1, cos θ,
     sin θ, cos 2θ, sin 2θ, … to the order 12. These coefficients are independent of each other and
-    between tests. The sd of a coefficient is s · λ · ``sd``, with two hyper-parameters: s, the
-    scale of the effect, which ``hyper`` names, and λ, the noise factor of each test's circle, which
-    ``circle`` names. λ is left out if ``circle`` is empty.
+    between tests. The sd of a coefficient is s · λ · ``sd``. ``hyper`` names the hyper-parameter s,
+    the scale of the effect. ``circle`` names the hyper-parameters λ, the noise factors of the
+    tests' circles; without these names, λ is 1.
 
     Examples
     --------

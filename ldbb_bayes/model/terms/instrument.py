@@ -154,10 +154,10 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the assumed deflection of the mount and its nonlinearity, with uncertainties.
+        """Yield the assumed deflection of the work ball's mount, and its assumed curvature.
 
-        The standard uncertainty of the deflection comes from the certificate in ``campaign``. If
-        there is none, it follows from the field ``relative_sd``.
+        Each value has a standard uncertainty. The uncertainty of the deflection comes from the
+        certificate in ``campaign`` or, without a certificate, from the field ``relative_sd``.
         """
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
@@ -278,7 +278,7 @@ class ForceError(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of the force error, given the coefficient's name.
 
-        The random error is in N. Gain and curvature are ratios (internal unit 1), which reports
+        The random error is in N. Gain error and curvature are fractions of a force, which reports
         display in %.
         """
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
@@ -291,7 +291,7 @@ class ForceError(Term):
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """Zero error of the angle, and lag of the recorded readings behind the bar's angle.
+    """Zero error of the angle, and lag of the recorded readings behind the motion of the bar.
 
     Both effects shift the readings by a small angle along the circle. A reading then changes by
     this angle times dρ/dθ. θ is the angle on the circle, and ρ = F j_C·Ĉ + j_G·Ê is the reading
