@@ -45,7 +45,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _unknown_name_message(name: str) -> str:
-    """Return the error message for an unknown name; it suggests a similar public name, if any."""
+    """Return the error message for an unknown name, with a similar public name if there is one."""
     similar = get_close_matches(name, _public, n=1)
     if not similar:
         return f"module 'ldbb_bayes' has no attribute {name!r}. dir(ldbb_bayes) lists its names."

@@ -11,8 +11,8 @@ __all__ = ["run"]
 def run() -> None:
     """Load the commands of this program, and run the command that the user typed.
 
-    If the user presses Ctrl-C, even while the commands are loaded, the program prints one line and
-    ends with exit code 130.
+    If the user presses Ctrl-C, even while the commands are being loaded, the program prints one
+    line and ends with exit code 130.
     """
     # Let BLAS (the linear algebra library behind NumPy) use one thread, which is faster than
     # several because the matrices are small. NumPy reads these environment variables when it is

@@ -36,9 +36,9 @@ _ANGLE_DECIMALS = 9
 # description names a parameter only if the parameter's effect on the readings, divided by the
 # largest effect of a coefficient in the combination, is greater than this number.
 _NAMED_SHARE = 0.02
-# The effect of a combination of coefficients on the readings counts as a rounding error if it is
-# below this fraction of the largest effect of a single coefficient in the combination. The effects
-# of the single coefficients are judged in the same way.
+# The effect of a coefficient on the readings counts as a rounding error if it is below this
+# fraction of the largest effect of any coefficient in the combination. The effect of all
+# coefficients of the combination together is compared with the same limit.
 _ROUNDING = 1e-9
 # A change of a reading counts as too small to be seen if it is below this fraction of the
 # resolution of the readings.
@@ -51,9 +51,9 @@ _MICROMETRE = 1e-3
 class Degeneracy:
     """A combination of parameters and nuisance coefficients whose effects on the readings cancel.
 
-    Nuisance coefficients describe effects that are modelled but not of interest. A model may leave
-    out some effects of the preset (ready-made model) that it is made from. The combination may also
-    contain the coefficients of effects that are left out.
+    Nuisance coefficients describe effects that are modelled but not of interest. The model may have
+    been made from a preset (a ready-made model) by leaving out some effects. The combination can
+    contain coefficients of these effects too.
     """
 
     #: The pivot of the degeneracy is the coefficient whose effect on the readings the other
@@ -74,8 +74,8 @@ class Degeneracy:
     #: ``combination``. If a term is missing, its effect is not included in the credible intervals
     #: of the parameters.
     modelled: bool
-    #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
-    #: by a certificate or has been set by the user; false if one of them has its default value
+    #: whether a certificate or the user states the standard uncertainty of every nuisance
+    #: coefficient in ``combination``; false if one of these uncertainties has its default value
     stated: bool
     #: size of the degeneracy: root sum of squares of the changes of its coefficients, where each
     #: change is divided by the prior standard deviation of the coefficient
@@ -103,8 +103,9 @@ class _Coefficients:
     preset (a ready-made model) by leaving out effects, these effects are included here. ``owners``
     are the class names of the model terms that the coefficients belong to; for a parameter, the
     name is empty. ``columns``, shape (tests, 25, m), holds the effect of each coefficient on each
-    test: the changes, per unit of the coefficient, of the 25 Fourier coefficients of the test's
-    radial deviation. ``prior_sd``, shape (m,), are the prior standard deviations.
+    test. The radial deviation of a test is described by 25 Fourier coefficients; ``columns`` states
+    by how much each of them changes per unit of the coefficient. ``prior_sd``, shape (m,), are the
+    prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -146,13 +147,13 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return a combination whose effects cancel, without nuisance coefficients if possible.
+    """Return a degeneracy without its nuisance coefficients, if the effects then still cancel.
 
-    ``vector``, shape (m,), is a combination whose effects on the readings cancel: the values of m
-    coefficients in units of their prior standard deviations. The function sets the nuisance
-    coefficients to zero. If the effects of the remaining parameters still cancel, the combination
-    of these parameters is returned. If not, ``vector`` is returned unchanged. ``space`` is the null
-    space of the campaign's design matrix.
+    A degeneracy is a combination of coefficients whose effects on the readings cancel. ``vector``,
+    shape (m,), holds the values of the m coefficients in units of their prior standard deviations.
+    The function sets the nuisance coefficients to zero. If the effects of the parameters still
+    cancel, the parameters alone are returned. If not, ``vector`` is returned unchanged. ``space``
+    is the null space of the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -168,18 +169,16 @@ def _describe_degeneracy(
 ) -> Degeneracy | None:
     """Return the `Degeneracy` that describes a combination of coefficients whose effects cancel.
 
-    The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
-    deviations. ``pivot`` is the index of the coefficient whose effect on the readings the other
-    coefficients cancel; its value in ``vector`` is one. ``coefficients`` are all coefficients, and
-    ``space`` is the null space that the combination belongs to. Return None if the effect of every
-    parameter on the readings is at most 2 % of the largest effect of any coefficient in the
-    combination.
+    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations.
+    ``pivot`` is the index of the coefficient whose effect on the readings the other coefficients
+    cancel; its value in ``vector`` is one. ``coefficients`` are all coefficients, and ``space`` is
+    the null space that the combination belongs to. Return None if no parameter matters: the effect
+    of each on the readings is at most 2 % of the largest effect of a coefficient.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
-    # Indices of the coefficients that belong to the degeneracy, which is a combination of
-    # coefficients whose effects on the readings cancel. Parameters of interest come before nuisance
-    # coefficients.
+    # Indices of the coefficients in the degeneracy: those whose effects on the readings are not
+    # mere rounding errors. Parameters of interest come before nuisance coefficients.
     members = np.flatnonzero(effect > _ROUNDING * effect.max()).tolist()
     parameters = [i for i in members if i < space.parameters]
     named = tuple(names[i] for i in parameters if effect[i] > _NAMED_SHARE * effect.max())
@@ -220,10 +219,9 @@ def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
     """Return a combination of coefficients, converted to internal units (mm, N, rad).
 
-    The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
-    deviations. If the coefficient with index ``pivot`` is a nuisance coefficient, the combination
-    is scaled so that this coefficient changes by one of the units in which it is displayed, for
-    example by 1 µm.
+    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations. If
+    the coefficient with index ``pivot`` is a nuisance coefficient, the combination is scaled so
+    that this coefficient is one in the unit in which it is displayed, for example 1 µm.
     """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:
@@ -282,12 +280,12 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 
 
 def _reading_changes(bound: BoundModel, columns: Array) -> Array:
-    """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
+    """Return by how much k readings change per unit of each of m coefficients, shape (k, m) [mm].
 
-    A coefficient is a parameter or describes an effect that is not of interest. ``columns``, shape
-    (tests, 25, m), holds the changes of each test's radial deviation per unit of each coefficient,
-    as the 25 terms of a Fourier series. The k angles of the readings are those of the tests. If a
-    test has more than ``_MOST_ANGLES`` angles, only this number of them is used.
+    A coefficient is a parameter or describes an effect that is not of interest. The radial
+    deviation of a test is described by 25 Fourier coefficients. ``columns``, shape (tests, 25, m),
+    states by how much they change per unit of each of the m coefficients. The k readings are taken
+    at the angles of the tests, at most ``_MOST_ANGLES`` for each test.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

@@ -27,15 +27,14 @@ _SAME_SIZE = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class AssumedSize:
-    """Largest prior standard deviation of the coefficients of one model term that share a unit."""
+    """Largest prior standard deviation among those coefficients of a model term with one unit."""
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of the coefficient or noise ``source``
-    #: internal unit of ``sd``, the prior standard deviation of a coefficient: a unit composed of
-    #: mm, N and rad
+    #: internal unit of ``sd``, which is composed of mm, N and rad
     unit: str
-    #: whether the model term to which the coefficient ``source`` belongs has another coefficient,
-    #: in the same unit, with a smaller prior standard deviation
+    #: whether another coefficient of the same model term, in the same unit, has a smaller prior
+    #: standard deviation
     differs: bool
 
 

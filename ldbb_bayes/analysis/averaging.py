@@ -5,7 +5,7 @@ M, weighted by the posterior probability of the model given the readings y. β a
 (compliances, their slopes and geometric errors), φ the hyper-parameters (such as the standard
 deviation of the noise). The models differ in two respects: whether compliance changes with force
 (the change is called a slope), and which alternative explanations the model includes. Alternative
-explanations are other effects that change the readings like slopes.
+explanations are other effects that change the readings as slopes do.
 
 Every model is combined with every subset of its alternative explanations, and all these
 combinations have the same prior probability. A parameter that a model does not have is zero in the
@@ -63,7 +63,7 @@ class _Combination(NamedTuple):
 
     ``name`` is the name of the model, and ``rivals`` are the names of the alternative explanations
     that the model includes. These are effects, such as a nonlinear mount, that change the readings
-    like a compliance that changes with force.
+    as a compliance that changes with force would do.
     """
 
     name: str
@@ -114,8 +114,9 @@ def average(
     The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
     hyper-parameters φ under each model M, weighted by the probability of the model given the
     readings y. Alternative explanations are effects, such as a nonlinear mount, that change the
-    readings like a compliance that changes with force. The average includes each of the ``models``
-    with every subset of its alternative explanations, all with the same prior probability.
+    readings as a compliance that changes with force would do. The average includes each of the
+    ``models`` with every subset of its alternative explanations, all with the same prior
+    probability.
 
     Parameters
     ----------
@@ -146,8 +147,8 @@ def average(
     Raises
     ------
     InputError
-        If no models are given, or if a model differs from the largest model in more than some
-        parameters that are fixed at zero. Also for a plan (a campaign without readings), a flat
+        If no models are given, or if a model differs from the largest model by more than parameters
+        fixed at zero. The error is also raised for a plan (a campaign without readings), a flat
         prior, too few draws, or evidences of another campaign.
 
     Examples
@@ -232,11 +233,10 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
     """Return the models of the average with their posterior probabilities.
 
     Alternative explanations (rivals) are effects, such as a nonlinear mount, that change the
-    readings like a compliance that changes with force. The average contains every given model once
-    with each subset of its rivals; before the readings are taken, all these models are equally
-    probable. The evidence of a model is computed from its nodes, which are weighted values of its
-    hyper-parameters. Evidences that are missing in ``evidences`` are computed. Raise an
-    `InputError` if a model is not nested in the largest one.
+    readings as a compliance that changes with force would do. The average contains every given
+    model once with each subset of its rivals. All these models have the same prior probability.
+    Evidences that are missing in ``evidences`` are computed. Raise an `InputError` if a model is
+    not nested in the largest one.
     """
     combinations = []
     variants = []
@@ -262,8 +262,8 @@ def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
     """Raise an `InputError` if a model is not nested in the largest model.
 
     A model is nested if it differs from the largest one only because some parameters are fixed at
-    zero. Of this, three things are checked: the names of the hyper-parameters are the same, all
-    parameters of ``bound`` are parameters of ``largest``, and the reference force is the same.
+    zero. Three conditions are checked: both models have the same hyper-parameters, all parameters
+    of ``bound`` are parameters of ``largest``, and both have the same reference force.
     """
     same_terms = bound.hyper_prior.names == largest.hyper_prior.names
     fewer_parameters = set(bound.names) <= set(largest.names)
@@ -334,13 +334,12 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 
 
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
-    """Return the log densities of the draws of all models, by name of the density.
+    """Return the log densities of the draws from all models; the keys are names of densities.
 
-    The keys of the result are the names; for example, ``lp`` is the log density of the posterior.
-    ``draws_of_models`` holds the draws of each model. The draws are numbered consecutively: first
-    those of the first model, then those of the next model, and so on. ``order``, shape (chains,
-    draws), holds these numbers in the order of the result. Every log density in the result has the
-    shape of ``order``.
+    For example, the key ``lp`` stands for the log density of the posterior. ``draws_of_models``
+    holds the draws of each model. The draws are numbered consecutively: first those of the first
+    model, then those of the next model, and so on. ``order``, shape (chains, draws), states which
+    draw stands at which place of the result. Every log density in the result has this shape.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -353,8 +352,8 @@ def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return the log normalizing constant of the truncated posterior, and its error [nat].
 
     Truncation means that compliances must not be negative. The normalizing constant is the
-    probability that no compliance is negative, under the posterior without truncation. It is
-    computed for the most probable model. The error is numerical.
+    probability that no compliance is negative, under the posterior without truncation. Both results
+    are computed for the most probable model. The error is the numerical error of the logarithm.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode
@@ -398,13 +397,14 @@ def _averaged_prior(
 
 
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
-    """Return the models with their probabilities, for the dictionary in an averaged posterior.
+    """Return names, evidences and probabilities of the models, to be stored with the posterior.
 
     The entry ``models`` lists for each model its name, the alternative explanations that it
-    includes (``rivals``), its log evidence and its posterior probability. Models with the same name
-    differ in these explanations. The entry ``probability`` therefore holds sums: for each name, the
-    sum over all models with this name; for each explanation, the sum over all models that include
-    it. The entry ``log_evidence_error`` is the largest numerical error of the log evidences [nat].
+    includes (``rivals``), its log evidence and its posterior probability. Several models can have
+    the same name and differ only in these explanations. The entry ``probability`` therefore holds
+    sums of probabilities: for each name, over all models with this name; for each explanation, over
+    all models that include it. The entry ``log_evidence_error`` is the largest numerical error of
+    the log evidences [nat].
     """
     models = []
     for combination, nodes, probability in zip(

@@ -1,17 +1,17 @@
 """Uncertainty budgets of the parameters, in the form of the GUM.
 
 A budget lists the sources of the uncertainty of one parameter. For each source it states the
-standard uncertainty, the sensitivity and the share of the variance. Nuisance coefficients describe
-effects that are modelled but not of interest. Hyper-parameters φ are quantities such as the
-standard deviation of the noise. Truncation is the condition that no compliance is negative.
+standard uncertainty, the sensitivity and the share of the variance. In the following, nuisance
+coefficients describe effects that are modelled but not of interest. Hyper-parameters φ are
+quantities such as the standard deviation of the noise.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
 A source is the deviation of a nuisance coefficient from its prior mean, noise of the readings, or
-the deviation of the parameters from the parameters' prior means. As in the GUM, the share of source
-s in the variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y
-due to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the
-variance of the posterior draws, which includes the truncation and the uncertainty of φ. The shares
-are averages over values of φ from the posterior.
+the deviation of the parameters from their prior means. As in the GUM, the share of source s in the
+variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y due to s
+alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the variance of the
+posterior draws, which includes the uncertainty of φ, and the condition that no compliance is
+negative. The shares are averages over values of φ from the posterior.
 
 In an average over models, the share of a source is a weighted mean of its shares under the models.
 The weight of a model is its probability times the parameter's variance under this model. The
@@ -80,8 +80,8 @@ class Contribution:
     u: float | None
     unit: str  #: unit of ``u``, the standard uncertainty of the source
     #: sensitivity coefficient of the GUM: change of the parameter's estimate per unit of the source
-    #: of uncertainty. For noise, it is the ratio of ``contribution`` to ``u``, which is always
-    #: positive. None if ``u``, the standard uncertainty of the source, is None.
+    #: of uncertainty. For noise, it is ``contribution`` divided by ``u``, which is always positive.
+    #: None if ``u``, the standard uncertainty of the source, is None.
     sensitivity: float | None
     #: standard uncertainty of the parameter due to one source of uncertainty alone, in the
     #: parameter's unit
@@ -105,8 +105,8 @@ class Budget(Result):
     #: with the largest share among these sources is taken instead.
     heaviest: str
     #: standard uncertainty that the parameter would have if the effect of the model term
-    #: ``heaviest`` were known exactly; None if it cannot be known (reading noise, or the priors of
-    #: the parameters)
+    #: ``heaviest`` were known exactly; None for reading noise and for the priors of the parameters,
+    #: which can never be known exactly
     u_if_known: float | None
 
     def share(self, term: str) -> float:
@@ -140,11 +140,10 @@ class _ModelBudget:
     nuisance coefficients) at these hyper-parameters, in units of the prior standard deviations;
     ``information`` is the linear model of the readings (`Information`) at the same
     hyper-parameters. ``shares`` holds the share of each source in the variance of each parameter,
-    shape (p,); a key consists of the name of the source and the name of its model term.
-    ``ratio_if_known`` has an entry for each model term: the variance that each parameter would have
-    if the term were known exactly, divided by the parameter's present variance, shape (p,).
-    ``origins`` states for each source whether its standard uncertainty is measured in this
-    campaign, stated or assumed.
+    shape (p,); its keys are pairs of source name and model term name. ``ratio_if_known`` has an
+    entry for each model term, shape (p,): the variance that each parameter would have if the effect
+    of this term were known exactly, divided by its present variance. ``origins`` states for each
+    source whether its standard uncertainty is measured in this campaign, stated or assumed.
     """
 
     model: AveragedModel
@@ -180,17 +179,16 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """Total variance of one parameter, by which the contributions of sources are divided.
+        """Total variance of the parameter, including the differences between the models.
 
-        The total variance is that of the average over the models. The share of a source of
-        uncertainty is its contribution divided by this variance. If the variance is zero, the
-        result is 1, to avoid a division by zero.
+        The share of a source of uncertainty is its contribution divided by this variance. If the
+        variance is zero, the result is 1, to avoid a division by zero.
         """
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
 
 class _SourceKey(NamedTuple):
-    """A source of uncertainty, identified by its name, its model term and its origin."""
+    """A source of uncertainty, identified by three values: its name, model term and origin."""
 
     source: str
     term: str
@@ -342,8 +340,8 @@ def _variance_of_parameter(
     rows = []
     weights = []
     for budget in budgets:
-        # In the uncertainty budget under one model, each parameter of the model has one row in all
-        # arrays. A parameter that the model does not have has no row.
+        # Row of the parameter in the arrays of this model's budget; empty if the model does not
+        # have the parameter.
         rows_of_parameter = np.flatnonzero(budget.model.places == i)
         for row in rows_of_parameter.tolist():
             with_parameter.append(budget)
@@ -359,9 +357,9 @@ def _average_shares(
 
     ``phi``, shape (draws, h), are posterior draws of the h hyper-parameters φ; ``covariance``,
     shape (p, p), is the covariance of the p parameters in units of their prior standard deviations.
-    `Information.shares` states which share of the variances in this covariance each source causes.
     A key of the result consists of the name of a source and the name of its model term. The value,
-    shape (p,), holds the share of each parameter's variance that the source causes.
+    shape (p,), holds the share of each parameter's variance that the source causes (see
+    `Information.shares`).
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -431,16 +429,16 @@ def _coefficient_line(key: _SourceKey, portion: _SourceShare, u: float) -> Contr
     """Return the line of one nuisance coefficient in the budget of a parameter.
 
     ``key`` names the coefficient, ``portion`` holds its share of the parameter's variance, and
-    ``u`` is the standard uncertainty of the parameter. If the budget is an average over models, the
-    coefficient's standard uncertainty and the sign of its sensitivity are taken from one of the
-    models: the one that contributes most to the share.
+    ``u`` is the standard uncertainty of the parameter. In an average over models, the coefficient's
+    standard uncertainty and the sign of its sensitivity come from the model that contributes most
+    to the share.
     """
     information = portion.budget.information
     place = information.interest[portion.row]
     column = information.names.index(key.source)
-    # If the true value of the nuisance coefficient (of an effect not of interest) is larger than
-    # its prior mean, the estimate of the parameter has an error. The sign of this error is opposite
-    # to the sign of the posterior covariance of coefficient and parameter.
+    # If the true value of the nuisance coefficient is larger than its prior mean, the estimate of
+    # the parameter has an error. The sign of this error is opposite to the sign of the posterior
+    # covariance between coefficient and parameter.
     sign = -float(np.sign(portion.budget.covariance[place, column]))
     source_u = float(information.scale[column])
     unit = Term.owner(key.source).unit_of(key.source).inside
@@ -526,11 +524,11 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 
 
 def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> float | None:
-    """Return the standard uncertainty that a parameter would have if a term were known exactly.
+    """Return the standard uncertainty of a parameter if the effect of one model term were known.
 
     ``variance`` is the variance of the parameter, averaged over models. ``term`` is the name of the
-    model term, and ``u`` the present standard uncertainty of the parameter. Return None if the term
-    can never be known exactly; an example is reading noise.
+    model term, and ``u`` the present standard uncertainty of the parameter. Return None if the
+    effect can never be known exactly, for example reading noise.
     """
     remaining = variance.spread or 0.0
     can_be_known = False

@@ -78,9 +78,9 @@ class Validation(Result):
     #: error messages for replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
     failures: tuple[str, ...]
-    #: indices (from 0) of those rows of ``ranks``, that is, of those simulated campaigns, for which
-    #: the posterior was sampled with emcee, because the importance weights of independent draws
-    #: were not reliable
+    #: indices (from 0) of the simulated campaigns, in the order of the rows of ``ranks``, whose
+    #: posterior was sampled with emcee because the importance weights of independent draws were not
+    #: reliable
     by_emcee: tuple[int, ...] = ()
 
     @property
@@ -139,9 +139,9 @@ class Validation(Result):
         """Names of the quantities whose ranks are not uniformly distributed.
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
-        campaign. A quantity is named if the empirical distribution of its ranks is not everywhere
-        between the limits ``band``. If the ranks of all quantities are uniformly distributed, the
-        probability that no quantity is named is ``prob``.
+        campaign. A quantity is named if the empirical distribution of its ranks leaves the limits
+        ``band`` anywhere. If the ranks of all quantities are uniformly distributed, no quantity is
+        named with probability ``prob``.
         """
         lower, upper = self.band
         outside = []
@@ -321,9 +321,9 @@ def rank_replicates(
 ) -> Validation:
     """Return the ranks of true values among posterior draws, for many simulated campaigns.
 
-    ``rank_replicate`` takes the seed of one campaign and returns the ranks of the quantities
-    ``names`` (parameters, hyper-parameters and the log likelihood). If the campaign gives no ranks,
-    it returns the reason as a string. The other arguments are the same as in `calibrate`.
+    The function ``rank_replicate`` takes the seed of one campaign and returns the ranks of the
+    quantities ``names`` (parameters, hyper-parameters and the log likelihood). If there are no
+    ranks, it returns the reason as a string. The other arguments are the same as in `calibrate`.
     """
     outcomes: dict[int, Ranks | str] = {}
     seeds = np.random.SeedSequence(seed).spawn(replicates)
@@ -396,8 +396,8 @@ def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> Ranks | str:
     """Return the ranks of true values among the posterior draws of one simulated campaign.
 
     A rank is the number of posterior draws below the true value. ``study`` holds the settings of
-    the calibration. ``seed`` is the seed of the random numbers of simulation and posterior draws.
-    Return an error message if no posterior draws can be made.
+    the calibration. ``seed`` is the seed of all random numbers: those of the simulation and those
+    of the posterior draws. Return an error message if no posterior draws can be made.
     """
     simulation_seed, sampling_seed = seed.spawn(2)
     simulation = study.generator.simulate(

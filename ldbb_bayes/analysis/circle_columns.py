@@ -1,7 +1,7 @@
-"""Columns of the design matrix for the circle of one test, at any bar force.
+"""Effects of the parameters on the circle of one test, at any bar force.
 
-A circle is described by 25 Fourier coefficients of its radial deviation. Each column holds the
-changes of these coefficients per unit of one parameter.
+A circle is described by 25 Fourier coefficients of its radial deviation. A parameter has one column
+of the design matrix: the changes of these coefficients per unit of the parameter.
 """
 
 from __future__ import annotations
@@ -77,9 +77,9 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
     """Return the factors that convert the second harmonic to scale mismatch and squareness.
 
-    Scale mismatch and squareness are those of the two axes of a plane. The second harmonic is that
-    of the radial deviation [µm] of the circle of the test with index ``r``. The factors depend on
-    the radius and the plane of this circle.
+    The circle is that of the test with index ``r``; its second harmonic is that of the radial
+    deviation [µm]. Scale mismatch and squareness are those of the two axes of its plane. The
+    factors depend on the radius and the plane of the circle.
     """
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
     sin2_of_squareness = float(bound.setting.geometric[r][SIN2, _squareness_index(bound, r)])

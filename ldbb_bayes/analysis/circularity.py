@@ -62,8 +62,8 @@ __all__ = [
 
 # Circular-test quantities of ISO 230-4 and their units. ``QUANTITIES`` are computed for every tool
 # path, ``BIDIRECTIONAL`` only for planes in which circles are run both clockwise and
-# counterclockwise. ``MINIMUM_ZONES`` are widths of the minimum zone, which is the narrowest ring
-# that contains the path or both paths.
+# counterclockwise. ``MINIMUM_ZONES`` are the two quantities that are widths of a ring: the
+# narrowest ring that contains the path (G), or both paths (G_b).
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",
@@ -98,9 +98,8 @@ def predict_circularity(
 
     The quantities are defined in ISO 230-4. They are computed without errors of the instrument, for
     the circle of the first test in each plane. The circular deviation G is the largest difference
-    of radii along the path. The uncertainty of the path increases G and the absolute values of
-    F_max and F_min, if the readings do not determine the path well. The mean increase is
-    subtracted.
+    of radii along the path. If the readings do not determine the path well, the draws of G and of
+    the absolute values of F_max and F_min are too large on average. The mean excess is subtracted.
 
     Parameters
     ----------
@@ -123,11 +122,11 @@ def predict_circularity(
         uncertain, because of the uncertainty of the bar's length. The best estimate of each
         quantity is its mean. Squareness and scale_mismatch [µm/m] are computed from the second
         harmonic of the path, and include the effect of compliance. Squareness has the sign of the
-        squareness parameter of the plane, E_C0YX in XY; scale_mismatch is the gain of the first
-        axis minus the gain of the second axis. If the circles of a plane are run in both directions
-        of travel, G, F_max and F_min are computed from the mean of both paths. For such a plane
-        there are also the bidirectional deviation G_b [µm] and the mean deviation D [µm], which is
-        the mean radius minus the nominal radius.
+        squareness parameter of the plane, E_C0YX in XY; scale_mismatch is the scale error of the
+        first axis minus that of the second axis. If the circles of a plane are run in both
+        directions of travel, G, F_max and F_min are computed from the mean of both paths. For such
+        a plane there are also the bidirectional deviation G_b [µm] and the mean deviation D [µm],
+        which is the mean radius minus the nominal radius.
 
     Raises
     ------
@@ -153,7 +152,7 @@ def predict_circularity(
 
 
 class PathDraws(NamedTuple):
-    """Posterior draws of the circular deviation and similar quantities of one tool path.
+    """Posterior draws of the circular-test quantities (ISO 230-4) of one tool path.
 
     The tool path is the one that the machine drives in one plane at one force of the bar.
     """
@@ -161,23 +160,21 @@ class PathDraws(NamedTuple):
     #: plane of the tool path, its radius [mm] and the force of the bar [N]; the keys are column
     #: names of the table that `predict_circularity` returns
     place: dict[str, Any]
-    #: posterior draws of the circular deviation and similar quantities of one tool path, shape
-    #: (draws,) each; the keys are names of the quantities that `predict_circularity` computes
+    #: posterior draws of each quantity of the tool path, shape (draws,); the keys are names of the
+    #: quantities that `predict_circularity` computes
     quantities: dict[str, Array]
 
 
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
-    """Yield posterior draws of the circular deviation and similar quantities of the tool path.
+    """Yield posterior draws of the circular-test quantities (ISO 230-4) of each tool path.
 
-    There is one object for each plane and each force. It holds draws, shape (draws,), of each
-    quantity: the circular deviation G [µm]; the largest and smallest radial deviations F_max and
-    F_min [µm], once from the least-squares circle and once from the nominal circle; squareness and
-    scale mismatch [µm/m]. If the model of the plane has hysteresis, there are also the
-    bidirectional deviation G_b and the mean deviation D [µm]. `predict_circularity` explains these
-    quantities. ``forces_N`` are forces of the bar [N], by default 0 and the tested forces.
-    ``draws`` is the number of posterior draws used.
+    There is one object for each plane and each force. It holds an array of draws, shape (draws,),
+    for each quantity that `predict_circularity` explains. The bidirectional quantities G_b and D
+    are included only if the posterior contains hysteresis in this plane. ``forces_N`` are forces of
+    the bar [N], by default 0 and the tested forces. ``draws`` is the number of posterior draws
+    used.
     """
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)
@@ -219,7 +216,7 @@ def path_draws(
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
-    """Return posterior draws of the circular deviation and similar quantities of one tool path.
+    """Return posterior draws of the circular-test quantities (ISO 230-4) of one tool path.
 
     The keys are the names in `QUANTITIES`; each array has the shape (draws,). ``path_um``, shape
     (draws, 25), holds posterior draws of the 25 Fourier coefficients of the radial deviation [µm].
@@ -272,7 +269,7 @@ def summarise_draws(values: Array, prob: float) -> dict[str, float]:
 
 
 class _Hysteresis(NamedTuple):
-    """Posterior draws of the hysteresis of a circle, as 25 Fourier coefficients.
+    """Posterior draws of the hysteresis of a circle, described by 25 Fourier coefficients.
 
     Hysteresis is half the difference of the radial deviations in clockwise and counterclockwise
     travel, clockwise minus counterclockwise.

@@ -1,10 +1,10 @@
 """Difference of the parameters between two campaigns that were run with the same instrument.
 
 Bar, balls, mount and force device are the same in both campaigns. Errors of these parts therefore
-largely cancel in the difference. The nuisance coefficients of these parts (effects that are
-modelled but not of interest) are common to both campaigns, and their prior is used only once. β are
-the p parameters of interest; φ are the h hyper-parameters (such as the standard deviation of the
-noise).
+largely cancel in the difference. These errors are described by nuisance coefficients (of effects
+that are modelled but not of interest), which are common to both campaigns. Their prior is therefore
+used only once. β are the p parameters of interest; φ are the h hyper-parameters (such as the
+standard deviation of the noise).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from ldbb_bayes.units import ranked
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
 # The readings of a campaign are called informative about a nuisance coefficient of the instrument
-# if they reduce its variance enough: the prior variance divided by the posterior variance must
-# exceed one by more than this number.
+# if they reduce its variance: the prior variance divided by the posterior variance must exceed 1 by
+# more than this number.
 _LEAST_INFORMATION = 0.05
 # Names of two hyper-parameters of the instrument: the scale of the balls' form errors, and the
 # decay. The decay is the exponent of the power law by which these errors decrease with the number
@@ -37,15 +37,15 @@ _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """Error of the common instrument for which the estimates from two campaigns differ most.
+    """The error of the common instrument whose estimates from two campaigns differ most.
 
     ``coefficient`` is the name of the nuisance coefficient that describes the error.
     """
 
     coefficient: str
-    #: p-value of the disagreement of two campaigns about an error of their common instrument. It is
-    #: the probability of a larger disagreement by chance, multiplied by the number of coefficients
-    #: that are compared (Bonferroni), and is at most 1.
+    #: p-value of the disagreement of two campaigns about an error of their common instrument: the
+    #: probability of a larger disagreement by chance. It is multiplied by the number of compared
+    #: coefficients (Bonferroni) and limited to 1.
     p_value: float
 
 
@@ -106,10 +106,10 @@ def joint_difference(
         for campaign in campaigns
     ]
     joint = _joint_posterior(campaigns, places, common, len(all_names))
-    # The matrix of each campaign in ``rows`` converts the parameters of this campaign to the
-    # compared parameters. The matrices ``joint_rows`` convert the coefficients of both campaigns,
-    # which form one joint list, to the compared parameters. Each campaign's own list of
-    # coefficients, and therefore its list ``places``, begins with the parameters.
+    # The matrix of each campaign in ``rows`` takes the parameters of this campaign and gives the
+    # compared parameters. The matrices ``joint_rows`` give the same result, but take all
+    # coefficients of both campaigns. The first entries of a campaign's ``places`` are the indices
+    # of its parameters among these coefficients.
     joint_rows = np.zeros((2, len(rows[0]), len(all_names)))
     for k, rows_of_campaign in enumerate(rows):
         parameter_places = places[k][: rows_of_campaign.shape[1]]
@@ -131,7 +131,8 @@ def joint_difference(
 def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
     """Return whether the tests of both campaigns together have more than one clocking.
 
-    A clocking is the pair of angles by which work ball and tool ball are turned in their sockets.
+    A clocking is the pair of angles by which the work ball and the tool ball are turned in their
+    sockets.
     """
     clockings = set()
     for bound in bounds:
@@ -141,7 +142,7 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 
 
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
-    """Return the hyper-parameters of both campaigns, with common values for the instrument.
+    """Return the hyper-parameters of both campaigns, with the same values for the instrument.
 
     ``bounds`` are the models of the two campaigns, and ``phi`` holds for each of them the values of
     its h hyper-parameters, shape (h,); h may differ. Two hyper-parameters describe the
@@ -228,9 +229,9 @@ def _joint_posterior(
 def _joint_places(
     campaign: _Campaign, all_names: Sequence[str], common: Sequence[str], *, is_first: bool
 ) -> list[int]:
-    """Return the indices of a campaign's coefficients in the joint list of both campaigns.
+    """Return the indices of a campaign's coefficients in the list of both campaigns together.
 
-    ``all_names`` is the joint list: the coefficients of the first campaign, then those of the
+    ``all_names`` is this joint list: the coefficients of the first campaign, then those of the
     second campaign that are not in ``common``. ``is_first`` is true if ``campaign`` is the first
     campaign.
     """
@@ -254,13 +255,14 @@ def worst_conflict(
     information: Sequence[Information],
     means: Sequence[Array],
 ) -> Conflict | None:
-    """Return the common coefficient about which the readings of two campaigns disagree most.
+    """Return the error of the instrument about which the readings of two campaigns disagree most.
 
-    The campaigns were run with the same instrument. A coefficient ν of the instrument is estimated
-    from the readings y of each campaign alone, without the prior of ν. The standard uncertainty of
-    the estimate is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. For each
-    coefficient, the difference of the two estimates is divided by the standard uncertainty of this
-    difference. The campaigns disagree most about the coefficient with the largest absolute ratio.
+    The campaigns were run with the same instrument; each of its errors is described by a
+    coefficient ν. From the readings y of each campaign, ν is estimated without its prior. The
+    standard uncertainty of the estimate is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior
+    variance of ν. For each ν, the difference of the two estimates is divided by the standard
+    uncertainty of this difference. The campaigns disagree most about the coefficient for which the
+    absolute value of this ratio is largest.
 
     Parameters
     ----------

@@ -78,19 +78,21 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # in the model.
 _REJECTED = 5.0
 # The comparison of two models is repeated with other assumptions about the random differences
-# between circles. Let M be the larger of the two log evidences before the assumption is changed.
-# The readings clearly reject another assumption if, with it, both log evidences are at least this
-# number [nat] below M. These two evidences are computed only roughly, to save time.
+# between circles. Let M be the larger log evidence of the two models before the assumption is
+# changed. If both log evidences under another assumption are this number [nat] or more below M, the
+# readings clearly reject the assumption. These two evidences are computed only roughly, to save
+# time.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
 # Settings of the quadrature for the posterior mean and standard deviation of parameters. Its nodes
-# are weighted values of the hyper-parameters. Nodes with the smallest weights are left out, as long
-# as their sum is at most the fraction ``_NEGLIGIBLE_WEIGHT`` of the sum of all weights.
+# are weighted values of the hyper-parameters. The nodes with the smallest weights are left out.
+# Together, their weights are at most the fraction ``_NEGLIGIBLE_WEIGHT`` of the sum of all weights.
 # ``_MOMENT_POINTS`` is the number of quasi-random points from which means and variances are
 # computed if no compliance may be negative. ``_MOMENT_NODES`` is the largest number of nodes. If
-# there are more nodes, this number of them is picked in proportion to their weights, which causes
-# an error of about 1 % of the posterior standard deviation.
+# there are more nodes, ``_MOMENT_NODES`` of them are picked at random with probabilities
+# proportional to their weights. This causes an error of about 1 % of the posterior standard
+# deviation.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 _MOMENT_NODES = 512
@@ -111,7 +113,7 @@ class Sign(StrEnum):
 
 @dataclass(frozen=True)
 class ComparedCampaign:
-    """Name of the campaign of a comparison, and SHA-256 digest of the campaign's readings."""
+    """The campaign of a comparison: its name, and the SHA-256 digest of its readings."""
 
     name: str
     sha256: str
@@ -160,9 +162,8 @@ class ComparedTest:
     """One test of a campaign, predicted from the other tests.
 
     In the names of fields, ``lofo`` means "leave one force out": these fields compare the test's
-    readings with their prediction from the other tests. `JudgedTest` explains the p-values, the
-    Fourier order in which the test deviates most, and the flag of a test that does not agree with
-    the other tests.
+    readings with their prediction from the other tests. `JudgedTest` explains the p-values,
+    ``lofo_worst_order`` and ``flag``.
     """
 
     force_N: float
@@ -248,16 +249,16 @@ class Comparison(Result):
     #: slopes (changes of compliance with force). Empty if neither model has slopes, or if the two
     #: models differ only in this prior.
     prior_sensitivity: tuple[ScaledSlopes, ...]
-    #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
-    #: factor of the second model over the first changes sign
+    #: widths of the slopes' prior, stated as ``slope_scale``, at which the log Bayes factor of the
+    #: second model over the first changes sign. Slopes are changes of compliance with force.
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about the random
     #: differences between circles. The first entry is for the assumption that the models make. The
     #: last entry is for models without nuisance terms (effects not of interest), in which circles
-    #: differ at random by white noise alone. If ``explanations`` is not None, there are other
-    #: effects, such as a nonlinear mount, that change the readings like a change of compliance with
-    #: force (alternative explanations). The second entry is then an average over models with such
-    #: effects, and the third entry is for models without them.
+    #: differ at random by white noise alone. If ``explanations`` is not None, the models have
+    #: alternative explanations: effects, such as a nonlinear mount, that change the readings as a
+    #: change of compliance with force would do. The second entry is then an average over models
+    #: with such effects, and the third entry is for models without them.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if compliance is constant in all compared models, or if only evidences were computed
@@ -272,21 +273,20 @@ class Comparison(Result):
     #: comparison of every test with its prediction from the other tests, by name of the test; empty
     #: if no test was left out
     tests: dict[str, ComparedTest]
-    #: fits of constant compliance to the tests at each pair of neighbouring forces: the table that
-    #: `local_fits` returns; empty if all tests have the same force, or if only evidences were
-    #: computed
+    #: table of constant compliances, fitted to the tests at each pair of neighbouring forces (see
+    #: `local_fits`); empty if all tests have the same force, or if only evidences were computed
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. The log evidences of the first two of the
     #: compared models are also computed with other assumptions about the random differences between
-    #: circles. Let M be the larger of the two log evidences before the assumption is changed. If
-    #: both log evidences with another assumption are at least 10 nat below M, an error of 0.1 nat
+    #: circles. Let M be the larger log evidence of the two models before the assumption is changed.
+    #: If both log evidences with another assumption are 10 nat or more below M, an error of 0.1 nat
     #: is allowed for them.
     tolerance: float
     #: largest error of any log evidence [nat]. Log evidences under assumptions that the readings
     #: clearly reject are only rough, and are left out here (see ``tolerance``).
     largest_error: Finite
-    #: number of model evidences whose error is infinite, because the weights of their quadrature
-    #: are not reliable. The field keeps a name from an older version, because programs read this
+    #: number of model evidences whose error is infinite, because the quadrature weights are not
+    #: reliable. The field has kept its name from an older version, because other programs read this
     #: name in the JSON file.
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of alternative explanations:
@@ -333,10 +333,10 @@ class Comparison(Result):
     def gain(self, assumed: Assumed) -> float:
         """Return by how much another assumption increases the log evidence [nat].
 
-        Both assumptions, the other one and the one that the models make, are about the random
-        differences between circles. Under each of them, there are two log evidences, one for each
-        of the two models. The larger one is used. ``assumed`` holds both log evidences under the
-        other assumption.
+        Assumptions are about the random differences between circles. Under each assumption, the
+        larger log evidence of the two compared models is used. The result is the larger log
+        evidence under the other assumption minus the larger one under the assumption that the
+        models make. ``assumed`` holds both log evidences under the other assumption.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
@@ -360,9 +360,9 @@ class Comparison(Result):
     def allowed(self, assumed: Assumed) -> bool:
         """Return whether the readings allow an assumption about random differences between circles.
 
-        The readings allow the assumption unless it reduces the log evidence by 5 nat or more,
-        compared with the assumption that the models make. ``assumed`` holds the log evidences of
-        two models under the assumption.
+        The readings allow the assumption if the log evidence under it is less than 5 nat below the
+        log evidence under the assumption that the models make. ``assumed`` holds the log evidences
+        of two models under the assumption.
         """
         return self.gain(assumed) > -_REJECTED
 
@@ -370,9 +370,9 @@ class Comparison(Result):
     def sign(self) -> Sign:
         """Return whether the sign of the log Bayes factor holds under other assumptions.
 
-        The log Bayes factor is `headline`, that of the second model over the first. The other
-        assumptions are about the random differences between circles, and about the prior of the
-        slopes (changes of compliance with force).
+        The log Bayes factor of the second model over the first is `headline`. The other assumptions
+        are about the random differences between circles, and about the prior of the slopes (changes
+        of compliance with force).
         """
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
@@ -382,11 +382,11 @@ class Comparison(Result):
         return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """Return the assumption that the readings clearly prefer to the one in the models, or None.
+        """Return the assumption that the readings clearly prefer to that of the models, or None.
 
         The assumptions are about the random differences between circles. The assumption with the
-        largest log evidence is returned if this log evidence is more than 5 nat above the log
-        evidence of the assumption in the models. Otherwise, None is returned.
+        largest log evidence is returned if this log evidence is more than 5 nat above that of the
+        assumption that the models make. Otherwise, None is returned.
         """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
@@ -419,7 +419,7 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 
 @dataclass(frozen=True)
 class _ComparisonPlan:
-    """The models that are compared by evidence, and the further results to compute for them.
+    """Plan of a comparison: the models to compare by evidence, and the further results to compute.
 
     The first two of the compared models are also compared under other priors of the slopes (changes
     of compliance with force) and under other assumptions. In the dictionaries ``by_slope_scale``,
@@ -680,9 +680,9 @@ def _plan_comparison(
     by_assumption = sensitivity.pairs_by_change(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # Each entry of ``by_assumption`` holds the two compared models with another assumption about
-    # the random differences between circles. The first entry is an exception: it holds the models
-    # with their own assumption. It is moved to ``unchanged``.
+    # The first entry of ``by_assumption`` holds the two compared models with their own assumption
+    # about the random differences between circles, and is moved to ``unchanged``. All later entries
+    # hold the models with another assumption.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)
@@ -738,10 +738,10 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
     """Return the number of evidences that `compare` computes in its own process.
 
-    ``plan`` says which results are computed, and ``models`` is the number of models that the
-    caller gave. If tests are to be left out, there is one more evidence for each model and each
-    test of ``campaign``. Evidences under other assumptions about the random differences between
-    circles are not included, because another process may compute them.
+    ``plan`` says which results are computed, and ``models`` is the number of models that the caller
+    gave. If tests are left out, there is one more evidence for each model and each test of
+    ``campaign``. Evidences under other assumptions about the random differences between circles are
+    not included, because another process may compute them.
     """
     steps = models
     if plan.leaves_tests_out:
@@ -780,8 +780,8 @@ def _begin_assumptions(
 
     The assumptions are about the random differences between circles; ``plan`` lists them. Return a
     function that waits for the log Bayes factors and evidences, and returns them.
-    ``nodes_by_model`` holds the evidences of the models as they are, with the assumption that they
-    make. ``executor`` runs the computation in parallel; if it is None, this process runs it.
+    ``nodes_by_model`` holds the evidences of the models under their own assumption. ``executor``
+    runs the computation in parallel; if it is None, this process runs it.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
@@ -803,12 +803,12 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return the log Bayes factor of two models under each assumption, and the precise evidences.
+    """Return the log Bayes factor of two models under each assumption, and the evidences used.
 
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
     assumption about the random differences between circles. Rough evidences are computed first. If
     both rough log evidences are below ``rejected_below`` [nat], the log Bayes factor is computed
-    from them. Otherwise, precise evidences are computed, used for the log Bayes factor, and
+    from them. Otherwise, it is computed from precise evidences. Only precise evidences are
     returned.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
@@ -828,7 +828,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factor of each further model over the first, and its error [nat].
+    """Return the log Bayes factor of every later model over the first model, and its error [nat].
 
     The error is the numerical error of the log Bayes factor. ``nodes_by_model`` holds the posterior
     of each model as nodes (weighted values of the hyper-parameters), with the model's evidence. The
@@ -848,8 +848,7 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
     """Return the log Bayes factor of two models for narrower and wider priors of the slopes.
 
     Slopes are changes of compliance with force. Their prior standard deviations are proportional to
-    ``slope_scale``, the values of which are in ``scales``. ``assumed`` holds the comparison of the
-    two models for each of these values.
+    the numbers in ``scales``. ``assumed`` holds the comparison of the two models for each number.
     """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
@@ -858,9 +857,9 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 
 
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
-    """Return the values of ``slope_scale`` at which the log Bayes factor changes sign.
+    """Return the widths of the slopes' prior at which the log Bayes factor changes sign.
 
-    The prior standard deviations of slopes (changes of compliance with force) are proportional to
+    Slopes are changes of compliance with force. The width of their prior is stated by the number
     ``slope_scale``. ``assumed`` holds the comparison of two models for each value in ``scales``.
     """
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])

@@ -1,7 +1,7 @@
-"""Change of compliance with force: the curve C(F) at the smallest and the largest tested force.
+"""Change of each compliance C(F) from the smallest to the largest tested force.
 
-A slope such as C_XXX_1 (a coefficient of the force) may describe only a part of this change. The
-other part comes from the term `JointLoad` (nonlinear deflection of joints under load).
+A slope such as C_XXX_1 (a coefficient of the force) may describe only one part of this change. The
+term `JointLoad` (nonlinear deflection of joints under load) then describes the other part.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ldbb_bayes.results import Array, ByName, Result
 
 __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 
-# Differences of probabilities are rounded to this number of decimals, to remove rounding errors of
-# the arithmetic. A difference that is not zero is much larger than such an error, because each
-# probability is a share of the posterior draws.
+# Differences of probabilities are rounded to this number of decimals, so that a difference which is
+# zero apart from rounding errors becomes exactly zero. True differences are much larger, because
+# each probability is a share of the posterior draws.
 _DECIMALS_OF_PROBABILITY = 12
 
 
@@ -71,8 +71,8 @@ class ChangeWithForce(Result):
     at_reference: DrawnValue  #: compliance C(F0) at the reference force
     at_largest: DrawnValue  #: compliance C(F_max) at the largest force tested
     change: DrawnValue  #: change of the compliance, C(F_max) − C(F_min)
-    #: change of the compliance, divided by the compliance C(F0) at the reference force. It has no
-    #: unit. None if the credible interval of C(F0) contains zero.
+    #: change of the compliance, divided by the compliance C(F0) at the reference force. The ratio
+    #: has no unit; it is None if the credible interval of C(F0) contains zero.
     relative: DrawnValue | None
     #: probability that the compliance is larger at the largest force tested, F_max, than at the
     #: smallest, F_min
@@ -139,10 +139,10 @@ def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str
 
 
 def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWithForce:
-    """Return the change of one compliance C with force F, from posterior draws of the curve C(F).
+    """Return the change of one compliance C(F) with the force F, computed from posterior draws.
 
-    ``draws`` holds the values of the curve at the smallest, the reference and the largest force.
-    ``prob`` is the probability of the credible intervals.
+    ``draws`` holds draws of C(F) at the smallest, the reference and the largest force. ``prob`` is
+    the probability of the credible intervals.
     """
     at_reference = _summary_of(draws.at_reference, prob)
     relative = None

@@ -4,8 +4,8 @@ The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106,
 tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1.
 The quantity conforms if p is at least the confidence that the user asks for. It does not conform if
 1 − p is at least this confidence. In all other cases, no decision is made. For a normal posterior
-and one limit, a quantity conforms if its estimate lies inside the limit, at a distance of at least
-the guard band.
+and one limit, a quantity conforms if its estimate lies inside the limit and is at least as far from
+it as the guard band is wide.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ __all__ = [
 
 # If at least this number of posterior draws lie on one side of a tolerance limit, the probability
 # of that side is the share of the draws there. If there are fewer, the probability of that side is
-# computed from a normal distribution. However, it is then set to at least the share of the draws on
-# that side, and to at most ``_FEWEST_DRAWS`` divided by the number of all draws.
+# computed from a normal distribution. It is then limited to the range from the share of the draws
+# on that side to ``_FEWEST_DRAWS`` divided by the number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -95,8 +95,8 @@ class Conformity(Result):
     #: tolerance
     probability: float
     #: guard band of ISO 14253-1 for a normally distributed quantity with a single tolerance limit.
-    #: A decision is made if the distance of the estimate from the limit is at least the guard band.
-    #: The quantity then conforms if the estimate meets the limit; otherwise it does not conform.
+    #: A decision is made if the estimate is at least this far from the limit. If it is on the good
+    #: side of the limit, the quantity conforms; otherwise it does not.
     guard_band: float
     #: minimum probability of conformance with the tolerance, or of non-conformance, at which a
     #: decision is made
@@ -127,11 +127,10 @@ def assess_conformity(
 
     The probability that a quantity lies beyond a limit is the share of the posterior draws beyond
     the limit. If fewer than 10 of the n draws lie on one side of the limit, the probability of that
-    side is taken from a normal distribution. However, this probability is set to at least the share
-    of the draws on that side, and to at most 10/n. If ``confidence`` is above 1 − 10/n, which is
-    0.995 for 2000 draws, the decision may therefore depend on the tail of a normal distribution.
-    For a skewed posterior, this tail may be too thin. Take more draws if you need such a high
-    confidence.
+    side is taken from a normal distribution. This probability is limited to the range from the
+    share of the draws on that side to 10/n. If ``confidence`` is above 1 − 10/n (0.995 for 2000
+    draws), the decision may therefore depend on the tail of a normal distribution. For a skewed
+    posterior, this tail may be too thin; take more draws in this case.
 
     Parameters
     ----------
@@ -161,9 +160,9 @@ def assess_conformity(
     Raises
     ------
     InputError
-        For an unknown name, a number without a unit or with a unit that does not fit the quantity,
-        a lower limit above the upper limit, a limit below zero for a quantity that cannot be
-        negative, a force or confidence out of range, or a posterior from `to_units`.
+        For an unknown name, a missing or unsuitable unit, a lower limit above the upper limit, a
+        negative limit for a quantity that cannot be negative, a force or confidence out of range,
+        or a posterior from `to_units`.
 
     Examples
     --------
@@ -197,8 +196,8 @@ def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) 
     """Return posterior draws of the quantities that have a tolerance, in mm, N and rad.
 
     The keys are the names of the quantities in ``decisions``, and each array has the shape
-    (draws,). For quantities of the circular path, only 2000 of the posterior draws are used, at
-    equal distances in the sequence of draws.
+    (draws,). For quantities of the circular path, only 2000 of the posterior draws are used, evenly
+    spaced among all draws.
     """
     bound = bound_of(posterior)
     force = bound.setting.reference_force_N
@@ -215,8 +214,8 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
 
     Compliances are computed at the force ``force_N`` of the bar. Slopes (coefficients of the change
     of compliances with force) and geometric errors do not depend on this force. Each array has the
-    shape (draws,). If the posterior is an average over models, draws of different parameters with
-    the same index may belong to different models.
+    shape (draws,). If the posterior is an average over models, two parameters' draws with the same
+    index may come from different models.
     """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
@@ -229,7 +228,7 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
 
 
 class _StatedDraws(NamedTuple):
-    """Posterior draws of a quantity with a tolerance, and the force at which they are computed."""
+    """Posterior draws of a quantity that has a tolerance, and the bar force that they are for."""
 
     values: Array  #: posterior draws of the quantity that has the tolerance, shape (draws,)
     #: bar force for which the quantity that has the tolerance is computed [N]; None for geometric
@@ -267,10 +266,10 @@ def _stated_draws(
 
 
 def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
-    """Return posterior draws of three deviations of the machine's circular path [mm], by name.
+    """Return posterior draws of G, F_max and F_min of the machine's circular path [mm], by name.
 
-    The names are those of ISO 230-4: G for the circular deviation, F_max for the largest radial
-    deviation and F_min for the smallest radial deviation.
+    As in ISO 230-4, G is the circular deviation, F_max the largest radial deviation and F_min the
+    smallest radial deviation.
 
     If there are several planes, each name ends with the plane, such as ``G_YZ``. ``force`` is the
     force of the bar [N].
@@ -287,10 +286,10 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
 def _directional_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
     """Return posterior draws of the least and greatest stiffness in each plane, and their ratio.
 
-    The names (keys) are ``k_min`` and ``k_max`` for the least and the greatest stiffness along the
-    bar [N/mm], and ``k_ratio`` for the greatest stiffness divided by the least.
+    The keys are ``k_min`` and ``k_max`` for the least and the greatest stiffness along the bar
+    [N/mm], and ``k_ratio`` for the greatest stiffness divided by the least.
 
-    If there are several planes, each name ends with the plane, such as ``k_min_YZ``. ``force`` is
+    If there are several planes, each key ends with the plane, such as ``k_min_YZ``. ``force`` is
     the force of the bar [N].
     """
     planes = bound.setting.planes
@@ -306,8 +305,8 @@ def _decide_by_draws(
 ) -> Conformity:
     """Return the decision on conformity from the share of posterior draws between the limits.
 
-    ``stated`` holds the draws of the quantity, in ``unit``, and ``tolerance`` its limits. If too
-    few draws lie on one side of a limit, the probability of that side is taken from a normal
+    ``stated`` holds the draws of the quantity, and ``tolerance`` its limits, both in ``unit``. If
+    too few draws lie on one side of a limit, the probability of that side is taken from a normal
     distribution; see `_tail_probability`. ``confidence`` is the minimum probability at which a
     decision is made.
     """
@@ -325,10 +324,10 @@ def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability that a quantity lies beyond a limit.
 
     The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
-    is true for the draws beyond the limit. ``score`` is the distance by which the mean lies beyond
-    the limit, in standard deviations; it is negative if the mean lies inside the limit. If fewer
-    than ``_FEWEST_DRAWS`` draws lie on one side of the limit, the probability of that side is taken
-    from a normal distribution; see `_probability_of_few_draws`.
+    is true for the draws beyond the limit. ``score`` states how far the mean lies beyond the limit,
+    in standard deviations; it is negative if the mean lies inside the limit. If fewer than
+    ``_FEWEST_DRAWS`` draws lie on one side of the limit, the probability of that side is taken from
+    a normal distribution; see `_probability_of_few_draws`.
     """
     n = len(outside)
     count = int(outside.sum())
@@ -340,11 +339,12 @@ def _tail_probability(outside: Array, score: float) -> float:
 
 
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
-    """Return the probability that a quantity lies on one side of a limit, if few draws lie there.
+    """Return the probability that a quantity lies on that side of a limit where few draws lie.
 
     Only ``count`` of ``n`` draws lie on this side, too few to estimate the probability from their
-    share. The result is therefore ``normal_tail``, the probability under a normal distribution, but
-    at least ``count`` / ``n`` and at most ``_FEWEST_DRAWS`` / ``n``.
+    share. The result is therefore ``normal_tail``, the probability under a normal distribution. It
+    is raised to ``count`` / ``n`` if it is smaller, and reduced to ``_FEWEST_DRAWS`` / ``n`` if it
+    is larger.
     """
     largest_share = _FEWEST_DRAWS / n
     return max(count / n, min(normal_tail, largest_share))
@@ -372,16 +372,15 @@ def stiffness_conformity(
 ) -> Conformity:
     """Return the decision on the conformity of a stiffness whose compliance has a normal posterior.
 
-    The stiffness 1/C lies between its limits if, and only if, the compliance C lies between the
-    inverses of these limits. The probability of conformance is therefore computed from the normal
-    distribution of C. A negative C is physically impossible, and counts as infinite stiffness. For
-    a compliance with mean m and standard deviation s, the result states 1/m and s/m² as mean and
-    standard deviation of the stiffness. Both values are approximations. The decision does not
-    depend on them.
+    The probability of conformance is the probability, under the normal distribution of the
+    compliance C, that C lies between the inverses of the stiffness limits. A negative C is
+    physically impossible, and counts as infinite stiffness. For a compliance with mean m and
+    standard deviation s, the result states 1/m and s/m² as mean and standard deviation of the
+    stiffness. The decision does not depend on these approximations.
 
     ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. ``compliance_mean``
-    and ``compliance_sd``, mean and standard deviation of the compliance, are in the inverse of this
-    unit. ``confidence`` is the minimum probability at which a decision is made.
+    and ``compliance_sd`` are the mean and the standard deviation of the compliance, in the inverse
+    of this unit. ``confidence`` is the minimum probability at which a decision is made.
     """
     lowest_stiffness, highest_stiffness = tolerance.ends
     lowest_compliance = -np.inf

@@ -20,14 +20,13 @@ __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 # vector. The squared cosine of the angle between the vectors of the two effects must be at least
 # this number.
 SAME_COMBINATION = 0.95
-# A parameter is never said to be confounded with an effect whose share of the parameter's variance
-# is below this number.
+# A parameter is said to be confounded with an effect only if the effect's share of the parameter's
+# variance is at least this number.
 _NAMED_SHARE = 0.05
-# Verdicts on parameters must not depend on rounding errors. A computed number that differs from a
-# limit by less than this amount is therefore treated as equal to the limit. Two verdicts depend on
-# a limit. A parameter is "confounded" if a share of its variance is above a limit. It is
-# "prior-limited" if its contraction, which is one minus the ratio of posterior to prior variance,
-# is below a limit.
+# A computed number that differs from a limit by less than this amount is treated as equal to the
+# limit, so that rounding errors do not change verdicts. Two verdicts depend on limits. A parameter
+# is "confounded" if certain sources cause more than a given share of its variance. It is
+# "prior-limited" if its contraction (1 − posterior variance / prior variance) is below a limit.
 NEAR_TIE = 1e-6
 
 
@@ -39,10 +38,10 @@ def confounding_sources(
     Only sources whose standard uncertainty is assumed (neither measured nor stated) are considered.
     A parameter is confounded with such sources if together they cause more than half of its
     variance, and act on the same combination of parameters. ``sources`` are all sources of the
-    parameter's variance, the largest share first. ``likeness`` says how similarly two
-    sources act. Each source causes errors of all parameters, which form a vector. The likeness is
-    the squared cosine of the angle between the vectors of the two sources. The keys are pairs of
-    names of sources. If ``likeness`` is None, all sources are taken to act on the same combination.
+    parameter's variance, the largest share first. ``likeness`` states for each pair of sources,
+    with both names as the key, how similarly they act. Each source causes errors of all parameters,
+    which form a vector. The likeness is the squared cosine of the angle between the vectors of the
+    two sources. If ``likeness`` is None, all sources are taken to act on the same combination.
     """
     candidates = []
     for source in sources:

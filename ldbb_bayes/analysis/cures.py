@@ -38,10 +38,10 @@ _CLOCKINGS_DEG = (45.0, 90.0)
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
 # If tests at another radius are added to a plan, their radius is a radius of the plan times this
-# factor, or times a power of this factor.
+# factor, or times its square, its cube and so on.
 _OTHER_RADIUS_SHARE = 2.0 / 3.0
-# Radii of two circles that differ by no more than this share of the larger radius are treated as
-# equal.
+# The radii of two circles are treated as equal if their difference is at most this share of the
+# larger radius.
 _SAME_RADIUS_SHARE = 0.01
 # Opposite of each direction of travel, which is clockwise (CW) or counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
@@ -54,9 +54,9 @@ class Cure(StrEnum):
     """A way to resolve a degeneracy: further tests of one kind, or a calibration.
 
     A degeneracy is a combination of parameters and nuisance coefficients whose effects on every
-    reading cancel. The further tests differ from the tests of the plan in one respect: they are run
-    at other forces, with one or both balls turned, at another radius, in the opposite direction of
-    travel, or over the full circle.
+    reading cancel. The further tests differ from those of the plan in one respect. For example,
+    they are run at other forces, with a ball turned, at another radius, or in the opposite
+    direction.
     """
 
     FORCES = "forces"
@@ -76,8 +76,8 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     reading cancel. Nuisance coefficients describe effects that are modelled but not of interest. A
     kind of further tests is returned if the degeneracy vanishes when these tests are added to the
     plan. Turning both balls is returned only if turning a single ball does not suffice. A
-    calibration is returned for every degeneracy in which parameters, or other coefficients, cancel
-    the effect of a nuisance coefficient; the field ``term`` is then not empty.
+    calibration is returned for every degeneracy whose field ``term`` is not empty: other
+    coefficients cancel the effect of a nuisance coefficient, and this effect could be calibrated.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a degeneracy of a plan remains when tests are added to the plan.
+    """Return whether a degeneracy of a plan remains after tests have been added to the plan.
 
     A degeneracy is a combination of coefficients whose effects on the readings cancel.
     ``remaining`` are the degeneracies of the plan with the added tests.
@@ -124,11 +124,10 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies are treated as the same degeneracy.
 
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
-    cancel. If both pivots are nuisance coefficients, the degeneracies are the same if the names of
-    the pivots are the same, apart from the ball, the phase (cosine or sine) and the radius that the
-    names state. If both pivots are parameters, the degeneracies are the same if they have two
-    parameters in common. If ``degeneracy`` has a single parameter, it is enough that ``candidate``
-    has this parameter too.
+    cancel. Two degeneracies whose pivots are nuisance coefficients are the same if the names of the
+    pivots differ at most in the ball, the phase (cosine or sine) or the radius. Two degeneracies
+    whose pivots are parameters are the same if they have two parameters in common, or one if
+    ``degeneracy`` has only one parameter.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -152,7 +151,8 @@ def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[Circul
     """Return tests that may separate effects that a plan cannot separate.
 
     The keys of the result are the kinds of tests, such as tests at other forces. ``directed`` holds
-    the circles of the plan with their directions of travel, and copies in the opposite direction.
+    the circles of the plan with their directions of travel, and copies of these circles in the
+    opposite direction.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),
@@ -183,7 +183,7 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 
 
 class Directed(NamedTuple):
-    """Circles of a plan with directions of travel, and copies in the opposite direction.
+    """Circles of a plan with their directions of travel, and copies in the opposite direction.
 
     ``stated`` are the circles of the plan. If no circle of a plane states its direction, all
     circles of the plane are taken to be clockwise. ``further`` are copies of these circles in the
@@ -221,8 +221,8 @@ def clocked(
 ) -> list[CircularTest]:
     """Return copies of all tests of a plan with one ball or both balls turned in their sockets.
 
-    Each test is copied once for each angle of ``turns_deg`` [°], and this angle is added to the
-    angle of the ball in the test. ``work_ball`` and ``tool_ball`` say which balls are turned.
+    Each test is copied once for each angle of ``turns_deg`` [°]. In the copy, the ball is turned by
+    this angle further than in the test. ``work_ball`` and ``tool_ball`` say which balls are turned.
     """
     tests = []
     for test in plan.tests:
@@ -239,8 +239,9 @@ def clocked(
 def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The new radius is two thirds of the radius of the test with the lowest force. As long as a test
-    of the plan has nearly the same radius, the new radius is multiplied by two thirds again.
+    The new radius is two thirds of the radius of the test with the lowest force. If a test of the
+    plan has nearly this radius, the new radius is reduced to two thirds again, until no test has
+    it.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -84,13 +84,13 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 
 
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
-    """Return the effect of each coefficient on the change of a compliance with force.
+    """Return the effect of each joint-load coefficient on a compliance's change with force.
 
-    Only the effect through the term `JointLoad` (nonlinear deflection of joints under load) is
-    returned. The compliance is the direct compliance of ``axis``. The change of the compliance is
-    its value at the largest tested force minus its value at the smallest. The result, shape (m,),
-    is this change per unit of each of the m coefficients that ``information`` lists. All elements
-    are zero if the model does not have the term, or if no circle moves the axis.
+    The compliance is the direct compliance of ``axis``. Its change is its value at the largest
+    tested force minus its value at the smallest. The result, shape (m,), is this change per unit of
+    each of the m coefficients that ``information`` lists. It is zero for all coefficients that do
+    not belong to the term `JointLoad` (nonlinear deflection of joints under load). All elements are
+    zero if the model does not have this term, or if no circle moves the axis.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)
@@ -101,9 +101,9 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
         if isinstance(term, JointLoad):
             force_N = bound.setting.force_N
             ends_N = np.array([force_N.min(), force_N.max()])
-            # ``secants``, shape (2, 3), holds the effect of the joint's nonlinear deflection on the
-            # compliance, at the smallest and at the largest force tested, per unit of each of the
-            # three coefficients of the term `JointLoad` for the axis.
+            # The term `JointLoad` has three coefficients for the axis. ``secants``, shape (2, 3),
+            # holds the effect of each on the compliance, per unit of the coefficient, at the
+            # smallest and at the largest force tested.
             secants = term.secants(bound.setting, ends_N)
             weights[places] = secants[1] - secants[0]
     return weights

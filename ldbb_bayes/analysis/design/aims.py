@@ -1,4 +1,4 @@
-"""Aims of a campaign that is being run, and its distance from each aim after one more circle.
+"""Aims of a campaign that is being run, and how far the campaign is from each aim.
 
 There are two kinds of aims:
 
@@ -30,9 +30,8 @@ __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 # this number. Because the number is not zero, a reached aim can still decide between two circles
 # that are equally good for all other aims.
 _REACHED = 1e-3
-# Lower limit of the expected log Bayes factor [nat] from which the distance from the aim to decide
-# between two models is computed. A smaller value is replaced by this limit, to avoid the logarithm
-# of zero.
+# If the expected log Bayes factor of two models [nat] is smaller than this number, it is replaced
+# by this number before its logarithm is taken. This avoids the logarithm of zero.
 _LEAST_EVIDENCE = 1e-9
 
 
@@ -72,11 +71,11 @@ class UncertaintyAim:
     #: largest standard uncertainty of the combination w·β of the parameters β at which the aim is
     #: reached
     target: float
-    #: factor by which the standard uncertainty of the combination w·β of the parameters β is larger
-    #: because the hyper-parameters are unknown. It is computed from the readings so far, as a
-    #: ratio. The numerator is the standard uncertainty of w·β. The denominator is the root mean
-    #: square of the K standard uncertainties that w·β would have if the hyper-parameters were known
-    #: to have one of K values.
+    #: factor by which the standard uncertainty of the combination w·β is larger because the
+    #: hyper-parameters are unknown. It is computed from the readings so far: the standard
+    #: uncertainty of w·β is divided by the root mean square of K other standard uncertainties.
+    #: These are the ones that w·β would have if the hyper-parameters were known to have one of K
+    #: values.
     inflation: float
     #: whether the circles run so far have already reached this aim
     is_reached: bool
@@ -84,11 +83,11 @@ class UncertaintyAim:
     def sd(self, covariance: Array) -> Array:
         """Return the standard uncertainties of the combination w·β, shape (K, ...).
 
-        β are the p parameters and w their weights ``weights``. ``covariance``, shape (K, ..., p,
-        p), are covariances of the p parameters, in units of their prior standard deviations, at K
-        values of the hyper-parameters. If there are further dimensions (...), they stand for
-        possible circles. The uncertainties are computed from the covariances, and are multiplied
-        by ``inflation`` because the hyper-parameters are not known exactly.
+        β are the p parameters, and w are the numbers in ``weights``. ``covariance``, shape (K, ...,
+        p, p), are covariances of the p parameters, in units of their prior standard deviations, at
+        K values of the hyper-parameters. Further dimensions, written (...), stand for possible
+        circles. The uncertainties from these covariances are multiplied by ``inflation``, because
+        the hyper-parameters are not known exactly.
         """
         variance = covariance @ self.weights @ self.weights
         return np.asarray(self.inflation * np.sqrt(np.maximum(variance, 0.0)))
@@ -98,8 +97,8 @@ class UncertaintyAim:
 
         u is the expected standard uncertainty of the weighted sum of the parameters, and u* is the
         ``target``. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in
-        units of their prior standard deviations, at K values of the hyper-parameters. If there are
-        further dimensions (...), they stand for possible circles.
+        units of their prior standard deviations, at K values of the hyper-parameters. Further
+        dimensions, written (...), stand for possible circles.
         """
         return np.asarray(np.log(self.sd(covariance) / self.target).mean(axis=0))
 
@@ -124,7 +123,7 @@ class SlopesAim:
         compliances that change with force, and constant compliances. Φ is the expected log Bayes
         factor in favour of the model that is true. ``covariance``, shape (K, ..., p, p), are
         covariances of the p parameters, in units of their prior standard deviations, at K values of
-        the hyper-parameters. The dimensions (...), if there are any, run over possible circles.
+        the hyper-parameters. Further dimensions, written (...), stand for possible circles.
         """
         of_slopes = covariance[..., self.columns, :][..., self.columns]
         root = np.linalg.cholesky(np.linalg.inv(of_slopes))
@@ -139,8 +138,8 @@ def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:
     is multiplied by 0.001. The distance from an aim that is already reached is also multiplied by
     0.001. The sum therefore depends mainly on the aims that the campaign is expected to miss.
     ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
-    prior standard deviations, at K values of the hyper-parameters. The dimensions (...), if there
-    are any, run over possible circles.
+    prior standard deviations, at K values of the hyper-parameters. Further dimensions, written
+    (...), stand for possible circles.
     """
     total = np.zeros(covariance.shape[1:-2])
     for aim in aims:

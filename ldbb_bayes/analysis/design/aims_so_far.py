@@ -2,8 +2,8 @@
 
 An aim is a goal for the expanded uncertainty U (k = 2) of a parameter, or a decision whether a
 quantity conforms with its tolerance. The posterior given the circles run so far shows whether an
-aim is reached now. Whether it will be reached after one more circle is computed from the
-covariances that the parameters are then expected to have.
+aim is reached now. The covariances of the parameters that are expected after one more circle show
+whether it will be reached then.
 """
 
 from __future__ import annotations
@@ -44,12 +44,13 @@ _NODES = 16
 # hyper-parameters over which posterior means and standard deviations are averaged.
 _DRAWS = 1024
 # Smallest distance of an estimate from a tolerance limit, in present standard uncertainties, that
-# is used for the choice of the next circle. A smaller distance is replaced by this number, because
-# a campaign cannot be long enough for a decision if the estimate lies exactly at the limit.
+# is used for the choice of the next circle. A smaller distance is replaced by this number.
+# Otherwise, an estimate exactly at the limit would demand an uncertainty of zero, which no campaign
+# can reach.
 _LEAST_DISTANCE = 0.2
 # Smallest target for a standard uncertainty, as a fraction of the present standard uncertainty. A
-# smaller target is replaced by this fraction. Otherwise, a goal in percent of a parameter's value
-# would require an uncertainty near zero if the value may be near zero.
+# smaller target is replaced by this fraction. Otherwise, a goal such as "5 % of the value" would
+# demand an uncertainty near zero for a parameter whose value may be near zero.
 _LEAST_TARGET = 1e-3
 
 
@@ -126,10 +127,11 @@ def _inflation(sd: float, weights: Array, covariance: Array) -> float:
     """Return the factor by which unknown hyper-parameters increase a standard uncertainty.
 
     The uncertain quantity is a combination of the p parameters with the weights ``weights``, shape
-    (p,). ``sd`` is the standard uncertainty of this combination for unknown hyper-parameters.
-    ``covariance``, shape (K, p, p), are the covariances of the parameters for K known values of the
-    hyper-parameters, from which K standard uncertainties of the combination are computed. The
-    result is ``sd`` divided by the root mean square of these K standard uncertainties.
+    (p,). ``sd`` is the standard uncertainty of this combination if the hyper-parameters are
+    unknown. ``covariance``, shape (K, p, p), are the covariances of the parameters if the
+    hyper-parameters are known to have one of K values. From each covariance, one standard
+    uncertainty of the combination is computed. The result is ``sd`` divided by the root mean square
+    of these K values.
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
@@ -241,7 +243,7 @@ class ToleranceState:
     aim: UncertaintyAim
 
     def so_far(self, after: Array) -> ToleranceSoFar:
-        """Return the present decision, and the probability that one more circle leads to one.
+        """Return the present decision, and the probability that one more circle allows a decision.
 
         The decision is whether a quantity conforms with its tolerance. The estimate after the next
         circle is not known yet. It is taken to be normally distributed about the present estimate.
@@ -284,8 +286,8 @@ def tolerance_states(
     for name, now in decisions.items():
         values = draws[name]
         # There may be fewer posterior draws of the quantity that has the tolerance than of the
-        # model's parameters. Use the draws of the parameters from which the draws of the quantity
-        # were computed.
+        # model's parameters. Use only those draws of the parameters from which the draws of the
+        # quantity were computed.
         scaled_parameters = (parameters - known.mean) / known.bound.scale
         same_draws = scaled_parameters[evenly_spaced(len(scaled_parameters), len(values))]
         weights = np.linalg.lstsq(same_draws, values - values.mean())[0]

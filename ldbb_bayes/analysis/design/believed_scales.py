@@ -1,4 +1,4 @@
-"""Posteriors of the hyper-parameters that an analysis of planned tests may obtain.
+"""Posteriors of the hyper-parameters that an analysis may obtain from planned tests.
 
 The hyper-parameters φ are the prior standard deviations (scales) of the noise and of other effects.
 An analysis does not know their true values; it computes their posterior from the readings and the
@@ -81,11 +81,10 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
     first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
-    # The hyper-parameters are scales: the standard deviations of the noise and of other effects.
-    # The Fisher information about a scale increases with the scale. Compute the information
-    # half-way between the true normal scores of the hyper-parameters and the first estimate of
-    # these scores. This approximates the average information better than the information at the
-    # true scores does.
+    # The Fisher information about a hyper-parameter (standard deviation of the noise or of another
+    # effect) increases with its value. The information is therefore computed half-way between the
+    # true normal scores of the hyper-parameters and a first estimate of them. This is closer to the
+    # average information than the information at the true scores.
     middle = 0.5 * (truth + first.mean)
     belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
     scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
@@ -123,9 +122,8 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # Three matrices are computed from the Fisher information matrix: they have its eigenvectors,
-    # but other eigenvalues. The signs and the order of the eigenvectors are arbitrary, but do not
-    # change the three matrices.
+    # Three matrices are computed that have the eigenvectors of the Fisher information matrix, but
+    # other eigenvalues. The arbitrary signs and order of the eigenvectors do not change them.
     weight = _matrices_with(axes, size / (size + 1.0))
     noise = _matrices_with(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)
@@ -182,10 +180,9 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         information[k] = _information_at(
             effects.blocks, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
-        # The readings of a test were reduced to a few combinations of the readings, which contain
-        # all information about the effects. The other combinations contain white noise alone;
-        # ``spare`` is their number. Add the information about the noise from these other
-        # combinations.
+        # Of all combinations of a test's readings, only a few were used so far: those that contain
+        # information about the effects. The other combinations contain white noise alone; ``spare``
+        # is their number. Their information about the noise is added here.
         information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
     return information
 

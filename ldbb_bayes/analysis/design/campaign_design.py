@@ -2,8 +2,8 @@
 
 A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
 that a design starts from. A candidate is a test that could be run, once or several times. The share
-of a candidate is its number of runs divided by the number of all runs; the numbers of runs need not
-be whole. The criterion is the figure of merit of a design. The efficiency of a design is 1 if the
+of a candidate is its number of runs divided by the number of all runs; fractions of runs are
+permitted. The criterion is the figure of merit of a design. The efficiency of a design is 1 if the
 design is as good, by the criterion, as the best shares, and smaller if it is worse.
 """
 
@@ -45,10 +45,10 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# Relative tolerance of the test for optimal shares. The share of a candidate test is its number of
-# runs divided by the number of all runs. The sensitivity of a candidate test is the derivative of
-# the optimality criterion with respect to its share. The shares are optimal if no sensitivity is
-# larger than the weighted mean of all sensitivities, with the shares as weights.
+# Relative tolerance when shares are tested for optimality. The share of a candidate test is its
+# number of runs divided by the number of all runs. The sensitivity of a candidate test is the
+# derivative of the design criterion with respect to its share. The shares are optimal if no
+# sensitivity is larger than the mean of all sensitivities, weighted by the shares.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (number of runs divided by the number of all runs) is below this
 # number are left out of the table of the best shares.
@@ -106,7 +106,7 @@ class Judged(Forecast):
 
 @dataclass(frozen=True)
 class Limits(Result):
-    """Limits of a design that more runs of the same tests would not overcome."""
+    """Weaknesses of a design that more runs of the same tests would not remove."""
 
     #: number of different forces of the tests. To show whether compliances are polynomials in force
     #: of a higher degree than in the model, more forces would be needed. None if there are enough
@@ -219,7 +219,7 @@ class Design(Forecast):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns, other than ``force_N``, in which a table describes a test.
+        """Names of the table columns that describe a test, apart from ``force_N``.
 
         The columns are the angles by which the two balls are turned, and the radius. There are
         further columns for plane, direction and set-up if tests differ in these properties.
@@ -240,8 +240,8 @@ class Design(Forecast):
         """The model for the analysis of the recommended tests.
 
         The model takes its reference force F0, and the prior standard deviations of the slopes
-        (changes of compliance with force), from the campaign or plan that the design starts from.
-        The reference force and these standard deviations do not depend on the recommended tests.
+        (changes of compliance with force), from the campaign or plan that the design starts from,
+        not from the recommended tests.
         """
         return self._require_planned().model
 
@@ -292,8 +292,8 @@ class Design(Forecast):
         -------
         pandas.DataFrame
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation. ``sd_error`` is the standard error of ``sd``, computed from the differences
-            of the result between possible machines. Three columns are for comparison: ``prior_sd``
+            deviation. ``sd_error`` is the standard error of ``sd``, computed from the scatter of
+            the result over the simulated machines. Three columns are for comparison: ``prior_sd``
             is the prior standard deviation, ``floor_sd`` is the standard deviation that would
             remain if every test were run very many times, and ``baseline_sd`` is the standard
             deviation that is expected after a design in equal steps of force.
@@ -445,7 +445,7 @@ def design(
         Root mean square of the slopes (changes of compliance with force) that the tests are to
         detect, in prior standard deviations.
     seed : int
-        Seed of the random numbers of search and forecast.
+        Seed of the random numbers for the search and for the forecast.
     goals : mapping of str to str, float or Goal, optional
         Largest expanded uncertainties U (k = 2); the keys are the names of the parameters, as in
         {"C_XXX": "5 %", "E_C0YX": "10 µrad"}; numbers are in internal units (mm, N, rad). The goals
@@ -475,9 +475,9 @@ def design(
     Raises
     ------
     InputError
-        For numbers out of range, unknown names, or a campaign in ``against`` that is of another
-        machine. Also if the model or the criterion does not suit the parameters, or if the tests do
-        not determine all parameters.
+        For numbers out of range, unknown names, or a campaign in ``against`` of another machine.
+        The error is also raised if the model or the criterion does not suit the parameters, or if
+        the tests do not determine all parameters.
 
     Examples
     --------
@@ -555,8 +555,8 @@ def design(
 def _refuse_beside_goals(names: Sequence[str]) -> None:
     """Raise an `InputError` if arguments were given that cannot be combined with goals.
 
-    Goals are upper limits of uncertainties. ``names`` are the names of these arguments. Nothing is
-    raised if ``names`` is empty.
+    Goals are upper limits of uncertainties. ``names`` are the names of those arguments that were
+    given although they cannot be combined with goals. If it is empty, no error is raised.
     """
     require(
         not names,
@@ -622,7 +622,7 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Raise an `InputError` if a design for comparison has a wrong name or another machine.
+    """Raise an `InputError` if a design for comparison has a wrong name or a different machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is the name that the
     caller gave it. The name must not be one that the result uses for another design. ``pilot`` is
@@ -652,7 +652,7 @@ def _describe_design(
 
     ``space`` holds the tests to choose from, the criterion and the parameters of interest;
     ``exact`` is the design that the search found. ``pilot`` holds the name and the digest of the
-    campaign that the design starts from. ``compared`` holds the tests of the designs for
+    campaign or plan that the design starts from. ``compared`` holds the tests of the designs for
     comparison, by name; the result includes the forecasts of these designs.
     """
     tests = space.tests_of(exact)
@@ -688,12 +688,12 @@ def _describe_design(
 
 
 def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
-    """Return the forecast and the efficiency of a design that is compared with the best design.
+    """Return the forecast of a design for comparison, and its efficiency.
 
     ``tests`` are the tests of this design, and ``name`` is its name in the comparison. The
-    efficiency compares these tests with the optimal allocation of the same number of runs to the
-    candidate tests, by the criterion of ``space``. It is 1 if the tests are as good as the optimal
-    allocation, and 0 if they do not determine all parameters.
+    efficiency is 1 if these tests are as good, by the criterion of ``space``, as the optimal
+    allocation of the same number of runs to the candidate tests. It is 0 if they do not determine
+    all parameters.
     """
     forecast = space.forecast(space.plan_of(tests, seed=space.seed))
     efficiency = space.efficiency(tests) if forecast.determined else 0.0
@@ -724,7 +724,7 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return the limits of a design that more runs of the same tests would not overcome.
+    """Return the weaknesses of a design that more runs of the same tests would not remove.
 
     The result names, for example, the parameters whose uncertainties would remain large, and the
     kinds of further tests or the calibrations that would reduce these uncertainties. ``space``
@@ -754,11 +754,11 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
-    """Return the number of different forces of the tests if it is too small; otherwise None.
+    """Return the number of different forces if there are too few of them; otherwise None.
 
     The model of ``space`` describes compliances as polynomials of force. There are too few forces
-    if ``tests`` could not show that a higher degree of these polynomials is needed. The result is
-    also None if ``tests`` are analysed together with tests that have already been run.
+    if ``tests`` could not show that these polynomials need a higher degree. If ``tests`` are to be
+    analysed together with tests that have been run before, the result is always None.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -794,9 +794,9 @@ def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degenerac
 
 
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
-    """Return the direction of travel of each plane whose circles all run in one direction.
+    """Return the planes in which all circles run in one direction, with this direction.
 
-    The directions are "CW" and "CCW". The keys of the result are the planes. Only those planes are
+    The keys of the result are the planes; the values are "CW" or "CCW". Only those planes are
     considered for which the model includes both directions of travel.
     """
     one_way = {}
