@@ -105,7 +105,7 @@ class _Similarity(NamedTuple):
     Larger values mean more similar names.
     """
 
-    ratio: float  # share of the letters of two compared names that match, from 0 to 1
+    ratio: float  # fraction of the letters of two compared names that match, from 0 to 1
     same_letters: bool  # whether two compared names consist of the same letters in any order
     # number of letters of the first sequence of letters that occurs in both compared names
     first_match_size: int
@@ -115,8 +115,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is most similar to ``name``, a name that is probably misspelt.
 
     If several names are equally similar, a name with the same letters as ``name``, in any order, is
-    preferred. If there is no such name, the name whose first common substring with ``name`` is the
-    longest is preferred. Capital and small letters are not distinguished.
+    preferred. If there is no such name, the name that shares the longest first sequence of letters
+    with ``name`` is preferred. Capital and small letters are not distinguished.
     """
     lower_name = name.lower()
 

@@ -122,9 +122,9 @@ class _CampaignFile(CampaignFields):
 
 
 class CampaignContent(NamedTuple):
-    """Content of campaign.toml: the tests, and the values of all other fields of `Campaign`.
+    """Content of campaign.toml: the tests, and the values of the other fields of `Campaign`.
 
-    The other fields include the foreseen tests, which have no readings and may be run later.
+    One of the other fields holds the foreseen tests. These have no readings and may be run later.
     """
 
     tests: tuple[CircularTest, ...]
@@ -167,12 +167,12 @@ def read_campaign_toml(path: Path) -> CampaignContent:
 
 
 def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
-    """Return the pilot that campaign.toml names, or None if it names no pilot.
+    """Return the campaign or plan from which a plan was designed, or None if there is none.
 
-    The pilot is the campaign or plan from which a plan was designed. It is stored in a folder
-    inside the plan's folder. ``file`` is the validated content of the campaign.toml at ``path``.
-    Raise an `InputError` if the pilot's folder is not inside the plan's folder, holds no campaign,
-    or holds a campaign that names a pilot itself.
+    This campaign is called the pilot. The campaign.toml of the plan names the pilot's folder, which
+    is inside the plan's folder. ``file`` is the validated content of the campaign.toml at ``path``.
+    Raise an `InputError` if the pilot's folder is not inside the plan's folder or holds no
+    campaign. Also raise it if the pilot names a pilot itself.
     """
     if file.pilot is None:
         return None
@@ -196,7 +196,7 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 
     The value of the key is the name of the certificate's file, a digital calibration certificate
     (DCC). ``content`` is the content of the campaign.toml at ``path`` and is changed in place.
-    Raise an `InputError` if a value is given both in a table and by the certificate of the table.
+    Raise an `InputError` if a table and its certificate both give the same value.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
@@ -226,12 +226,18 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
     """Return the deflection of the work ball's mount, and whether readings are corrected for it.
 
-    The deflection is in µm per bar of air pressure. Instead of the deflection, campaign.toml may
-    give a stiffness [N/µm]. The deflection is then computed as the slope of the force law [N/bar]
-    divided by the stiffness, where the force law is the force of the ball bar as a linear function
-    of the pressure. ``path`` is the path of campaign.toml. ``file`` is its validated content, with
-    defaults filled in; ``content`` is its content without defaults. Raise an `InputError` if
-    campaign.toml gives both stiffness and deflection.
+    The deflection is in µm per bar of air pressure. If campaign.toml gives a stiffness [N/µm]
+    instead, the slope of the bar's force law [N/bar] is divided by the stiffness to obtain the
+    deflection. Raise an `InputError` if campaign.toml gives both stiffness and deflection.
+
+    Parameters
+    ----------
+    path
+        Path of campaign.toml.
+    file
+        Validated content of campaign.toml, with default values for missing keys.
+    content
+        Content of campaign.toml without default values.
     """
     stated = content.get("mount", {}).keys()
     require(

@@ -26,11 +26,10 @@ _SCHEMA = 1
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and one CSV file of readings for each test into an existing folder.
 
-    No CSV file is written for tests without readings, which are the tests of a plan and the
-    foreseen tests (tests that may be run later). If the angles of a foreseen test are unevenly
-    spaced, the same number of evenly spaced angles is written instead. The pilot of a plan, which
-    is the campaign or plan from which the plan was designed, is written into the subfolder
-    ``pilot``.
+    No CSV file is written for a test without readings: a test of a plan, or a foreseen test, which
+    may be run later. If the angles of a foreseen test are unevenly spaced, the same number of
+    evenly spaced angles is written instead. The pilot of a plan is written into the subfolder
+    ``pilot``. The pilot is the campaign or plan from which the plan was designed.
     """
     if campaign.pilot is not None:
         pilot_folder = folder / PILOT_NAME
@@ -103,8 +102,8 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     """Return the table [[test]] or [[foreseen]] of campaign.toml for one test of a campaign.
 
-    A field is left out if its value is filled in when the file is read again. An example is the
-    radius of a test that has the radius of the campaign.
+    A field is left out if its value is filled in again when the file is read. For example, the
+    radius is left out if it is the radius of the campaign.
     """
     usual = {
         "radius_mm": campaign.radius_mm,

@@ -1,4 +1,4 @@
-"""Digital calibration certificates (DCC) of bar, force device and balls.
+"""Digital calibration certificates (DCC) of the bar, the force device and the balls.
 
 The numbers of a certificate are returned as dictionaries with the keys of ``campaign.toml``. They
 are later stored in fields of `Instrument`.
@@ -27,7 +27,7 @@ _METRES_PER_MICROMETRE = 1e-6
 _QUANTITIES_LISTED = 12
 # Pattern of a length in the name of a bar, such as 100 mm.
 _LENGTH_IN_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)\s?mm\b")
-# Two nominal lengths of a ball bar count as equal if they differ by at most this share of the
+# Two nominal lengths of a ball bar count as equal if they differ by at most this fraction of the
 # length.
 _NOMINAL_TOLERANCE = 1e-3
 # Longest name of a certificate that is written into campaign.toml [characters].
@@ -67,9 +67,12 @@ class CertifiedQuantity:
     def title(self) -> str:
         """Name that error messages use for a quantity of a calibration certificate.
 
-        The name in messages is the first of the following that is not empty: the name of the
-        quantity, the name or attribute refType of the innermost element of the certificate that
-        contains the quantity, the attribute refType of the quantity, and "no name".
+        It is the first of the following names that is not empty:
+
+        - the name of the quantity,
+        - the name or attribute refType of the innermost element that contains the quantity,
+        - the attribute refType of the quantity,
+        - "no name".
         """
         for text in (self.name, *reversed(self.holders), self.ref_type):
             if text:
@@ -80,9 +83,8 @@ class CertifiedQuantity:
     def role(self) -> str:
         """What the certified quantity is, such as ``length``, as its name or refType shows.
 
-        If the name and the refType of the quantity do not show its role, the names and refType
-        attributes of the certificate's elements that contain the quantity are used. If these do not
-        show the role either, the role is an empty string.
+        If neither its name nor its refType shows the role, the names and refType attributes of the
+        elements that contain the quantity are used. If no role is found, it is an empty string.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -150,7 +152,7 @@ class CalibrationCertificate(Shown):
 
     The methods return dictionaries of what the certificate states about a bar, a force device or a
     ball. The dictionaries have the keys of ``campaign.toml``. The methods raise an `InputError` if
-    the certificate says nothing about the bar, force device or ball.
+    the certificate says nothing about such an object.
     """
 
     path: Path
@@ -213,11 +215,11 @@ class CalibrationCertificate(Shown):
     ) -> CertifiedQuantity:
         """Return the certified quantity that states the error of a bar's length.
 
-        An error of indication is preferred. If there is none, a deviation from the nominal length
-        is used, and then a length that is stated together with its nominal value. ``lengths`` holds
-        lists of quantities in units of length; the keys say what the quantities are, such as
-        ``deviation``. If the certificate describes several bars, the bar with the nominal length
-        ``length_mm`` is used. Raise an `InputError` if no quantity states an error, or if several
+        An error of indication is used if the certificate states one. Otherwise a deviation from the
+        nominal length is used or, if there is none, an actual length that is stated together with
+        the nominal length. If the certificate describes several bars, the bar with the nominal
+        length ``length_mm`` is chosen. ``lengths`` holds all certified lengths, in lists with keys
+        such as ``deviation``. Raise an `InputError` if no quantity states an error, or if several
         such quantities remain.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
@@ -241,12 +243,16 @@ class CalibrationCertificate(Shown):
     def force(self) -> dict[str, Any]:
         """Return what the certificate states about a force device, with the keys of campaign.toml.
 
-        The key U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain.
-        If the certificate states no gain, U_percent is the expanded uncertainty (k = 2) of the
-        largest certified force, in percent of this force. The key linearity_percent is the largest
-        deviation from a straight line, in percent of the largest force. The key certificate is the
-        name of the certificate. If the certificate does not state one of the two percentages, its
-        key is left out. Raise an `InputError` if the certificate states neither of them.
+        The result has three keys:
+
+        - U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain. If the
+          certificate states no gain, the largest certified force takes its place.
+        - linearity_percent is the largest deviation from a straight line, in percent of the largest
+          force.
+        - certificate is the name of the certificate.
+
+        A percentage that the certificate does not state is left out. Raise an `InputError` if it
+        states neither of them.
         """
         stated: dict[str, Any] = {}
         sources = []
@@ -286,8 +292,9 @@ class CalibrationCertificate(Shown):
         """Return the largest linearity error of a force device that the certificate states.
 
         The linearity error is the deviation from a straight line, as a ratio or as a force in
-        newtons. Errors are compared as ratios. If several errors are equally large, return the last
-        of them. Return None if no error is stated.
+        newtons. To compare the errors, those in newtons are divided by the largest force. If
+        several errors are equally large, return the last of them. Return None if no error is
+        stated.
         """
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])
@@ -316,9 +323,9 @@ class CalibrationCertificate(Shown):
     def ball(self) -> dict[str, Any]:
         """Return a dict with a ball's deviation from sphericity [µm] and its certificate's name.
 
-        The keys are sphericity_um and certificate, as in campaign.toml. A certificate may state
-        several form deviations of the ball. The expanded uncertainty (k = 2) of each is added to
-        it, and the largest sum is returned as the deviation from sphericity.
+        The keys are sphericity_um and certificate, as in campaign.toml. The deviation from
+        sphericity includes its expanded uncertainty (k = 2), which is added to it. If the
+        certificate states several form deviations of the ball, the largest sum is returned.
         """
         largest_bound = 0.0
         quantity = None
@@ -373,11 +380,15 @@ def _error_of_length(
 ) -> tuple[float, float]:
     """Return the amount by which a bar's readings are too large, and its uncertainty U, in µm.
 
-    U is the expanded uncertainty (k = 2) of this amount. ``quantity`` is the certified quantity
-    from which the error is computed. ``lengths`` holds all quantities of the certificate in units
-    of length, in lists by role, such as ``nominal``. Raise an `InputError` if ``quantity`` has no
-    uncertainty. Also raise an `InputError` if ``quantity`` is an actual length, and the nominal
-    length from which it must be subtracted is not unique.
+    U is the expanded uncertainty (k = 2) of this amount. Raise an `InputError` if the certificate
+    gives no uncertainty. Also raise it if the nominal length is needed but is not unique.
+
+    Parameters
+    ----------
+    quantity
+        Certified quantity from which the error is computed.
+    lengths
+        All certified lengths, in lists with keys such as ``nominal`` or ``deviation``.
     """
     value, U = quantity.numbers(_METRES_PER_MICROMETRE)
     if not U:
@@ -399,10 +410,12 @@ def _is_of_length(
 ) -> bool:
     """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
 
-    The quantity belongs to such a bar if its name, or the name of an XML element that contains it,
-    includes the length, as in ``Bar 100 mm``. The quantity also belongs to such a bar if the XML
-    element that contains the quantity also contains a nominal length (one of ``nominals``) equal to
-    ``length_mm``.
+    This is so in two cases:
+
+    - The length is part of the quantity's name, or of the name of an XML element that contains the
+      quantity. An example is ``Bar 100 mm``.
+    - The XML element that contains the quantity also contains one of the certified lengths
+      ``nominals``, and this nominal length equals ``length_mm``.
     """
     texts = " ".join((*quantity.holders, quantity.name))
     for match in _LENGTH_IN_NAME.finditer(texts):
@@ -427,9 +440,8 @@ def _several_errors(
 
     The message lists the first twelve errors. For each of them, it gives a name that distinguishes
     the error from the others, and the two numbers that the user may enter instead of the
-    certificate: length_error_um and U_um. ``candidates`` holds the quantities of the certificate
-    that state the errors. ``lengths`` holds all quantities in units of length; its keys say what
-    kinds of length these are.
+    certificate: length_error_um and U_um. ``candidates`` holds the certified quantities that state
+    the errors. ``lengths`` holds all certified lengths, in lists with keys such as ``nominal``.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:

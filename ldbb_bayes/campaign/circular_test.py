@@ -99,11 +99,10 @@ class TestFields(Shown):
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Names of those fields of a test whose values an import can take from elsewhere, for example from
-# the name of the file, if the table has no column of the same name.
+# Fields of a test whose values an import can take from elsewhere, for example from the name of the
+# file, if the table has no column of the same name.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Names of those fields of a test that can be read from a table of readings only if the table has a
-# column of the same name.
+# Fields of a test whose values an import takes only from a column of the table with the same name.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
@@ -305,7 +304,7 @@ class CircularTest(TestFields):
     def with_reading_um(self, reading_um: ArrayLike | None) -> CircularTest:
         """Return a copy of this test with the readings ``reading_um`` [µm].
 
-        For None, the copy has no readings.
+        If ``reading_um`` is None, the copy has no readings.
         """
         return replace(self, reading_um=reading_um)
 
@@ -334,11 +333,10 @@ class CircularTest(TestFields):
     def planned(self) -> CircularTest:
         """Return a copy of this test as a planned test, which has no readings.
 
-        Angles that are unevenly spaced, or extend over more than one turn, are replaced with the
-        same number of evenly spaced angles over the arc that the test covers, which is at most one
-        turn. Evenly spaced angles are computed anew from their number, first angle and arc. A
-        planned test that is stored in campaign.toml and read again therefore has exactly the same
-        angles.
+        If the angles are unevenly spaced or extend over more than one turn, they are replaced with
+        the same number of evenly spaced angles over the same arc, at most one turn. Evenly spaced
+        angles are computed anew from their number, first angle and arc. A planned test therefore
+        has exactly the same angles after it has been stored in campaign.toml and read again.
         """
         readings = len(self.angle_deg)
         if self.step_deg:
@@ -382,10 +380,9 @@ class CircularTest(TestFields):
     def arc_deg(self) -> float:
         """Arc that the angles of the test cover [deg].
 
-        Angles of several turns are first reduced to one turn. The arc is 360° minus the largest gap
-        between neighbouring angles on the circle. If the largest gap is at most three times as wide
-        as a usual gap, the arc is 360°. The width of a usual gap is the median of the other gaps,
-        weighted by their widths.
+        Angles of several turns are first reduced to one turn. The arc is then 360° minus the
+        largest gap between neighbouring angles on the circle. The arc counts as a full 360° if the
+        largest gap is at most three times the usual gap (see `usual_gap`).
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -416,8 +413,8 @@ def _arc_of(angles: bytes) -> float:
 def usual_gap(gaps_deg: Array) -> float:
     """Return the usual width of the gaps between neighbouring angles on a circle [deg].
 
-    The usual width is the median of all gaps except the largest, each weighted by its width. The
-    weights keep narrow gaps between nearly equal angles from lowering the result.
+    The usual width is the weighted median of all gaps except the largest. Each gap is weighted by
+    its width, so that a few very narrow gaps between nearly equal angles have hardly any influence.
 
     Parameters
     ----------
@@ -432,8 +429,8 @@ def usual_gap(gaps_deg: Array) -> float:
 def distinct_forces(forces_N: ArrayLike) -> Array:
     """Return the distinct values among the forces ``forces_N``, in ascending order [N].
 
-    A force counts as equal to the next lower distinct force if it exceeds that force by at most a
-    thousandth of the largest force.
+    A force is left out if it exceeds the next lower force in the result by at most a thousandth of
+    the largest force in ``forces_N``.
     """
     ordered = np.unique(np.asarray(forces_N, dtype=float))
     distinct: list[float] = []

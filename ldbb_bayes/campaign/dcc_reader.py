@@ -38,14 +38,12 @@ _NO_RESULTS = (
 # Names of the XML elements of a digital calibration certificate that hold one number or a list of
 # numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList")
-# Names of XML elements by which an expanded uncertainty is recognised. The keys are the names of
-# the elements that state the uncertainty: the first key is the name in version 2 of the D-SI
-# (Digital SI), the second key the name in version 1. Each value is the name of the inner element
-# that holds the number.
+# Names of the XML elements that state an expanded uncertainty. The first key is the name in version
+# 2 of the D-SI (Digital SI), the second key the name in version 1. Each value is the name of the
+# inner element that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-# Names of XML elements by which a standard uncertainty in the D-SI (Digital SI) is recognised. The
-# keys are the names of the elements that state the uncertainty. Each value is the name of the inner
-# element that holds the number.
+# Names of the XML elements of the D-SI (Digital SI) that state a standard uncertainty. Each value
+# is the name of the inner element that holds the number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",
@@ -110,9 +108,9 @@ def _quantities_in(
 ) -> Iterator[CertifiedQuantity]:
     """Yield all certified quantities inside an XML element of a certificate.
 
-    ``holder`` is the element. ``holders`` are the names and refType attributes of this element and
-    of all elements that contain this element, outermost first. Each quantity stores the names and
-    refType attributes of all elements that contain the quantity.
+    ``holder`` is the element. ``holders`` are its name and refType attribute, after those of all
+    elements that contain it, outermost first. Each quantity stores the names and refType attributes
+    of all elements that contain the quantity.
     """
     for element in holder:
         name = _name_of(element)
@@ -178,8 +176,8 @@ def _quantities_of(
     """Yield one certified quantity for each finite number in an XML element.
 
     The element holds one number or a list of numbers. A single unit or uncertainty applies to all
-    numbers of the list. If a list of units or uncertainties is shorter than the list of numbers,
-    the numbers beyond the end of the shorter list are left out.
+    numbers of the list. If a list of several units or uncertainties is shorter than the list of
+    numbers, the numbers without a unit or uncertainty are left out.
 
     Parameters
     ----------
@@ -232,12 +230,12 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 
 
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
-    """Return the number of quantities for which an XML element lists both unit and uncertainty.
+    """Return the length of the shortest list of units or uncertainties that an XML element states.
 
-    ``units`` is the list of units; ``uncertainty`` holds the lists of uncertainties, coverage
-    factors and coverage probabilities. A list with a single entry applies to all quantities. The
-    result is the length of the shortest list with more than one entry, or None if there is no such
-    list.
+    Numbers of the element beyond this length have no unit or uncertainty. Only lists with more than
+    one entry are considered, because a single entry applies to all numbers. Return None if there is
+    no such list. ``units`` is the list of units; ``uncertainty`` holds the lists of uncertainties,
+    coverage factors and coverage probabilities.
     """
     lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
     lengths = [len(entries) for entries in lists if len(entries) > 1]
@@ -245,11 +243,11 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
 
 
 def _entry_for_quantity(entries: Sequence[_T], k: int) -> _T | None:
-    """Return the unit or uncertainty that applies to number ``k`` of a list in a certificate.
+    """Return the unit or uncertainty of the certified number with the index ``k``.
 
     ``entries`` are the units or uncertainties that an XML element states for its list of numbers,
-    and ``k`` is counted from 0. A single entry applies to all numbers. From a longer list, entry
-    ``k`` is returned. If the list is empty, None is returned.
+    and ``k`` is counted from 0. A single entry applies to all numbers. Return None if there is no
+    entry.
     """
     if not entries:
         return None
@@ -261,8 +259,8 @@ def _entry_for_quantity(entries: Sequence[_T], k: int) -> _T | None:
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
     """Return the words, separated by blanks, in the D-SI element named ``tag`` inside ``element``.
 
-    If there is no such element, return the words of the element ``tag`` + "XMLList", which holds a
-    list. Return an empty list if neither element exists.
+    If there is no such element, return the words of the element with "XMLList" added to its name.
+    Return an empty list if neither element exists.
     """
     text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
     return text.split()

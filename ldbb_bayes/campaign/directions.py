@@ -11,8 +11,8 @@ __all__ = ["planes_run_both_ways"]
 def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
     """Return the planes in which circles are run, or are planned, in both directions of travel.
 
-    Raise an `InputError` if no direction is given for a test in such a plane, or if in any other
-    plane the direction is given for some tests but not for all.
+    Raise an `InputError` if a test in such a plane has no direction. Also raise it if, in any other
+    plane, only some of the tests have a direction.
     """
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
@@ -28,8 +28,8 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
     """Raise an `InputError` if a test of ``campaign`` in ``plane`` has no direction of travel.
 
-    ``reason`` is the end of the clause of the error message that says why the direction is needed.
-    An example of the clause is "as circles of plane XY run, or are to run, both ways".
+    ``reason`` completes the clause "as circles of plane XY …" of the error message, for example
+    with "run, or are to run, both ways".
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

@@ -138,11 +138,10 @@ def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
 
 
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
-    """Return the instrument with new values of the fields that ``certificates`` names.
+    """Return a copy of the instrument in which the values in ``certificates`` replace the old ones.
 
-    ``certificates`` holds new values; the keys are names of fields of `Instrument`. If a value of
-    the bar or of the force device is replaced, the name of the certificate that stated the old
-    value is removed.
+    The keys of ``certificates`` are names of fields of `Instrument`. If a value of the bar or of
+    the force device is replaced, the name of the certificate that stated the old value is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:
@@ -216,7 +215,7 @@ def pilot_of_plan(folder: Path | None) -> set[str]:
 
     The pilot is the campaign or plan from which the plan was designed. Its folder, which is inside
     the folder of the plan, holds only a copy and may be deleted when the plan is replaced.
-    ``folder`` is the folder of the plan; for None, the set is empty.
+    ``folder`` is the folder of the plan; if it is None, the set is empty.
     """
     if folder is None:
         return set()

@@ -13,9 +13,9 @@ __all__ = ["missing_entries", "without_entries"]
 def missing_entries(column: Any) -> NDArray[np.bool_]:
     """Return a mask of the n entries of a column, shape (n,), that is true for missing entries.
 
-    An entry is missing if it is masked in a masked array of NumPy, or if it is pandas' NA. A NaN
-    does not count as missing, but as an invalid number. The result is empty for a column that is
-    not one-dimensional.
+    An entry is missing if it is masked in a masked array of NumPy, or if it is pandas' NA. A NaN is
+    an invalid number and does not count as missing. The result is empty for a column that is not
+    one-dimensional.
     """
     if isinstance(column, np.ma.MaskedArray):
         mask: NDArray[np.bool_] = np.ma.getmaskarray(column)

@@ -31,17 +31,16 @@ _ORDER = 12
 # Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
 # angles cover a smaller arc.
 _FULL_DEG = 359.0
-# Limit [deg] that decides how the preview describes a test whose angles do not cover the full
-# circle. If the covered arc is at most this limit, the remark gives the arc; if the arc is larger,
-# the remark gives the largest gap between angles. The limit is a full circle minus one period of
-# the highest order of the fitted Fourier series.
+# Limit [deg] for tests whose angles do not cover the full circle. The preview states the covered
+# arc if it is at most this limit, and otherwise the largest gap between angles. The limit is a full
+# circle minus one period of the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this multiple of the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
-# The force given for a test may differ from the force that follows from the test's pressure by the
-# campaign's force law. The preview reports a difference that exceeds this fraction of the force at
-# the campaign's largest pressure.
+# The preview compares the force given for a test with the force that follows from the test's
+# pressure by the campaign's force law. It reports a difference larger than this fraction of the
+# force at the campaign's largest pressure.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
 # forces is probably wrong.
@@ -55,26 +54,25 @@ _SMALLEST_SPAN_RESOLUTIONS = 3.0
 # If the peak-to-peak value of a test's readings is larger than this number [µm], the unit of the
 # readings is probably wrong.
 _LARGEST_SPAN_UM = 1000.0
-# Range of the number of readings of a test for which the preview fits a Fourier series to the
-# readings.
+# The preview fits a Fourier series only to tests whose number of readings is in this range.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
 # A reading is a spike if its deviation from the Fourier series fitted to its test exceeds this
 # multiple of the standard deviation of the readings about the series.
 _SPIKE_SCATTERS = 8.0
-# For a test that goes once round the circle, the preview reports that the trace of the readings is
-# not closed if the jump between the last and the first reading exceeds this multiple of the noise
+# For a test that goes once round the circle, the preview computes the jump between the last and the
+# first reading. It reports the circle as not closed if the jump exceeds this multiple of the noise
 # level. The noise level is the standard deviation of the noise or the resolution of the readout,
 # whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Largest number of fits in each of the two steps of the search for spikes. The first step always
-# makes this number of fits, and gives the readings new weights after each fit. In the second step,
-# each fit leaves out the spikes that the previous fit shows; the step ends early if the spikes no
+# Spikes are searched for in two steps, and each step makes at most this number of fits. The first
+# step makes all of them, and gives the readings new weights after each fit. In the second step,
+# each fit leaves out the spikes that the previous fit shows; the step ends when the spikes no
 # longer change.
 _MAX_ROUNDS = 20
-# The sign of the readings is examined if at least this number of tests of the same circle each
-# cover a whole turn, which is an arc of more than `_WHOLE_TURN_DEG` [deg]. A remark is made if the
-# mean reading falls by more than `_SMALLEST_FALL_UM` [µm] over the tested forces, and if its
-# correlation with the force is below `_FALLING`.
+# The preview examines the sign of the readings if at least `_FEWEST_FOR_SIGN` tests were run on the
+# same circle. Only tests that cover more than `_WHOLE_TURN_DEG` [deg] are counted. A remark is made
+# if the mean reading falls by more than `_SMALLEST_FALL_UM` [µm] from the smallest to the largest
+# force, and if its correlation with the force is below `_FALLING`.
 _FEWEST_FOR_SIGN = 3
 _WHOLE_TURN_DEG = 340.0
 _SMALLEST_FALL_UM = 2.0
@@ -143,7 +141,7 @@ class _Remarks:
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
-        """Add a remark on a campaign or test to the preview if the condition is true.
+        """Add a remark on a campaign or test to the preview if ``condition`` is true.
 
         ``kind`` is the kind of the remark, and ``values`` are the numbers and names that the
         sentence of the remark will contain.
@@ -346,8 +344,8 @@ def _remark_on_angles(
 
     A remark is made if the order of the angles contradicts the direction of travel given for the
     test, if the angles do not cover the full circle, or if there is a wide gap between them.
-    ``campaign`` is the campaign of the test, and ``angles`` holds the steps, gaps and direction of
-    the angles.
+    ``campaign`` is the campaign of the test. ``angles`` holds the steps and gaps of the angles, and
+    the direction in which they run.
     """
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
@@ -360,10 +358,10 @@ def _remark_on_angles(
 
 
 def _order_shows_no_travel(campaign: Campaign) -> bool:
-    """Return whether the angles increase in all tests although both directions of travel are given.
+    """Return whether the angles increase in all tests, although some are CW and others CCW.
 
-    In this case the tables of readings were probably sorted by angle, so that the order of the
-    readings does not show the direction of travel.
+    The tables of readings were then probably sorted by angle, and the order of the readings does
+    not show the direction of travel.
     """
     directions = {test.direction for test in campaign.tests}
     all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
@@ -373,9 +371,8 @@ def _order_shows_no_travel(campaign: Campaign) -> bool:
 def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) -> None:
     """Add a remark if the force given for a test does not agree with its pressure.
 
-    The campaign's force law states the force as a linear function of the pressure. The force given
-    for the test is compared with the force that the law gives for the pressure of the test. The
-    remark is added to ``remarks``.
+    The given force is compared with the force that follows from the pressure by the campaign's
+    force law. The remark is added to ``remarks``.
     """
     force_N = float(test.force_N or 0.0)
     pressure_bar = float(test.pressure_bar or 0.0)
@@ -431,13 +428,14 @@ def _preview_readings(
 def _noise_and_spikes(
     test: CircularTest, resolution_um: float, closes: bool, remarks: _Remarks
 ) -> tuple[float, int]:
-    """Return the scatter of readings about a Fourier series of order 12, and the number of spikes.
+    """Return the scatter of a test's readings about a fitted curve [µm], and the number of spikes.
 
-    The scatter is the standard deviation [µm] about the series of all readings except spikes, which
-    are readings far from the series. If the test goes once round the circle (``closes``), a drift
-    linear in the angle is fitted too, and the jump between the last and the first reading is
-    computed from this fit. Remarks on the jump and on spikes are added to ``remarks``.
-    ``resolution_um`` is the resolution of the readout [µm].
+    The curve is a Fourier series of order 12. Spikes are readings far from the curve. The scatter
+    is the standard deviation of all other readings about the curve. If the test goes once round the
+    circle (``closes``), the curve with which the spikes are found also includes a drift linear in
+    the angle. The jump between the last and the first reading is computed from this curve. Remarks
+    on spikes and on a large jump are added to ``remarks``. ``resolution_um`` is the resolution of
+    the readout [µm].
     """
     phases = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
@@ -558,9 +556,9 @@ def resolution_of(reading_um: Array) -> float | None:
     - There are fewer than three distinct readings.
     - A difference is not a multiple of the resolution to within 5 % of the resolution.
     - More than nine tenths of the readings are distinct, and the resolution is below 0.005 µm. The
-      step then only shows how many digits were written.
+      differences then only show how many digits were written.
     - More than nine tenths of the readings are distinct, and there are fewer than 50 distinct
-    readings.
+      readings.
 
     Parameters
     ----------
@@ -711,7 +709,7 @@ def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
 def _remark_on_unit(
     quantity: str, value: float, unit: str, usual: tuple[float, float], remarks: _Remarks
 ) -> None:
-    """Add a remark if a value is outside its usual range, so that its unit is probably wrong.
+    """Add a remark if a value is outside its usual range, which suggests a wrong unit.
 
     ``quantity`` is the name of the quantity, ``value`` its value in ``unit``, and ``usual`` holds
     the two ends of its usual range. The remark is added to ``remarks``.

@@ -24,8 +24,8 @@ _LARGEST_COLUMNS = 1000
 _SHOWN_NAME = 60
 _ANGLES = ("angle_deg", "angle_rad")
 _READINGS = ("reading_um", "reading_mm")
-# Names of those columns of a tidy CSV, a table with one row for each reading, whose value must be
-# the same in all rows of a test.
+# Columns of a tidy CSV whose value must be the same in all rows of a test. A tidy CSV is a table
+# with one row for each reading.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 # Names that the columns of a table with one row for each reading may have.
 _TIDY_COLUMNS = ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS)
@@ -89,7 +89,7 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 
 
 def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
-    """Return the common value of a column in all rows of one test; None if the cells are empty.
+    """Return the value that a column has in all rows of one test; None if the cells are empty.
 
     ``test`` and ``column`` are the names of the test and of the column, and ``values`` the column's
     values in the rows of the test. Raise an `InputError` if the values differ.
@@ -188,8 +188,8 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
     """Return a dictionary with the column of angles and the column of readings of a table.
 
     The keys are the names of the columns. ``columns`` are all columns of the table. Raise an
-    `InputError` if the table has no column, or two columns with different units, for the angles or
-    for the readings. Also raise it if the range of the angles contradicts their unit.
+    `InputError` if the table has no angles or no readings, or has either of them in two units. Also
+    raise it if the range of the angles contradicts their unit.
     """
     angle = _present_name(path, columns, _ANGLES)
     reading = _present_name(path, columns, _READINGS)

@@ -1,4 +1,4 @@
-"""Reading of text tables: bytes to text, text to rows of cells, cells to columns of numbers.
+"""Reading of text tables: decoding of the file, splitting into cells, and reading of numbers.
 
 The tables of a campaign folder are read strictly, by `read_strict_table` and `strict_numbers`.
 Imported files are read in the same steps, after the encoding, the separator of the cells and the
@@ -198,11 +198,11 @@ def _split_at_blanks(content: str) -> list[str]:
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return the line numbers of the rows of a text table, and the columns of the table.
+    """Return the number of each row's line in the text file, and the columns of the table.
 
-    The line numbers are those of the file. The table has ``width`` columns. Raise an `InputError`
-    for a row with fewer cells, and for a row with additional cells unless they are all empty.
-    ``place`` is the file's name for error messages.
+    The table has ``width`` columns. Additional cells of a row are ignored if they are empty. Raise
+    an `InputError` for a row with fewer cells, and for a row with additional cells that are not
+    empty. ``place`` is the file's name for error messages.
     """
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):
@@ -236,7 +236,7 @@ def strict_numbers(
     decimal
         Decimal mark: point or comma.
     """
-    # Cells with underscores are no numbers, although Python would read 1_000 as 1000.
+    # Python would read 1_000 as 1000, but a cell with an underscore does not count as a number.
     plain = "_" not in "".join(cells)
     if plain and decimal == ".":
         with suppress(ValueError):

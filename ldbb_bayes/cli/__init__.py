@@ -24,8 +24,8 @@ from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
 
-# Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
-# in Typer, the library that reads the command line.
+# Class of the errors that are raised if a command is used wrongly. It is defined by the library
+# Click, or by the copy of Click in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
 # Options that do not exist, but that a user may type because Python functions have arguments of
 # these names. The value for each of these options is the option to type instead.
@@ -48,9 +48,9 @@ class _Commands(TyperGroup):
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
         """Run the command of ``ldbb-bayes`` that the arguments name, or show the help.
 
-        ``args`` are the arguments typed after ``ldbb-bayes``; None stands for the arguments with
-        which this process was started. ``positional`` and ``keywords`` are further arguments for
-        the method of Typer, the library that reads the command line.
+        ``args`` are the arguments typed after ``ldbb-bayes``; if they are None, the arguments of
+        this process are used. ``positional`` and ``keywords`` are passed on to Typer, the library
+        that reads the command line.
         """
         arguments = list(sys.argv[1:] if args is None else args)
         keywords["standalone_mode"] = False

@@ -252,8 +252,8 @@ def campaign_fields(
 def _column_in(text: str) -> str | int:
     """Return the number or the heading by which the user names a column of a table.
 
-    The result is the number of the column, counted from 1, if the string consists only of digits,
-    and otherwise the string, which is the heading of the column.
+    If ``text`` consists only of digits, it is the number of the column, counted from 1. Otherwise
+    it is the heading of the column.
     """
     return int(text) if text.isdecimal() else text
 
@@ -269,15 +269,15 @@ def _read_columns(entries: list[str], flag: str) -> list[str | int]:
 
 
 def _read_sheets(text: str, flag: str) -> list[str]:
-    """Return the names of the workbook's sheets that the user typed, separated by commas."""
+    """Return the names of a workbook's sheets, which the user typed with commas between them."""
     return [name.strip() for name in text.split(",")]
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return how imported tables are to be read (the layout), from a layout file and options.
+    """Return the layout (how imported tables are to be read) from a layout file and options.
 
-    ``layout`` is the path of the file; None if there is no file. ``options`` holds values of fields
-    of `Layout`; the keys are names of fields. These values take precedence over the file.
+    ``layout`` is the path of the file, or None if there is no file. ``options`` holds values of
+    fields of `Layout`; the keys are names of fields. These values replace those in the file.
     """
     from_file = lb.reading.Layout() if layout is None else lb.reading.read_layout(layout)
     columns = dict(from_file.columns)

@@ -130,9 +130,9 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # The summaries of the fit and of the averaged posterior contain the same decisions on
-            # conformity. The decisions are made at the force that the report states, with the
-            # averaged posterior or, if there is no averaged posterior, with the fit.
+            # The report decides on conformity only once, at the force that it states. The averaged
+            # posterior is used, or the fit if there is no average. Both summaries contain the same
+            # decisions.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -292,8 +292,8 @@ def _average_or_none(
 ) -> xr.DataTree | None:
     """Return the posterior averaged over ``models``; None if it cannot be computed.
 
-    ``evidences`` holds those evidences of the models that have already been computed; ``seed`` is
-    the seed of the random draws.
+    ``evidences`` holds the evidences of models that are already computed; ``seed`` is the seed of
+    the random draws.
     """
     try:
         return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)

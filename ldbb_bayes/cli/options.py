@@ -102,7 +102,7 @@ class Option:
         return str(self.settings.get("name", "--" + name.replace("_", "-")))
 
     def parameter(self, name: str) -> inspect.Parameter:
-        """Return the function parameter from which Typer makes the option with this name.
+        """Return the function parameter from which Typer makes the option named ``name``.
 
         Typer, the library that reads the command line, makes options from the parameters of
         functions.
@@ -189,7 +189,8 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     help
         Help text of the option.
     default
-        Value that is used if the user does not type the option. For None, no value is passed on.
+        Value that is used if the user does not type the option. If it is None, no value is passed
+        on.
     to
         Keyword argument that gets the value. Default: the name of the option.
     **settings

@@ -81,7 +81,7 @@ def drawing(name: str, *results: Any) -> Callable[[], Figure]:
     """
 
     def draw() -> Figure:
-        """Draw the figure with the name ``name`` from results such as a posterior; return it."""
+        """Draw the figure named ``name`` from results such as a posterior, and return it."""
         return cast("Figure", getattr(lb.figures, name)(*results))
 
     return draw

@@ -24,7 +24,7 @@ Begin = Callable[[str], Tell | None]
 
 
 class _BarState(NamedTuple):
-    """State of a progress bar: the completed share, from 0 to 1, and the text beside the bar."""
+    """State of a progress bar: the completed fraction, from 0 to 1, and the text beside the bar."""
 
     share: float
     text: str
@@ -36,9 +36,9 @@ def _progress_bar(
 ) -> Iterator[Tell | None]:
     """Show a progress bar on stderr, and yield the function that updates the bar.
 
-    Yield None if no bar is shown, because ``quiet`` is true or stderr is not a terminal. The
+    No bar is shown, and None is yielded, if ``quiet`` is true or stderr is not a terminal. The
     arguments of the yielded function are passed on to ``state_of``, which returns the completed
-    share and the text beside the bar. ``title`` is shown in front of the bar.
+    fraction and the text beside the bar. ``title`` is shown in front of the bar.
     """
     if quiet or not sys.stderr.isatty():
         yield None
@@ -55,7 +55,7 @@ def _progress_bar(
         task = bar.add_task("starting", total=1.0)
 
         def update(*arguments: Any, **keywords: Any) -> None:
-            """Show in the progress bar the completed share and text that ``state_of`` returns."""
+            """Update the progress bar with the fraction and the text that ``state_of`` returns."""
             state = state_of(*arguments, **keywords)
             bar.update(task, completed=state.share, description=state.text)
 
@@ -63,7 +63,7 @@ def _progress_bar(
 
 
 def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
-    """Return the completed share and the text of a progress bar that counts items."""
+    """Return the completed fraction and the text of a progress bar that counts items."""
     text = f"{done}/{total}"
     if failed:
         text += f", {failed} failed"
@@ -71,9 +71,9 @@ def _counting_state(done: int, total: int, failed: int = 0) -> _BarState:
 
 
 def _sampling_state(state: SamplingState) -> _BarState:
-    """Return the completed share and the text of a progress bar for the sampling of a posterior.
+    """Return the completed fraction and the text of a progress bar for the sampling of a posterior.
 
-    The share is the effective sample size reached so far, divided by the required size.
+    The fraction is the effective sample size reached so far, divided by the required size.
     """
     ess = min(state.assessment.ess_bulk_min, state.assessment.ess_tail_min)
     text = (
@@ -84,7 +84,7 @@ def _sampling_state(state: SamplingState) -> _BarState:
 
 
 def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
-    """Return the completed share and the text of a progress bar for several named steps."""
+    """Return the completed fraction and the text of a progress bar for several named steps."""
     text = f"{step} {done}/{total}" if total else step
     return _BarState(share, text)
 
@@ -110,7 +110,7 @@ def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | 
 def sampling_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
     """Return a progress bar for the random sampling of a posterior.
 
-    The bar shows the effective sample size (ESS) of the draws as a share of the required size.
+    The bar shows the effective sample size (ESS) of the draws as a fraction of the required size.
 
     Parameters
     ----------
@@ -133,9 +133,9 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
     Parameters
     ----------
     update
-        Function that is called with four arguments: the completed share of the whole computation,
-        the name of the present step, and how many items of this step are done and how many there
-        are in all (both 0 if unknown). If None, no progress is reported.
+        Function that is called with four arguments: the completed fraction of the whole
+        computation, the name of the present step, the number of finished items of this step, and
+        the number of all its items (both 0 if unknown). If None, no progress is reported.
     **weights
         Approximate durations of the steps, relative to each other, in the order of the steps. The
         keys are the names of the steps.

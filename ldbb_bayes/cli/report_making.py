@@ -201,8 +201,8 @@ def _stored_result(folder: Path, name: str) -> Path | None:
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
     """Return the path of the stored design (choice of the next tests) that a report shows.
 
-    The path is the one that the user gives with the option ``--design``. Without this option, it is
-    the folder ``fit_folder`` of a fit if a design is stored there. Return None if no design is
+    The user can give this path with the option ``--design``. Without this option, it is
+    ``fit_folder``, the folder of a fit, if a design is stored there. Return None if no design is
     stored, or if the user gives the number of tests, because a new design must then be computed.
     ``settings`` holds the options.
     """

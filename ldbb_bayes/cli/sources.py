@@ -59,8 +59,8 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
     """Return tables and sentences on the assumptions about imported files and about the balls.
 
-    If the campaign states nothing about the form deviations of the two balls, it is listed as an
-    assumption that they are as the model assumes by default. The prior itself is not listed.
+    If the campaign states nothing about the form deviations of the two balls, the list says that
+    they are "as the model assumes". It does not state the model's prior.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
 
 
 def _require_ordinary_file(path: Path, expected: str) -> None:
-    """Raise an `InputError` if a path is not an ordinary file, but a folder, a device or nothing.
+    """Raise an `InputError` unless a path leads to an ordinary file, not a folder or device.
 
     ``expected`` is the kind of file that is expected, for the message.
     """

@@ -78,11 +78,10 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def _placeholder(string_or_comment: re.Match[str]) -> str:
-    """Return the text that replaces a string or a comment of a TOML text.
+    """Return the text that replaces a string or comment before the keys of a TOML file are checked.
 
-    After the replacement, only keys and values are left to be examined. A comment is replaced by an
-    empty text. A string, which may be part of a key, is replaced by an underscore, followed by as
-    many line breaks as the string contains.
+    A comment is replaced by an empty text. A string, which may be part of a key, is replaced by an
+    underscore, followed by as many line breaks as the string contains.
     """
     text = string_or_comment[0]
     if text.startswith("#"):

@@ -99,7 +99,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     """Return the place in a file at which pydantic has found an error.
 
     The place consists of the keys that lead to the invalid entry, with positions in lists counted
-    from 1, and of the class that describes valid content of the innermost table under these keys.
+    from 1. The result also holds the class that describes the innermost table under these keys.
 
     Parameters
     ----------

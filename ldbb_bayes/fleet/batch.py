@@ -389,11 +389,11 @@ def _named_campaigns(
 ) -> tuple[dict[str, str], ...]:
     """Return one dictionary for each campaign whose fit has one of the given states.
 
-    ``states`` are the given states, such as "doubtful"; "failed" stands for campaigns that could
-    not be fitted. A dictionary has two entries: the file path of the campaign, with the key
-    ``campaign``, and the campaign's value in one column of the batch's table. The key of the second
-    entry is ``column``, the name of this column, such as "reason". ``journal`` is the database with
-    the rows of the batch. At most 10 000 dictionaries are returned.
+    The dictionary holds the file path of the campaign under the key ``campaign``. It also holds the
+    value that the campaign has in the column ``column`` of the batch's table, such as "reason"; the
+    key is the name of the column. ``states`` are states such as "doubtful"; "failed" stands for
+    campaigns that could not be fitted. ``journal`` is the database with the rows of the batch. At
+    most 10 000 dictionaries are returned.
     """
     marks = ", ".join("?" * len(states))
     query = (

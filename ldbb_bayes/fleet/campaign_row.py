@@ -165,7 +165,7 @@ def _reason(error: Exception, job: Job) -> str:
 
 
 def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
-    """Return the values in a campaign's row that state its path, and how the campaign is fitted.
+    """Return the values of a campaign's row that state its path and the settings of its fit.
 
     The row belongs to the table of a batch. The keys of the result are the names of the columns.
     ``job`` is the campaign, and ``settings`` are the settings of the fit.
@@ -301,8 +301,8 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:
-            # The quantity is a fitted compliance. As a parameter, it is already in the row of the
-            # campaign in the batch's table.
+            # A compliance that was fitted is left out, because the row of the campaign already
+            # holds it as a parameter.
             continue
         name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
         if row["plane"] in planes:

@@ -25,9 +25,9 @@ Meaning = Mapping[str, float]
 # sum are rounded to this number of significant digits.
 _DIGITS = 7
 # Two weighted sums of joints' compliances are treated as the same if the standard deviation of
-# their difference is at most this share of the fitted compliance's default prior sd. The limit is a
-# quarter of the prior standard deviation that `find_trend` assumes, by default, for a sudden change
-# of a compliance.
+# their difference is at most this fraction of the fitted compliance's default prior sd. The limit
+# is a quarter of the prior standard deviation that `find_trend` assumes, by default, for a sudden
+# change of a compliance.
 _NEGLIGIBLE = 0.05
 
 

@@ -90,7 +90,8 @@ def chart_points(
     estimate = separate.value - separate.response[..., p:] @ instrument_mean
     noise_variance = np.einsum("taa->ta", separate.covariance)
 
-    # Errors of the instrument shift the estimates from all campaigns together.
+    # Errors of the instrument shift the estimates from all campaigns together. The variance of this
+    # common shift is computed here.
     total_precision = series.precision[:, :p].sum(axis=0)
     common_response = np.linalg.solve(np.eye(p) + total_precision[:, :p], total_precision[:, p:])
     common_variance = np.einsum(

@@ -250,11 +250,11 @@ class _Prediction(NamedTuple):
 def _predict_from_others(
     separate: Estimates, precision: Array, shift: Array, spread: Array
 ) -> _Prediction:
-    """Predict each machine that is left out from the other machines.
+    """Predict the parameters of each machine from the readings of the other machines.
 
-    n machines are left out one at a time. The spreads (standard deviations of the machines about
-    the population's mean μ) are taken from k random draws. For each draw, the readings of the other
-    machines give a Gaussian function of q quantities: μ and the instrument's errors b.
+    Each of the n machines is left out in turn. The spreads (standard deviations of the machines
+    about the population's mean μ) are taken from k random draws. For each draw, the readings of the
+    other machines give a Gaussian function of q quantities: μ and the instrument's errors b.
 
     Parameters
     ----------
