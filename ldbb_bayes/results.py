@@ -323,11 +323,11 @@ _REGISTRATIONS: set[Callable[[], object]] = set()
 
 
 def register_when_displayed(register: Callable[[], object]) -> None:
-    """Store a function, to be called later, that defines how results are displayed.
+    """Store a function that is called later and defines how results are displayed.
 
-    The program calls ``register``, without arguments, when it is to display a result of a class for
-    which no display is defined yet. Modules that only serve to display results are therefore not
-    loaded before they are needed.
+    The program calls ``register`` without arguments when it must display a result whose class has
+    no display yet. Modules that are needed only for display are therefore loaded as late as
+    possible.
     """
     _REGISTRATIONS.add(register)
 

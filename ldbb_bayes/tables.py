@@ -37,17 +37,16 @@ _NARROWEST = 80
 _WIDEST = 100
 # Number of lines that a terminal of unknown size is assumed to have.
 _TERMINAL_LINES = 24
-# Largest number of lines of a table that ``print`` shows with all columns. From a longer table,
+# Largest number of lines of a table that ``print`` shows with all columns. If a table is longer,
 # ``print`` leaves out the columns that do not fit side by side.
 _SCREEN_LINES = 45
 # Widths [characters] for the column headings of a displayed table. Headings that are wider than the
-# first width are broken into lines, between words. As long as the table is too wide, the headings
-# are broken again for the next width.
+# first width are broken into lines, between words. If the table is still too wide, the headings are
+# broken again for the next width.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
-# Names of those columns in tables of results whose numbers are in the unit that the column "unit"
-# states for each row.
+# Names of columns whose numbers are in the unit that the column "unit" states in the same row.
 _IN_UNIT_OF_ROW = frozenset(
     (
         "mean",
@@ -69,12 +68,11 @@ _IN_UNIT_OF_ROW = frozenset(
         "baseline_sd",
     )
 )
-# Names of those columns in tables of results whose numbers are rounded like the standard
-# uncertainty in the same row.
+# Names of columns whose numbers are rounded like the standard uncertainty in the same row.
 _ROUNDED_LIKE_U = frozenset(
     ("mean", "median", "ci_low", "ci_high", "estimate", "difference", "U_k2")
 )
-# Names of those columns in tables of results that hold a standard uncertainty.
+# Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
 # Names of columns that hold an estimate or its uncertainty. In a table that is too wide for a line
 # of text, the cells of some columns are moved to lines beneath their rows. Cells of the columns
@@ -446,14 +444,14 @@ class _RowsInstead(NamedTuple):
     The data frame itself keeps the rows that are not displayed.
     """
 
-    #: names of the rows of a data frame in whose place substitutes are displayed; only
-    #: `ReadableFrame.details` displays these rows too
+    #: names of the rows that are replaced by substitutes; only `ReadableFrame.details` displays
+    #: them
     replaced: tuple[str, ...]
     #: substitutes, which are displayed in place of some rows of a data frame; the keys are the
     #: names of the substitutes. Each value is a dictionary of cells whose keys are the names of the
     #: columns.
     displayed: Mapping[str, Mapping[str, Any]]
-    #: index of a row of the data frame; the substitutes for other rows are displayed above this row
+    #: index of the row of the data frame above which the substitutes are displayed
     position: int
     #: number of rows that the data frame had when substitutes were defined for some of its rows
     length: int
@@ -584,8 +582,7 @@ def _displayed_cells(names: Sequence[Hashable], values: Sequence[Any]) -> list[A
     factor = 1.0
     row = dict(zip(names, values, strict=True))
     unit = row.get("unit")
-    # A row of the data frame that states no internal unit is displayed without conversion of its
-    # numbers.
+    # If a row states no internal unit, its numbers are displayed without conversion.
     with suppress(InputError):
         factor, unit = display_unit(str(unit))
     decimals = _decimals_of(row, factor)

@@ -179,8 +179,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     ------
     InputError
         If the text is not a number with a unit of the same kind as ``unit``. If ``unit`` is empty,
-        the text must be a number without a unit. Also if the number is too large for a computer, as
-        1e999 is, before or after the conversion.
+        the text must be a number without a unit. The error is also raised if the number is too
+        large for a computer, as 1e999 is, before or after the conversion.
     """
     match = re.fullmatch(
         r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)",
@@ -233,7 +233,7 @@ def _check_finite(number: float, text: str, subject: str) -> None:
 
 
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:
-    """Return a setting, stated as text with a unit, as a number in the unit of the setting's name.
+    """Convert a setting from a text with a unit to a number in the unit that its name states.
 
     A setting is, for example, the standard deviation of a prior. For direct_mm_per_N, "60 nm/N" is
     6e-5; for sd_um, "3 µm" is 3. A setting whose name does not end with a unit is a ratio: "10 %"

@@ -29,15 +29,15 @@ __all__ = ["note_unstated"]
 # Each unused text on a convention, such as the sign of readings, gets a note. Other unused texts
 # get notes only until there are this many notes; one further note counts the texts without a note.
 _MOST_TEXTS = 6
-# A note shows at most this number of characters of a text.
+# A note quotes at most this many characters of an unused text.
 _TEXT_SHOWN = 160
-# Statements on the size of one count (digital step) of the instrument. An import does not always
-# use a line with such a statement; a line was used if a note cites it.
+# Fields for the size of one count (digital step) of the instrument. An import may ignore a line
+# that states such a field. The line counts as used only if a note cites it.
 _CITED_WHERE_USED = {"reading_scale", "angle_scale", "time_scale"}
-# Regular expression for a number in an unused text of a file. Of texts that differ only in numbers,
-# only one gets a note.
+# Regular expression for a number in an unused text of a file. If several texts differ only in their
+# numbers, usually one of them gets a note.
 _NUMBER = re.compile(r"[\d.,]+")
-# Regular expression for a letter; a text of a file without a letter states nothing.
+# Regular expression for a letter. A text without any letter gets no note.
 _LETTER = re.compile(r"[^\W\d_]")
 
 
@@ -72,11 +72,11 @@ def note_unstated(
     Parameters
     ----------
     recordings
-        Rows of each test in the files, and all statements about the test.
+        For each test, its rows in the files and all that the files state about it.
     tests
         The tests of the campaign that was made from these rows.
     layout
-        Layout that the user states.
+        Layout of the files, as far as the user states it.
     log
         Log with all other notes, to which these notes are added.
     """
@@ -112,8 +112,8 @@ def _states_angles(layout: Layout) -> bool:
 def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_Text]:
     """Return the unused texts above, below or beside the tables.
 
-    A text is unused if nothing was taken from it. If a part of a text was used, or if another note
-    on the same file cites its line, only the unused segments of the text are returned.
+    A text is unused if the import took nothing from it. If the import used a part of a text, or if
+    another note cites the line of the text, only the unused segments of the text are returned.
     ``recordings`` are the tests in the files.
     """
     last_lines: dict[Sheet, int] = {}
@@ -153,10 +153,10 @@ def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
 def _most_important(texts: Sequence[_Text]) -> list[_Text]:
     """Return those unused texts that get separate notes.
 
-    Texts on angles, signs, units, corrections, directions and the mount come first, and all of them
-    are returned, because they may change the numbers of the campaign. Of texts that differ only in
-    their numbers, only the first is returned; of texts on corrections, such as ``Preset: 10 um``,
-    others are returned in front of the remaining texts.
+    Texts on angles, signs, units, corrections, directions and the mount come first. Their number is
+    not limited, because they may change the numbers of the campaign. If several texts differ only
+    in their numbers, the first of them stands for all. Corrections, such as ``Preset: 10 um``, are
+    an exception: several may be returned although they differ only in their numbers.
     """
     distinct: dict[str, _Text] = {}
     for text in texts:
@@ -183,11 +183,10 @@ def _may_be_convention(text: _Text) -> bool:
 def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutside]:
     """Yield the lines and cells outside the table of a test, and whether they were used.
 
-    Lines above the table, and lines of sheets without a table, count as used if they state a field
-    of a test or campaign, or the direction of travel. A line below the table counts as used here
-    only if it states the direction of travel; other uses of it follow from notes that name the
-    line. Cells beside the table count as not used. ``last_line`` is the number of the last line of
-    the table.
+    A line above the table counts as used if it states a field of a test or campaign, or the
+    direction of travel. The same holds for the lines of a sheet without a table. A line below the
+    table counts as used only if it states the direction of travel. Cells beside the table count as
+    not used. ``last_line`` is the number of the last line of the table.
     """
     for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
         fields = set(statements_in([(line, text)])) - _CITED_WHERE_USED
@@ -200,7 +199,7 @@ def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutsid
 
 
 def _texts_beside(recording: Recording) -> Iterator[tuple[int, str]]:
-    """Yield the cells without a header that stand beside the rows of a test."""
+    """Yield the cells with text beside the rows of a test, in columns that have no header."""
     heading = recording.heading
     in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
     for k, header in enumerate(heading.headers):

@@ -1,6 +1,7 @@
-"""Unused segments of a line outside a table, if another segment of the line was used.
+"""Functions that find the unused segments of a line of which another segment was used.
 
-In ``Force 238 N; e = L0 - L``, the first segment states the force, and the second is not used.
+In the line ``Force 238 N; e = L0 - L``, the first segment states the force, and the second is not
+used.
 """
 
 from __future__ import annotations
@@ -49,13 +50,13 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
     text
         A line of which at least one segment was used.
     quoted
-        Words of the line that are quoted in notes. A quoted segment is left out. If the whole line
-        is quoted, segments with a load are left out.
+        Texts from the line that notes quote. A quoted segment is left out. If a note quotes the
+        whole line, segments that state a load are left out.
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
-    # A line of one segment has no unused segment, unless it has several parts, or defines a
-    # difference of two radii that does not determine the sign of the readings, as in "Force 238 N
-    # nominal minus measured".
+    # If a line is only one segment, that segment was used. There are two exceptions. The segment
+    # may have several parts, or it may define a difference of radii that leaves the sign of
+    # readings open, as in "Force 238 N nominal minus measured".
     has_parts = len(next(finer_divisions(text))) > 1
     if len(segments) == 1 and not has_parts and not leaves_difference_unread(text):
         return ""
@@ -134,7 +135,7 @@ def _continues_statement(segment: str, text: str) -> bool:
     """Return whether a segment is part of a statement that begins earlier in the line ``text``.
 
     In ``Angle from +Y, clockwise positive``, the second segment states the sense of the angles. In
-    ``Operator: Meier, Huber``, it is the second of two names.
+    ``Operator: Meier, Huber``, the second segment is the second of two names.
     """
     if senses_in(segment) and states_angles(text):
         return True
@@ -147,10 +148,10 @@ def _continues_statement(segment: str, text: str) -> bool:
 
 
 def _stated_facts(text: str) -> set[str]:
-    """Return what a text states: names of fields, and CW or CCW for a direction of travel.
+    """Return the names of the fields that a text states, such as ``operator``.
 
-    The result also contains "angle" if the text states the axis at which angles begin, or their
-    sense.
+    The result also contains the direction of travel (CW or CCW) if the text states it. It contains
+    ``angle`` if the text states where angles begin or in which sense they run.
     """
     lines = [(0, text)]
     facts = set(statements_in(lines)) | directions_stated(lines)

@@ -32,16 +32,14 @@ __all__ = [
     "without_accents",
 ]
 
-# Number of characters that are examined at the beginning of a line; all further characters are
-# ignored.
+# Only this many characters at the beginning of a line are examined.
 LONGEST_TEXT = 300
-# Number of characters that are examined at the beginning of a column's header; all further
-# characters are ignored.
+# Only this many characters at the beginning of a column's header are examined.
 LONGEST_NAME = 200
-# Longest text that can be a unit [characters].
+# A text with more characters than this is not a unit.
 _LONGEST_UNIT = 40
-# Removing accents from a text takes time. At most this number of results is stored, because many
-# steps of an import need them again.
+# Removing accents from a text takes time, and many steps of an import need the same results. At
+# most this many results are stored.
 _KEPT_WORDS = 4096
 # Regular expression for a unit with a factor. An example is 0.1 µm, the unit of readings in counts
 # (digital steps) of 0.1 µm.
@@ -105,10 +103,10 @@ _UNIT_IN_SHARES = {
 
 
 def comparable(text: str) -> str:
-    """Return a text in a form for comparison: texts that differ only in notation become equal.
+    """Return a text in a standard form, in which texts that differ only in notation are equal.
 
-    Capitals are replaced by small letters, and equivalent characters, such as the two signs for
-    micro, by one character. Blanks, dots and colons at both ends are removed.
+    Capitals become small letters. Equivalent characters, such as the two signs for micro, become
+    one character. Blanks, dots and colons at both ends are removed.
     """
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
 
@@ -170,9 +168,9 @@ def unit_named(text: str) -> str:
 def scaled_unit(text: str) -> str:
     """Return the name that this package uses for a unit: ``um`` for ``µm``.
 
-    The unit may have a factor: the result is ``0.1 um`` for ``0,1 µm``, the unit of readings in
-    counts (digital steps) of 0.1 µm, and ``0.001 mm`` for ``1/1000 mm``. Return an empty text if
-    ``text`` names no known unit, or if the factor is zero.
+    The unit may have a factor, as in readings in counts (digital steps) of 0.1 µm: ``0,1 µm`` gives
+    ``0.1 um``, and ``1/1000 mm`` gives ``0.001 mm``. Return an empty text if ``text`` names no
+    known unit, or if the factor is zero.
     """
     unit = unit_named(text)
     match = _SCALED_UNIT.fullmatch(text.strip())
@@ -208,7 +206,7 @@ def _joined_prefix(match: re.Match[str]) -> str:
 
 
 def unit_in_shares(text: str) -> str:
-    """Return a unit with its factor for a text such as ``tenths of a micron``: ``0.1 um``.
+    """Return ``0.1 um`` for ``tenths of a micron``, and likewise for other fractions of units.
 
     The result is empty for any other text.
     """
@@ -220,9 +218,9 @@ def unit_in_shares(text: str) -> str:
 
 
 def shares_mentioned(text: str) -> str:
-    """Return the words for a fraction of a unit of readings in a text: ``tenths of a micron``.
+    """Return the words of a text for a fraction of a unit, such as ``tenths of a micron``.
 
-    The result is an empty text if there are none.
+    Only units of readings are considered. The result is an empty text if there are no such words.
     """
     for pattern in _UNIT_IN_SHARES.values():
         match = pattern.search(text)
@@ -232,11 +230,11 @@ def shares_mentioned(text: str) -> str:
 
 
 def size_of_unit(role: str, unit: str) -> float | None:
-    """Return the size of a unit in the unit that this package uses for a role.
+    """Return how large a unit is compared with the unit that this package uses.
 
-    For readings the package uses µm, so that the size of ``mm`` is 1000. The unit may have a
-    factor, as a number or as a word: the size of ``0.1 um`` and of ``tenths of a micron`` is 0.1.
-    Return None for a unit that is unknown for this role.
+    For readings, the package uses µm; therefore, the size of ``mm`` is 1000. The unit may have a
+    factor in digits or in words: both ``0.1 um`` and ``tenths of a micron`` have the size 0.1.
+    Return None if the unit is not one of the known units of the role.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Functions that read workbooks (XLSX, XLS, ODS), which are checked before they are unpacked."""
+"""Functions that check a workbook (XLSX, XLS or ODS) and read its sheets."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ __all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
 
 WORKBOOK_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 _MEGABYTE = 2**20
-# Largest unpacked size of a workbook [bytes].
+# A workbook may not be larger than this when it is unpacked [bytes].
 _LARGEST_UNPACKED = 256 * _MEGABYTE
-# Largest ratio of unpacked to packed size of a workbook.
+# A workbook may grow by at most this factor when it is unpacked.
 _LARGEST_RATIO = 200.0
-# Allowance for small files, whose ratio of unpacked to packed size may be larger. The unpacked size
-# may be at most ``_LARGEST_RATIO`` times the packed size plus this value [bytes].
+# Small workbooks may grow by a larger factor: the unpacked size may be at most ``_LARGEST_RATIO``
+# times the packed size plus this value [bytes].
 _SMALL_ARCHIVE = _MEGABYTE
 # Regular expression for a cell with a very high row or column number. A table that extends to this
 # cell does not fit into memory.
@@ -84,7 +84,7 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     except (python_calamine.CalamineError, OSError) as error:
         raise _unreadable(path, f"a damaged one ({error})") from None
     except BaseException as error:
-        # The library that reads workbooks raises a PanicException where it has a bug. This class
+        # Because of a bug, the library that reads workbooks may raise a PanicException. This class
         # is not derived from Exception and cannot be imported.
         if type(error).__name__ != "PanicException":
             raise
@@ -114,7 +114,7 @@ def _wanted_sheets(
     wanted: Sequence[str],
     parts: Mapping[str, SheetParts],
 ) -> list[Sheet]:
-    """Return the wanted sheets of a workbook without hidden rows; empty sheets are left out.
+    """Return the wanted sheets of a workbook. Hidden rows and empty sheets are left out.
 
     ``wanted`` are the names of the wanted sheets. If no names are given, all sheets that are not
     hidden are returned, or all sheets if every sheet is hidden. ``parts`` holds, for each sheet,
@@ -177,7 +177,7 @@ def _visible_rows(values: Sequence[Sequence[object]], hidden_lines: Collection[i
 
 
 def _holds_numbers_as_text(values: Iterable[Iterable[object]]) -> bool:
-    """Return whether a cell holds a number with a comma or a point as text, as in ``1,5 µm``.
+    """Return whether a cell holds text with a decimal number, such as ``1,5 µm``.
 
     ``values`` are the values of the cells in each row.
     """

@@ -38,7 +38,7 @@ class SheetParts:
     #: the line number and the column index of a cell
     units: dict[tuple[int, int], str] = field(default_factory=dict)
     hidden_lines: set[int] = field(default_factory=set)  #: line numbers of a sheet's hidden rows
-    #: line number and column index of each cell of a sheet with a formula but no stored value
+    #: line number and column index of each cell that has a formula but no stored value
     formulas_without_value: set[tuple[int, int]] = field(default_factory=set)
 
 

@@ -242,7 +242,7 @@ class AnnexTranslation:
         return self._translation_by_pattern(text)
 
     def _translation_by_pattern(self, text: str, *, of_sentences: bool = False) -> str | None:
-        """Return the translation of a text that is made from a pattern with placeholders.
+        """Return the translation of a text that matches an English text with placeholders.
 
         If ``of_sentences`` is true, a placeholder may stand for several sentences. Return None if
         no pattern in the catalogue of translations matches the whole text, or if the text for which
@@ -352,11 +352,11 @@ def _phrase(key: str, translation: str) -> _Phrase:
 
 
 def _group_of_placeholder(match: re.Match[str]) -> str:
-    """Return a named group of a regular expression for a placeholder in a message.
+    """Return the regular expression that replaces a placeholder in an English text.
 
-    The group has the name of the placeholder and matches every text that the placeholder can stand
-    for: {a} stands for any text, and {n1} only for numbers. ``match`` is the regular-expression
-    match that found the placeholder in a key of the catalogue.
+    The expression is a group with the name of the placeholder. It matches every text that the
+    placeholder can stand for: {a} stands for any text, and {n1} only for numbers. ``match`` is the
+    regular-expression match that found the placeholder in a key of the catalogue.
     """
     inside = ".+?"
     if match[1].startswith("n"):

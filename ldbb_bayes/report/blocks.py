@@ -10,8 +10,7 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSheet"]
 
-# A figure needs the full width of a sheet of the test certificate if the figure's width is more
-# than this value times its height.
+# A figure gets the full width of a sheet if its width is more than this many times its height.
 _WIDE = 1.6
 
 
@@ -107,9 +106,9 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of the width of a row of figures that each figure gets.
+        """Fraction of the row's width that each figure gets.
 
-        With these shares, all figures of the row have the same height.
+        With these fractions, all figures of the row have the same height.
         """
         ratios = []
         for picture in self.pictures:

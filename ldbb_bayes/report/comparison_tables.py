@@ -18,11 +18,10 @@ __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
 def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bool = True) -> Table:
     """Return a table of the compared models, one row for each model.
 
-    The columns are the evidence for each model, the model's probability, its predictive density
-    and, if wanted, its RMSE. The evidence is stated as ln B, the log Bayes factor of the model over
-    the first model. The predictive density is stated as the difference in elpd, the expected log
-    predictive density, between the model and the first model. elpd is a sum over the tests; for
-    this sum, each test is predicted from the other tests.
+    The columns are ln B, the probability of the model, elpd and, if wanted, the RMSE. ln B is the
+    log Bayes factor of the model over the first model. elpd is the expected log predictive density,
+    which states how well a model predicts each test from the other tests. The table shows the elpd
+    of the model minus the elpd of the first model.
 
     Parameters
     ----------

@@ -249,10 +249,10 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 
     There is one dictionary for each quantity, such as the least stiffness in a plane. The
     quantities are computed at the model's reference force. A stiffness is left out if only its
-    lower limit is known, and a direction is left out if the readings do not determine it, because
-    neither can be stated as a value ± U. The keys of the dictionaries are those of
-    `_parameter_entries`, without ``low`` and ``high`` for the credible interval. ``prob`` is the
-    probability of credible intervals.
+    lower limit is known. A direction is left out if the readings do not determine it. Neither can
+    be stated as a value ± U. The keys of the dictionaries are those of `_parameter_entries`,
+    without ``low`` and ``high`` for the credible interval. ``prob`` is the probability of credible
+    intervals.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
@@ -318,9 +318,9 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
     """Return what the certificate file states about one direction of the stiffness in a plane.
 
     This is the direction of least or greatest stiffness, or the principal axis. It is stated as an
-    angle from the machine axis ``axis`` [°]. ``name`` is the name of the angle that programs use,
-    and ``shown`` is the symbol that people read. The entry ``within`` is the share of the posterior
-    draws of the direction that lie within the mean direction ± U, where U is the expanded
+    angle from the machine axis ``axis`` [°]. ``name`` identifies the angle for programs, and
+    ``shown`` is the symbol of the angle for people. The entry ``within`` is the share of the
+    posterior draws of the direction that lie within the mean direction ± U, where U is the expanded
     uncertainty (k = 2). The entry ``verdict`` is a remark for the reader. The dictionary is empty
     if the readings do not determine the direction.
     """

@@ -115,9 +115,8 @@ def _origins_table(result: Identifiability) -> Table:
     """Return a table of each parameter's prior, contraction and origins of variance.
 
     The contraction is the share of the parameter's prior variance that the readings remove. The
-    origins are three shares of the posterior variance: the shares due to effects whose size is
-    measured in the campaign, due to effects whose size the user states, and due to effects whose
-    size the model assumes.
+    origins divide the posterior variance into three shares. They are due to effects whose size was
+    measured in the campaign, is stated by the user, or is assumed by the model.
     """
     rows = []
     for name, entry in result.parameters.items():

@@ -41,10 +41,10 @@ def page(step: NextCircle, plan: Campaign) -> str:
 
 
 def _settings(plan: Campaign) -> list[tuple[str, str]]:
-    """Return the entries of the sheet for the operator, for the plan's only circle.
+    """Return the settings of the plan's only circle as entries of the operator's sheet.
 
-    Each entry is a tuple of name and text. The texts state the settings of the circle with their
-    units. Entries that the operator fills in have an empty text.
+    Each entry is a tuple of name and text. The texts state the settings with their units. Entries
+    that the operator fills in have an empty text.
     """
     test = plan.tests[0]
     force = float(test.force_N or 0.0)

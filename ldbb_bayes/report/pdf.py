@@ -254,17 +254,17 @@ class _FieldColumn:
 
     @property
     def text_left(self) -> float:
-        """Left edge of the texts of the form fields, in this column of a page [mm]."""
+        """Left edge of the texts in this column of form fields [mm]."""
         return self.left + self.name_width
 
     @property
     def text_width(self) -> float:
-        """Width of the texts of the form fields, in this column of a page [mm]."""
+        """Width of the texts in this column of form fields [mm]."""
         return 0.5 * (_WIDTH - self.gap) - self.name_width
 
     @property
     def next_left(self) -> float:
-        """Left edge, on a page, of the column of form fields to the right of this column [mm]."""
+        """Left edge of the next column of form fields, to the right of this column [mm]."""
         return self.text_left + self.text_width + self.gap
 
 

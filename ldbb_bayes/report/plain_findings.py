@@ -189,7 +189,7 @@ def _probability_of_sign(mean: float, sd: float) -> float:
 
 
 def _soft_axis_findings(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield one finding for each plane: which of the plane's two axes is softer.
+    """Yield one finding for each plane, which names the softer of the plane's two axes.
 
     A plane is left out if the model has no direct compliance of one of the two axes.
     """
@@ -268,8 +268,9 @@ def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
 def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
     """Yield sentences on the things to inspect or to repair that the readings show.
 
-    Further sentences say so if the readings show no such thing, no change of stiffness with force,
-    or, because all circles were run in one direction, no backlash or servo mismatch.
+    Further sentences follow if the readings show nothing to inspect, or no change of stiffness with
+    force. If no plane has circles in both directions, a sentence says that the readings cannot show
+    backlash or servo mismatch.
     """
     words = numbers.words
     findings = findings_of(numbers)
@@ -362,9 +363,9 @@ def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> I
     """Yield one sentence on each step, other than the best step, that would help.
 
     A step, such as a calibration, reduces the uncertainty that is due to one effect. The sentence
-    names the parameters that the step would make more certain, but that the best step would not.
-    The keys of ``helped_by_step`` are the effects, as class names of model terms. The values are
-    the symbols of the parameters.
+    names the parameters that this step would make more certain and the best step would not. The
+    keys of ``helped_by_step`` are the effects, as class names of model terms. The values are the
+    symbols of the parameters.
     """
     for name, symbols in helped_by_step.items():
         yield words(

@@ -38,8 +38,8 @@ _ORDER_ENTRIES = {
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
 # Model term that describes the errors of each part of the instrument; the keys are the parts. The
-# test certificate has a form field for the uncertainty of each part. Its list of other assumed
-# effects therefore leaves these model terms out.
+# test certificate has a form field for the uncertainty of each part. The certificate's list of
+# other assumed effects therefore leaves these model terms out.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
     "work": BallForm.__name__,

@@ -385,8 +385,8 @@ class SheetNumbers:
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
         """Return a remark that states a circularity quantity computed from the readings of a test.
 
-        ``quantity`` is the name of the quantity, such as the circular deviation. Of the tests in
-        ``plane``, the one with the force nearest to ``force_N`` [N] is used. The remark is an empty
+        ``quantity`` is the name of the quantity, such as the circular deviation. The remark uses
+        the test in ``plane`` whose force is nearest to ``force_N`` [N]. The remark is an empty
         string if ``force_N`` is zero.
         """
         if force_N == 0.0:
@@ -417,7 +417,7 @@ class SheetNumbers:
 def _direction_of_change(change: ChangeWithForce) -> Literal["increases", "decreases", "no_change"]:
     """Return whether a compliance increases or decreases with force.
 
-    The result is "no_change" if neither has a probability of at least 95 %.
+    The result is "no_change" if an increase and a decrease both have probabilities below 95 %.
     """
     if change.probability_of_increase >= _SURE:
         return "increases"

@@ -50,9 +50,8 @@ from ldbb_bayes.units import (
 
 __all__ = ["comparison_parts", "parts_of"]
 
-# Further modules with functions that make tables and sentences from results. When such a module is
-# imported, its functions are registered with `parts_of`, `with_words` or `screen_of`. Apart from
-# this, the present module does not use these modules.
+# Further modules with functions that make tables and sentences from results. The modules are
+# imported only to register these functions with `parts_of`, `with_words` or `screen_of`.
 _REGISTERED_MODULES = (
     campaign_text,
     goal_design_text,

@@ -1,10 +1,10 @@
 """Sentences about results: functions that choose templates and fill in the values.
 
-The templates of the sentences are in the files sentences.toml and sentences.j2. The program never
-draws conclusions from the text of a sentence: the results hold all decisions as values. Most
-templates have a key. The key names the kind of result that the sentence is about. A degeneracy is a
-combination of parameters and other effects that the readings cannot separate. A nuisance
-coefficient describes an effect that is modelled but not of interest.
+The templates of the sentences are in the files sentences.toml and sentences.j2. All decisions are
+values in the results; the program never takes them from the text of a sentence. Most templates have
+a key. The key names the kind of result that the sentence is about. A degeneracy is a combination of
+parameters and other effects that the readings cannot separate. A nuisance coefficient describes an
+effect that is modelled but not of interest.
 """
 
 from __future__ import annotations
@@ -164,8 +164,9 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 _EQUAL_RATIOS = 2e-3
 # largest number of posterior predictive checks, or of parameters, that a sentence on a fit names
 _MOST_CHECKS = 3
-# Sentences say that the readings contradict non-negative compliances if ln p is below this value,
-# where p is the posterior probability that no compliance is negative. The value is ln 1e-6.
+# Limit for ln p, where p is the posterior probability that no compliance is negative. If ln p is
+# below this limit, sentences say that the readings contradict non-negative compliances. The limit
+# is ln 1e-6.
 _CONTRADICTED = -13.815510557964274
 # Smallest probability at which sentences state something as a fact: that a compliance increases
 # with force, that it decreases with force, or that a slope (a coefficient of this change) differs
@@ -782,7 +783,7 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def origin_words(origin: str) -> str:
-    """Return a string that states the origin of the standard uncertainty of a source of variance.
+    """Return a string on where the standard uncertainty of a source of variance comes from.
 
     ``origin`` is "measured here" (in this campaign), "stated" or "assumed".
     """

@@ -29,8 +29,7 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-# Largest number of readings, counted over all tests, that are drawn as dots in a figure of polar
-# traces.
+# Largest number of readings, added up over all tests, that a figure of polar traces shows as dots.
 _MOST_DOTS = 2400
 # A figure of polar traces has 95 % bands only if it has at most this many tests. More bands would
 # overlap too much.
@@ -48,8 +47,8 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 class _TraceData:
     """Readings, predictions and radial scale for a figure of polar traces.
 
-    ``bound`` is the model of a campaign. ``beta``, shape (draws, p), holds random draws of the p
-    parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
+    ``bound`` is the model applied to the campaign. ``beta``, shape (draws, p), holds random draws
+    of the p parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
     hyper-parameters, such as the standard deviation of the noise. ``words`` holds the texts of the
     figure; the keys are the names of the texts.
     """
@@ -120,7 +119,7 @@ class _TraceData:
 
     @property
     def stride(self) -> int:
-        """Number n: every n-th reading of a test is drawn as a dot in the polar plot."""
+        """Step between the readings drawn as dots, such as 5 if every fifth reading is drawn."""
         number_of_readings = sum(len(readings) for readings in self.readings_um)
         return math.ceil(number_of_readings / _MOST_DOTS)
 
@@ -286,10 +285,10 @@ def _panel_head(trace_data: _TraceData, plane: str) -> str:
 def _draw_force_scale(figure: Figure, trace_data: _TraceData) -> None:
     """Draw the colour scale of forces on the right-hand side of the figure.
 
-    The scale has one coloured field for each force of the tests; at most ``_MOST_NAMED_FORCES`` of
-    the forces are written [N]. The figure shows the readings of each test as a trace around the
-    circle. On the scale, forces increase upwards if the trace at the largest force lies outside the
-    trace at the smallest force (larger mean reading), and downwards if not.
+    The scale has one coloured field for each force of the tests. At most ``_MOST_NAMED_FORCES`` of
+    the fields are labelled with their force [N]. The figure shows the readings of each test as a
+    trace around the circle. On the scale, forces increase upwards if the trace at the largest force
+    lies outside the trace at the smallest force (larger mean reading), and downwards if not.
     """
     forces_N = trace_data.bound.setting.force_N
     levels = np.unique(forces_N)

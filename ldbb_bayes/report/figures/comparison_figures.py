@@ -44,8 +44,8 @@ class _Assumption(NamedTuple):
     log_bayes_factor: float
     error: float
     #: for an assumption about the differences between circles, the log evidence under this
-    #: assumption, minus the log evidence under the assumption of the compared models [nat]. None
-    #: for an assumption about the prior of slopes (changes of compliance with force).
+    #: assumption minus the log evidence under the assumption that the compared models make [nat].
+    #: None for an assumption about the prior of slopes (changes of compliance with force).
     gain: float | None
     is_allowed: bool
 
@@ -59,9 +59,9 @@ def evidence(comparison: Comparison) -> Figure:
     compliance with force), others about the differences between circles. The bar through each dot
     is the 95 % interval of ln B that results from the numerical error. A number at the right of a
     row shows how well the readings support an assumption about circles: it is the log evidence
-    under this assumption, minus the log evidence under the assumption of the compared models. The
-    scale is linear. It is broken if assumptions that the readings reject give values far from all
-    other values.
+    under this assumption minus the log evidence under the assumption that the compared models make.
+    The scale is linear. It is broken if assumptions that the readings reject give values far from
+    all other values.
 
     Parameters
     ----------
@@ -244,8 +244,8 @@ def _mark_break(axes: Axes, end: float) -> None:
 def _gain_words(gain: float | None) -> str:
     """Return how much the readings favour an assumption, as a string with sign, such as "+3.1".
 
-    ``gain`` is the log evidence under this assumption minus that under the assumption of the
-    compared models [nat]. The string is empty if ``gain`` is None.
+    ``gain`` is the log evidence under this assumption minus the log evidence under the assumption
+    that the compared models make [nat]. The string is empty if ``gain`` is None.
     """
     if gain is None:
         return ""

@@ -273,10 +273,10 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     names : sequence of str, optional
-        Names of the parameters. Default: at most eight parameters, which are direct compliances,
-        rotations caused by moments (such as C_CCY), scale errors and squareness errors. If the
-        posterior has none of these, the default is the first six parameters. Parameters that have
-        the same value in all draws are left out.
+        Names of the parameters. Default: up to eight direct compliances, rotations caused by
+        moments (such as C_CCY), scale errors and squareness errors. If the posterior has none of
+        these, the default is the first six parameters. Parameters that have the same value in all
+        draws are left out.
 
     Returns
     -------

@@ -54,7 +54,7 @@ _PANELS = (
 
 
 class _Look(NamedTuple):
-    """Colour and Matplotlib line style of the curve of a contribution to the tool path."""
+    """Colour and Matplotlib line style of a curve that shows a contribution to the tool path."""
 
     colour: str
     linestyle: str
@@ -138,10 +138,11 @@ def _draw_quantities(
 def contributions(posterior: xr.DataTree) -> Figure:
     """Draw the contributions of compliances and geometric errors to the tool path.
 
-    At each of up to six forces, the figure shows the contribution of all compliances, the
-    contribution of all geometric errors, and the sum of both. Each curve has a 95 % band, and the
-    title of each panel states the peak-to-peak value of the sum. Offsets of the tool ball are left
-    out. The figure corresponds to Fig. 8 of the article on which the model is based.
+    The figure has panels for up to six forces. Each panel shows the contribution of all
+    compliances, the contribution of all geometric errors, and the sum of both. Each curve has a 95
+    % band, and the title of each panel states the peak-to-peak value of the sum. Offsets of the
+    tool ball are left out. The figure corresponds to Fig. 8 of the article on which the model is
+    based.
 
     Parameters
     ----------

@@ -32,9 +32,8 @@ _DASHED = (0, (4, 3))
 def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """Draw the patterns of all joint compliances, that is, their effects on the readings.
 
-    Compliances whose patterns are proportional to each other have the same colour. Of the
-    compliances with the same colour, the model keeps only one. The pattern of this compliance is
-    drawn bold.
+    Compliances whose patterns are proportional to each other have the same colour. The model keeps
+    only one of the compliances with the same colour. The pattern of this compliance is drawn bold.
 
     Parameters
     ----------
@@ -120,8 +119,8 @@ def _atlas(
 ) -> Figure:
     """Draw the effect of every parameter on the readings of a circle, each in a polar panel.
 
-    ``patterns`` holds, for each parameter, the change of the readings around the circle per unit of
-    the parameter, and ``colours`` the colour of its line; the keys are the names of the parameters.
+    ``patterns`` holds the change of the readings around the circle per unit of each parameter.
+    ``colours`` holds the colour of each parameter's line. The keys are the names of the parameters.
     All patterns are scaled to the same height. Parameters in ``bold`` are drawn with thicker lines.
     Parameters in ``without_effect`` have no effect on the readings; their pattern is drawn as a
     circle. ``title`` is the title of the figure.

@@ -249,7 +249,7 @@ def _coloured(roses: Sequence[PlaneStiffness]) -> Iterator[tuple[PlaneStiffness,
 def _closed(values: Array, turn: float = 0.0) -> Array:
     """Return values around a circle, with the first value repeated at the end.
 
-    The returned array has the shape (n + 1,) for n values; the curve through the values is closed.
-    ``turn`` is added to the repeated value, such as 360 for angles [°].
+    A curve through the returned values is closed. The returned array has the shape (n + 1,) for n
+    values. ``turn`` is added to the repeated value; for angles in degrees, it is 360.
     """
     return np.append(values, values[0] + turn)

@@ -24,8 +24,8 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["budget_bars", "prior_and_posterior"]
 
-# A source of uncertainty is not drawn if, for every parameter, its share of the variance is below
-# this value [%].
+# A source of uncertainty is drawn only if its share of the variance of at least one parameter
+# reaches this value [%].
 _SMALLEST_SHARE = 0.5
 # The name of a source of uncertainty is written on its bar if the length of the bar [% of the
 # variance] exceeds this value times the number of letters in the name.

@@ -124,7 +124,10 @@ def _draw_left_out(axes: Axes, workflow: Workflow) -> None:
 
 
 def _draw_sensitivity(axes: Axes, workflow: Workflow) -> None:
-    """Draw the sensitivity to the prior, for parameters whose posterior depends on the prior."""
+    """Draw how strongly the posterior of each parameter depends on the prior.
+
+    Parameters that hardly depend on the prior are left out.
+    """
     sensitivity = workflow.prior_sensitivity
     axes.set_xlabel("power-scaling sensitivity (1)")
     axes.set_title("Parameters that depend on the prior", fontsize=9)
