@@ -1,4 +1,4 @@
-"""Readings of new circles under the posterior, and their credible intervals at every angle.
+"""Predicted readings of new circles, and their credible intervals at every angle.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, such as the standard deviation of the noise. Shared nuisances are effects that are
@@ -138,8 +138,8 @@ def new_circles(
         Generator of random numbers.
     learn_spread
         Whether the scatter of the new circles is learnt from the scatter of the measured circles
-        (`circle_spread`). If False, the factors λ on the noise of the new circles are drawn from
-        the model's prior.
+        (`circle_spread`). If False, the factors that multiply the noise of the new circles are
+        drawn from the model's prior.
     """
     measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names
@@ -158,7 +158,7 @@ def new_circles(
 
 
 def _noise_factors(draws: ModelDraws) -> Array:
-    """Return the factors λ on the noise of the R measured circles, shape (draws, R).
+    """Return the factors that multiply the noise of the R measured circles, shape (draws, R).
 
     There is one value for each circle in each posterior draw.
 
@@ -176,14 +176,14 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Draw the effects of the machine and of the shared nuisances on planned tests at random [mm].
+    """Return random circles of planned tests: effects of the machine and of shared nuisances [mm].
 
     Shared nuisances are effects that are modelled but not of interest and that are common to
-    several tests. The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests,
-    25). Nuisances that also occur in the measured tests are drawn from their posterior, all other
-    nuisances from their prior. ``measured`` and ``planned`` are the model applied to the measured
-    and to the planned tests. ``phi``, shape (draws, h), holds draws of the h hyper-parameters;
-    ``beta``, shape (draws, p), holds posterior draws of the p parameters.
+    several tests. The result holds the Fourier coefficients of the circles (orders 0 to 12), shape
+    (draws, tests, 25). Nuisances that also occur in the measured tests are drawn from their
+    posterior, all other nuisances from their prior. ``measured`` and ``planned`` are the model
+    applied to the measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the
+    h hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the p parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -233,8 +233,8 @@ def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
     The model is first applied to all measured and planned tests together. Therefore it has the same
     nuisances (effects that are modelled but not of interest, such as ball forms and bar lengths) in
     both results. ``bound`` is the model applied to the measured campaign; ``plan`` holds the
-    planned tests. Raise an `InputError` if the plan is of another machine, or if its tests depend
-    on parameters that the model lacks.
+    planned tests. Raise an `InputError` if the planned tests are for another machine, or if they
+    depend on parameters that the model lacks.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))
@@ -315,13 +315,14 @@ def replicate_left_out(
 def _with_new_noise_factor(
     bound: BoundModel, phi: Array, r: int, rng: np.random.Generator
 ) -> Array:
-    """Return ``phi`` with new draws of λ, the factor on the noise of a test, shape (n, h).
+    """Return ``phi`` with new draws of λ, the factor that multiplies the noise of a test.
 
-    ``phi``, shape (n, h), holds n posterior draws of the h hyper-parameters from an analysis
-    without the readings of the test with the index ``r``. The posterior density of this test's λ is
-    then equal to its prior density, which has a heavy tail, and ``phi`` contains only few different
-    values of λ. New draws from the prior represent the tail better. All other hyper-parameters are
-    returned unchanged, and so is λ if the model ``bound`` has no noise factor for this test.
+    ``phi`` and the result have the shape (n, h). ``phi`` holds n posterior draws of the h
+    hyper-parameters from an analysis without the readings of the test with the index ``r``. Without
+    these readings, the posterior density of λ is equal to its prior density, which has a heavy
+    tail. ``phi`` contains only a few different values of λ; new draws from the prior represent the
+    tail better. All other hyper-parameters are returned unchanged. If the model ``bound`` has no λ
+    for this test, ``phi`` is returned unchanged.
     """
     name = str(bound.setting.circle[r])
     if name not in bound.hyper_prior.names:

@@ -39,8 +39,8 @@ def integrate(
     """Return the integral ∫ f of a density in h dimensions, with its nodes (points) and error.
 
     In up to four dimensions the integral is computed from a lattice, in more than five by
-    importance sampling. In five dimensions, the method is used that takes less time to reach the
-    tolerance. If the weights of a sample cannot be trusted, the error of the result is infinite.
+    importance sampling. In five dimensions, the method that reaches the tolerance in less time is
+    used. If the weights of a sample cannot be trusted, the error of the result is infinite.
 
     Parameters
     ----------

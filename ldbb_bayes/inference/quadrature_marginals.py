@@ -122,9 +122,10 @@ def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
     """Return posterior draws of the h hyper-parameters in unbounded coordinates, shape (draws, h).
 
     Hyper-parameters are quantities such as the standard deviation of the noise; the coordinates are
-    mostly ln(value − lower bound). Independent draws are impossible if weights cannot be trusted or
-    if hardly any draw is accepted. A warning is then given, and the weighted points of an
-    importance sample are resampled instead. ``seed`` is the seed of the random numbers.
+    mostly ln(value − lower bound). The draws are independent draws from rejection sampling if
+    possible. If its importance weights cannot be trusted, or if hardly any draw is accepted, a
+    warning is given; the draws are then resampled from weighted points. ``seed`` is the seed of the
+    random numbers.
     """
     rng = np.random.default_rng(seed)
     try:

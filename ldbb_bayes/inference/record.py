@@ -71,7 +71,7 @@ def groups_of(
     prior: tuple[Array, Array],
     densities: Mapping[str, Array],
 ) -> dict[str, dict[str, Array]]:
-    """Return the arrays of a posterior; the first key is the group, the second the array's name.
+    """Return the arrays of a posterior as a dict of groups; each group is a dict of arrays by name.
 
     Parameters
     ----------

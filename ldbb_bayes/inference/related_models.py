@@ -1,11 +1,11 @@
-"""Nodes and evidence of a model, computed from the nodes of a larger related model.
+"""Nodes (weighted points) and evidence of a model, computed from the nodes of a related model.
 
 φ are the hyper-parameters, such as the standard deviation of the noise. Nodes are weighted points
 that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters.
 They may differ in how compliances change with force, in their alternative explanations (effects
 that look like a change of compliance with force), and in whether negative compliances are allowed.
-The posteriors of φ under related models are similar. With other weights, the nodes of one model
-therefore represent the posterior of another model as well.
+The posteriors of φ under related models are similar. The nodes of one model can therefore represent
+the posterior of another model if their weights are changed.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class RelatedModels:
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Return nodes (weighted values of the hyper-parameters) that represent a posterior.
 
-        ``posterior`` is the posterior density under another model than the one for which the nodes
-        of this object were computed. The same nodes are used again, with new weights. If possible,
+        This object holds nodes of a given model; ``posterior`` is the posterior density under
+        another model. The nodes of the given model are used again, with new weights. If possible,
         the new density is evaluated only at some of the nodes (`density_ratio`). New nodes are
         computed if the other model has other hyper-parameters, or if the error of its log evidence
         would exceed the tolerance.

@@ -47,12 +47,13 @@ _CHAINS = 4
 # Number of walkers of an ensemble of emcee, unless four times the number of parameters and
 # hyper-parameters is larger.
 _WALKERS = 128
-# Number of independent draws, divided by the required effective sample size. The ratio is above
-# one, because the computed effective sample size scatters from parameter to parameter, and must
-# reach the required value for every parameter.
+# Number of independent draws, divided by the required effective sample size. This ratio is above
+# one because every parameter must reach the required size, and the computed effective sample size
+# scatters from parameter to parameter.
 _SURPLUS = 1.3
 # Number of independent draws that are added to each chain. The computed effective sample size
-# scatters; with more draws, it reaches the required value for every parameter.
+# scatters from parameter to parameter; with the additional draws, every parameter reaches the
+# required size.
 _SURPLUS_DRAWS = 50
 # If nearly independent draws are picked from a run of emcee, the effective sample size of the run
 # must be at least this many times the number of draws picked.
@@ -115,10 +116,10 @@ def sample(
     campaign : Campaign
         Campaign with readings.
     sampler : {"joint", "independent"}
-        ``joint``: emcee samples all parameters and hyper-parameters. ``independent``: independent
-        draws by rejection sampling with a density fitted to the posterior of the hyper-parameters;
-        if the importance weights of this density cannot be trusted, ``joint`` is used instead, and
-        the record of the posterior states this.
+        ``joint``: emcee samples all parameters and hyper-parameters. ``independent``: rejection
+        sampling gives independent draws; its proposal density is fitted to the posterior of the
+        hyper-parameters. If the importance weights of this density cannot be trusted, ``joint`` is
+        used instead, and the record of the posterior states this.
     seed : int
         Seed of all random numbers.
     ensembles : int
@@ -182,7 +183,7 @@ def sample(
 def sampler_named(name: str, *, stacklevel: int = 5) -> str:
     """Return the present name of a sampler, "joint" or "independent".
 
-    ``name`` is the present name or a former name; a former name gives a FutureWarning.
+    ``name`` is the present name or a former name, for which a FutureWarning is given.
     ``stacklevel`` states which line of code the warning names (see `renamed`): 5 if the public
     function that calls `sampler_named` has a decorator, 4 if it has none. Raise an `InputError` for
     an unknown name.
@@ -205,18 +206,19 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
 class FittedModel(NamedTuple):
     """Posterior draws from the fit of a model to a campaign, and how well the model fits.
 
-    Most analyses need the draws as a DataTree, which `tree` builds. If many campaigns are fitted
-    and no DataTree is needed, not building it saves time.
+    Most analyses need the draws as a DataTree, which `tree` builds. It is built only on request,
+    which saves time when many campaigns are fitted.
     """
 
-    #: model of the campaign, with posterior draws of its unknowns, joined from all chains
+    #: model of the campaign, with the posterior draws of its parameters and hyper-parameters; the
+    #: draws of all chains are joined
     draws: ModelDraws
     #: draws, log densities and data of a posterior; the first key is the name of a group of arrays,
     #: the second key the name of the array
     groups: Mapping[str, Mapping[str, Array]]
     fit: Fit  #: how well the model fits the readings, with warnings
-    #: description of the sampler's run: the entry ``sampler`` of a posterior's record, which states
-    #: how the posterior was made
+    #: how the sampler ran, for example its number of draws; stored as the entry ``sampler`` of the
+    #: posterior's record
     sampler: Mapping[str, Any]
     seed: int  #: seed of all random numbers of a fit
     started: datetime  #: date and time at which the sampling of a posterior started
@@ -332,8 +334,8 @@ def run_sampler(
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
         except TooRoughError:
-            # Rejection sampling is not possible, because its proposal density resembles the
-            # posterior too little. Parameters and hyper-parameters are drawn by emcee instead.
+            # The proposal density differs too much from the posterior for rejection sampling.
+            # Parameters and hyper-parameters are drawn by emcee instead.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 
@@ -348,9 +350,9 @@ def _sample_independently(
     """Return independent posterior draws; their number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
-    The stopping rule ``rule`` demands an effective sample size and an R-hat. Sampling stops in any
-    case before a chain has more draws than ``max_steps`` of ``rule``. ``seed`` is the seed of the
-    random numbers; ``progress`` is called at every assessment.
+    The stopping rule ``rule`` demands an effective sample size and an R-hat. A chain never has more
+    draws than ``max_steps`` of ``rule``, whether or not the rule is met. ``seed`` is the seed of
+    the random numbers; ``progress`` is called at every assessment.
     """
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))

@@ -3,8 +3,8 @@
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the
 hyper-parameters, such as the standard deviation of the noise. Nuisances are effects that are
 modelled but not of interest; u are the q coefficients of the nuisances that tests share. Given φ
-and the readings y, the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little
-more than a single draw. Truncation restricts β to compliances that are not negative.
+and the readings y, the joint density p(u, β | y, φ) is Gaussian. Several draws from it cost little
+more than a single draw. Draws of β with negative compliances can be excluded (truncation).
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ def draw_with_shared(
 ) -> SharedDraws:
     """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
-    Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters
-    (such as the standard deviation of the noise); ``free``, shape (w, h), holds the w values of φ
-    in unbounded coordinates, mostly ln(φ − lower bound). ``bound`` is the model of the campaign.
-    The result has w × ``repeats`` draws; the draws for one value of φ are next to each other. Raise
-    an `InputError` if the model allows no negative compliances and no draw without negative
-    compliances is found.
+    Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters (such
+    as the standard deviation of the noise); ``free``, shape (w, h), holds the w values of φ in
+    unbounded coordinates, mostly ln(φ − lower bound). ``bound`` is the model of the campaign. The
+    result has w × ``repeats`` draws; the draws for one value of φ are next to each other. A model
+    may require all compliances to be at least zero; if no such draw is found, an `InputError` is
+    raised.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)

@@ -32,9 +32,9 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that are not copied into the JSON result of a fit. Some entries
-# serve only to rebuild the campaign and the model. The contents of the others are stated with each
-# parameter of the result.
+# Entries of a posterior's record that are not copied into the JSON result of a fit. Some of these
+# entries serve only to rebuild the campaign and the model. The others, such as prior standard
+# deviations, are stated with each parameter of the result.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
@@ -111,7 +111,7 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
-    """Make ``table`` print changes of compliances in place of coefficients, and return ``table``.
+    """Return ``table``, which then prints changes of compliances instead of coefficients.
 
     A change is the change of a compliance C(F) from the smallest force tested to the largest. The
     coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on F. ``prob``

@@ -118,8 +118,8 @@ class Joint:
 
     axis: str  #: name of the linear axis to which the joint belongs: X, Y or Z
     branch: Branch  #: whether the axis of the joint carries the ``tool`` or the ``workpiece``
-    #: position (X, Y, Z) of the joint's coordinate system (frame) with all axes at zero [mm]. The
-    #: origin is the centre of the tool ball with all axes at zero.
+    #: position (X, Y, Z) of the joint's coordinate system (frame) with all axes at zero [mm],
+    #: measured from the centre of the tool ball with all axes at zero
     frame_mm: Sequence[float]
 
     @property
@@ -169,10 +169,9 @@ class Machine(Shown):
     topology: str = "wCAFYXZSt"  #: letters of the machine axes, in order from workpiece to tool
     #: planes of the circular tests: one or more of XY, YZ and ZX
     planes: str | Sequence[str] = ("XY",)
-    #: position (X, Y, Z) of the coordinate system (frame) of each axis' joint with all axes at zero
-    #: [mm]; the keys are the letters of the axes. The origin is the centre of the tool ball with
-    #: all axes at zero. The frame of a joint that is not listed here is at this point, as in the
-    #: paper.
+    #: position (X, Y, Z) of the coordinate system (frame) of each axis' joint [mm]; the keys are
+    #: the letters of the axes. All axes are at zero, and the origin is the centre of the tool ball.
+    #: The frame of a joint that is not listed here is at this origin, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:

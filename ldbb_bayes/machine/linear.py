@@ -1,4 +1,4 @@
-"""Linear effects of compliances and geometric errors on readings; identifiable compliances.
+"""Linear effects of compliances and errors on readings, and the compliances that tests identify.
 
 A unit force along the bar, whose direction is B̂, causes three forces and three moments at joint k,
 about the origin of its frame. They form the wrench g_k, shape (6,). With the Jacobian J_k of the
@@ -59,10 +59,10 @@ _PARALLEL = 1e-10
 # a column is smaller than this fraction of the largest norm of all columns, the compliance is
 # treated as having no effect.
 _NULL_SHARE = 1e-10
-# Fraction below which a number counts as a rounding error. It is used for two kinds of numbers. If
-# the effect of a compliance on the readings is written as a sum of the effects of other
-# compliances, a term is ignored if it is smaller than this fraction of the sum. A negative
-# eigenvalue of a matrix counts as zero if it is smaller than this fraction of the largest element.
+# Fraction below which a number counts as a rounding error. It is used for two kinds of numbers. The
+# effect of a compliance on the readings may be written as a sum of effects of other compliances:
+# terms smaller than this fraction of the sum are ignored. A negative eigenvalue of a matrix counts
+# as zero if it is smaller than this fraction of the largest element.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column counts as
 # linearly independent of other columns if its component orthogonal to them is longer than this
@@ -71,7 +71,7 @@ _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
-    """Joint at which a geometric error acts, before or after the motion of this joint."""
+    """Where a geometric error acts: at which joint, and before or after the joint's motion."""
 
     joint: Joint  #: joint of a machine axis at which the geometric error acts
     #: whether the geometric error acts before the motion of the joint, in the kinematic chain from
@@ -176,10 +176,11 @@ def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
 
 
 def _wrench(lever: Array, direction: Array) -> Array:
-    """Return the three forces and three moments on a joint that a unit force along the bar causes.
+    """Return the forces and moments that a unit force along the bar causes at a joint.
 
-    The result has shape (n, 6) for n angles. ``lever`` (n, 3) is the vector from the joint's frame
-    to the ball [mm], and ``direction`` (n, 3) the unit vector of the bar.
+    The result, shape (n, 6) for n angles, holds three forces and three moments. ``lever`` (n, 3) is
+    the vector from the joint's frame to the ball [mm], and ``direction`` (n, 3) the unit vector of
+    the bar.
     """
     return np.concatenate([direction, np.cross(lever, direction)], axis=1)
 
@@ -211,9 +212,9 @@ class Kept:
     #: The effect of such a further compliance on the readings is a linear combination of the
     #: effects of several compliances in ``names``.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each compliance in ``names`` (those that circular tests can separate), whether negative
-    #: values are physically impossible; a deflection in the direction of its load, for example,
-    #: cannot be negative
+    #: for each compliance in ``names`` (those that circular tests can separate), whether the laws
+    #: of physics exclude negative values; they do so, for example, for a deflection in the
+    #: direction of the load that causes it
     not_negative: tuple[bool, ...]
     #: names of the compliances that never change a reading of a circular test
     null: tuple[str, ...]
@@ -237,9 +238,9 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     readings per unit compliance. A compliance of a joint is its motion in one direction per unit of
     one force or moment. The function examines all compliances whose motion and load lie in a tested
     plane, and all other compliances that change a reading. Compliances that change readings in
-    proportion to each other form a set. The following rules choose the compliance that represents a
-    set, in the order of their importance. For the machine in the article, the rules give the choice
-    of the article:
+    proportion to each other form a set. For the machine in the article, the representatives are
+    those of the article. The compliance that represents a set is chosen by these rules, the most
+    important first:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer a displacement caused by a force to a rotation caused by a force, and the latter to a
@@ -312,9 +313,9 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
 
     Compliances whose effects on the readings are proportional form a set. One compliance of each
     set is kept as a parameter, unless its effect is a linear combination of the effects of
-    compliances that are already kept. A parameter then represents a weighted sum of compliances;
-    the result also contains these weights. ``circles`` are the nominal circles of tests on
-    ``machine``.
+    compliances that are already kept. Each parameter therefore represents a weighted sum of
+    compliances; the result also contains the weights. ``circles`` are the nominal circles of tests
+    on ``machine``.
     """
     candidates = _candidates(machine, circles)
     names = candidates.names
@@ -377,7 +378,7 @@ def _effects_relative_to_first(jacobian: Array, members: Sequence[int]) -> tuple
 def _not_negative(
     names: Sequence[ComplianceName], jacobian: Array, coefficients: Array
 ) -> tuple[bool, ...]:
-    """Return whether negative values of each kept compliance are physically impossible.
+    """Return for each kept compliance whether the laws of physics exclude negative values.
 
     A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
@@ -455,14 +456,12 @@ class _TableOrder(NamedTuple):
     # number of rotary components of the compliance (its motion may be a rotation, and its load a
     # moment): 0, 1 or 2
     rotations: int
-    # rank of the displacement or rotation i of the compliance C_ijk in the order of Table 1 of the
-    # article on the model
+    # position of the displacement or rotation i of C_ijk in the order of Table 1 of the article on
+    # the model
     twist: int
-    # rank of the force or moment j of the compliance C_ijk in the order of Table 1 of the article
-    # on the model
+    # position of the force or moment j of C_ijk in the order of Table 1 of the article on the model
     wrench: int
-    # rank of the joint k of the compliance C_ijk in the order of Table 1 of the article on the
-    # model
+    # position of the joint k of C_ijk in the order of Table 1 of the article on the model
     joint: int
 
 

@@ -70,8 +70,8 @@ class _SortedColumns(NamedTuple):
     #: columns (readings per unit coefficient) of nuisance terms (effects modelled but not of
     #: interest) whose coefficients are the same in all tests
     shared: list[Columns]
-    #: for each nuisance coefficient (of an effect modelled but not of interest) that is the same in
-    #: all tests, the class name of its term
+    #: for each coefficient of the columns in ``shared``, the class name of the nuisance term to
+    #: which it belongs
     owners: list[str]
     #: columns (readings per unit coefficient) of nuisance terms (effects modelled but not of
     #: interest) whose coefficients differ between tests; the effects of these terms are treated as
@@ -148,11 +148,11 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
     """Return, for each test, the index of the first test that has the same noise covariance.
 
-    Two tests have the same noise covariance if they have the same angles, the same factor λ on the
-    noise of the circle, and the same columns of all nuisance effects that act as noise
-    (``noises``). Nuisances are effects that are modelled but not of interest; a column holds the
-    change of the reading per unit of one coefficient. In a campaign with readings, the angles of
-    different tests are always treated as different. ``bound`` is the model of the campaign.
+    Two tests have the same noise covariance if they have the same angles, the same factor λ that
+    multiplies the noise of the circle, and the same columns of all nuisance effects that act as
+    noise (``noises``). Nuisances are effects that are modelled but not of interest; a column holds
+    the change of the reading per unit of one coefficient. In a campaign with readings, the angles
+    of different tests are always treated as different. ``bound`` is the model of the campaign.
     ``phi``, shape (w, h), holds w values of the h hyper-parameters, among which are the factors λ.
     Indices count from 0.
     """

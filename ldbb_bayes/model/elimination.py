@@ -92,12 +92,12 @@ class Update(NamedTuple):
     #: the set of these m columns is called the border of the group. Several groups may have the
     #: same border; different borders share no column.
     borders: int
-    #: Smallest index i of a row in which entries of the symmetric matrix P change when a group of
-    #: columns of P is eliminated. Of the rows, only those are numbered, from 0, that belong to the
-    #: m later columns that change.
+    #: Smallest row index i of the entries P_ij that an `Update` describes. The m later columns that
+    #: change when a group of columns is eliminated are numbered from 0; i and j count these
+    #: columns.
     first: int
-    #: Largest index i of a row in which entries of P change when a group of columns of P is
-    #: eliminated, plus 1. The rows are numbered as for ``first``.
+    #: Largest row index i of the entries P_ij that an `Update` describes, plus 1; i is counted as
+    #: for ``first``.
     stop: int
     #: Indices of the rows of the workspace (the array with the entries of the precision matrix P)
     #: in which the changed entries P_ij are stored. The shape is (borders, stop − first, m + 1 −
@@ -129,7 +129,7 @@ class Front(NamedTuple):
     shape: tuple[int, int, int]
     #: Signs (+1 or −1) of the Cholesky pivots of the s columns of each group of columns, shape
     #: (groups, s); None if all are positive. A pivot is negative if the prior variance of the
-    #: coefficient of this column is negative (`Observations.signs` explains this).
+    #: column's coefficient is negative (`Observations.signs` explains this).
     signs: Array | None
     #: Indices, in the design matrix, of the s columns of each group of columns that is eliminated,
     #: shape (groups, s).
@@ -220,11 +220,11 @@ class EliminationPlan:
         """
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: For each pair of columns i and j, the index of the row of the workspace (array of the
-        #: stored matrix entries) that holds the entry P_ij of the precision matrix, and later the
-        #: corresponding entry of its Cholesky factor L, shape (columns, columns + 1). The last
-        #: element of row i is the index for the right-hand side of column i. The index is −1 for
-        #: entries that are not stored.
+        #: Indices of rows of the workspace (array of the stored matrix entries), shape (columns,
+        #: columns + 1). For columns i and j, the row with this index holds the entry P_ij of the
+        #: precision matrix, and later an entry of its Cholesky factor L. The last element of row i
+        #: is the index for the right-hand side of column i. The index is −1 for entries that are
+        #: not stored.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
@@ -333,7 +333,8 @@ class Elimination:
     values
         Readings r, shape (rows,).
     kinds
-        Index of each row's kind, shape (rows,). Rows of one kind have the same variance.
+        Index of the kind of each row, shape (rows,). Rows of one kind have noise of the same
+        variance.
     """
 
     def __init__(
@@ -352,10 +353,9 @@ class Elimination:
 
     @property
     def fronts(self) -> list[Front]:
-        """Fronts, in the order in which they are eliminated.
+        """Groups of columns that are eliminated at the same time (fronts), in order of elimination.
 
-        A front consists of groups of columns of the design matrix that are eliminated at the same
-        time.
+        The columns are those of the design matrix.
         """
         return self._plan.fronts
 
@@ -419,7 +419,7 @@ class Elimination:
     def is_positive(self) -> bool:
         """Whether all prior variances are positive, so that coefficients can be drawn at random.
 
-        A coefficient with a negative prior variance removes noise from the readings.
+        A coefficient with a negative prior variance subtracts noise and cannot be drawn.
         """
         return bool((self._plan.half_signs > 0.0).all())
 
@@ -429,7 +429,7 @@ class Elimination:
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
         The array ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r for w values of the
         hyper-parameters, as `factorize` returns them. ``standard`` is z, shape (columns of A, w);
-        None for zero. If z is standard normal, the coefficients are a random draw from their
+        None stands for zero. If z is standard normal, the coefficients are a random draw from their
         density given the readings.
         """
         solution = workspace[self._plan.right]
@@ -482,7 +482,8 @@ class DesignRows:
         interest. The caller adds the contribution of these rows for given parameters (``shift`` of
         `Elimination.factorize`).
     kinds
-        Index of each row's kind, shape (rows,). Rows of one kind have the same variance.
+        Index of the kind of each row, shape (rows,). Rows of one kind have noise of the same
+        variance.
     signs
         Signs ±1 of the prior variances of the coefficients, shape (columns,). A coefficient with a
         negative variance removes noise from the readings instead of adding noise
@@ -520,8 +521,8 @@ class DesignRows:
         """Return the Cholesky elimination of all nuisance coefficients in an order that saves time.
 
         Nuisances are effects modelled but not of interest. Shared coefficients are the same in all
-        tests. The last ``last`` shared coefficients are eliminated after all other coefficients, in
-        the order of their columns.
+        tests. ``last`` is the number of shared coefficients that are eliminated after all others,
+        in the order of their columns; they belong to the last shared columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)

@@ -304,7 +304,7 @@ class Gaussian(Shown):
     def log_integral(self) -> Array:
         """Logarithm of the integral of the Gaussian function over all coefficients, shape (...).
 
-        If the function is the product of a normalised prior and a likelihood, this is the log
+        If the function is the product of a normalised prior and a likelihood, the result is the log
         evidence.
         """
         mean, root, scale = self._factors
@@ -397,7 +397,7 @@ class Gaussian(Shown):
         )
 
     def from_standard(self, z: Array) -> Array:
-        """Return coefficients mean + S L⁻ᵀ z, shape (..., q), from standard normal z (..., q).
+        """Return coefficients mean + S L⁻ᵀ z from standard normal z, both of shape (..., q).
 
         S⁻¹ L Lᵀ S⁻¹ is the precision matrix of the q coefficients, with S diagonal and L lower
         triangular.
@@ -405,7 +405,7 @@ class Gaussian(Shown):
         return self.mean + solve_upper(self.root, z) * self.scale
 
     def standardize(self, x: Array) -> Array:
-        """Return standard normal coordinates Lᵀ S⁻¹ (x − mean) of coefficients x, (..., q).
+        """Return standard normal coordinates Lᵀ S⁻¹ (x − mean) of coefficients x, shape (..., q).
 
         S⁻¹ L Lᵀ S⁻¹ is the precision matrix of the q coefficients, with S diagonal and L lower
         triangular.
@@ -413,7 +413,10 @@ class Gaussian(Shown):
         return np.einsum("...ij,...i->...j", self.root, (x - self.mean) / self.scale)
 
     def log_density(self, x: Array) -> Array:
-        """Return the log of the normalised density at q coefficients x (..., q), shape (...)."""
+        """Return the log of the normalised density at q coefficients x, shape (...).
+
+        ``x`` has the shape (..., q).
+        """
         z = self.standardize(x)
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
         return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * _LOG_2PI))

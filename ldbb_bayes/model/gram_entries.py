@@ -109,7 +109,8 @@ class GramEntries:
     values
         Readings r, shape (rows,).
     kinds
-        Index of each row's kind, shape (rows,). Rows of one kind have the same variance.
+        Index of the kind of each row, shape (rows,). Rows of one kind have noise of the same
+        variance.
     """
 
     def __init__(
@@ -125,9 +126,9 @@ class GramEntries:
         ``columns``, shape (rows, columns), is the design matrix, and ``values``, shape (rows,),
         holds the readings. The list of all products is divided into ``blocks``. ``place``, shape
         (columns, columns + 1), holds the index, in this list, of the product of each pair of
-        columns; its last column is for the products with the readings. Products are summed
-        separately for each kind of rows, whose index ``kinds``, shape (rows,), holds; rows of one
-        kind have the same variance.
+        columns; its last column is for the products with the readings. ``kinds``, shape (rows,),
+        holds the index of the kind of each row. Rows of one kind have the same variance; their
+        products are summed separately from those of other kinds.
         """
         size = 1 + sum(block.entries.stop - block.entries.start for block in blocks)
         gram = _sparse_gram(size, place, columns, values, kinds)
@@ -215,8 +216,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # The arrays of scalar products have space for ``most_kinds`` kinds of rows of the design matrix
-    # (rows with the same variance) in each group of columns. If a group has fewer kinds, the
+    # For each group of columns, the arrays have space for the scalar products of ``most_kinds``
+    # kinds of rows (rows of one kind have the same variance). If a group has fewer kinds, the
     # remaining elements are zero.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1

@@ -5,7 +5,7 @@ reference force; C_0 are the compliances at F0, C_1 and C_2 their slopes (linear
 change with force), and E the geometric errors. j_C is the reading per unit force and compliance,
 j_G the reading per unit geometric error. Nuisances are effects that are modelled but not of
 interest; ε is white noise. The parameters β = (C_0 …, E) have a Gaussian prior. The nuisances are
-Gaussian given the hyper-parameters φ (σ, δ, κ, τ …), which are the scales of noise and nuisances.
+Gaussian given the hyper-parameters φ, which are the scales of noise and nuisances.
 
 The two classes refer to each other (`HybridModel.bind`, `BoundModel.model`) and are therefore in
 one module.
@@ -78,8 +78,8 @@ Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # Order of the hyper-parameters (such as the standard deviation of the noise) in all arrays and
-# lists. Hyper-parameters that are not named here come after those that are named, and the factors λ
-# on the noise of single circles are last.
+# lists. Hyper-parameters that are not named here follow. The factors λ, each of which multiplies
+# the noise of one circle, are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
 # each circle has a separate factor λ, which multiplies its noise. Otherwise no circle has such a
@@ -427,11 +427,11 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd σ of white noise, then those of the nuisances.
+        """Hyper-parameters of the model: the sd σ of white noise, then those that nuisances have.
 
         Nuisances are effects modelled but not of interest. Most of their hyper-parameters are sds
-        of effects; some are numbers without unit, such as the decay of form errors with their
-        order.
+        of effects. Some are numbers without unit, such as the exponent with which form errors
+        decrease with their order.
         """
         scales = [_SIGMA]
         for term in self.nuisances:
@@ -441,9 +441,9 @@ class HybridModel(Result):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters that have an effect on the tests of a campaign.
 
-        Hyper-parameters are quantities such as the standard deviation of the noise. They include
-        the factors λ on the noise of single circles, if the circles have such factors. ``setting``
-        describes the test conditions.
+        Hyper-parameters are quantities such as the standard deviation of the noise. If the noise of
+        each circle is multiplied by a factor λ, these factors are included. ``setting`` describes
+        the test conditions.
         """
         scales = [_SIGMA]
         acting = {_SIGMA.name}
@@ -463,7 +463,7 @@ class HybridModel(Result):
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """Return a `BoundModel`: this model with the columns and priors for one campaign or plan.
+        """Return a `BoundModel`: this model applied to one campaign or plan.
 
         The most recently bound models are kept in a cache, so that several analyses of one campaign
         use the same object. Raise an `InputError` if the campaign has too few different forces for
@@ -557,12 +557,12 @@ class HybridModel(Result):
 def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """Return the hyper-parameters ``scales`` without repetition, in the order of ``_HYPER_ORDER``.
 
-    Hyper-parameters that are not in ``_HYPER_ORDER`` come after those that are. The factors λ on
-    the noise of single circles are last.
+    Hyper-parameters that are not in ``_HYPER_ORDER`` follow. The factors λ, each of which
+    multiplies the noise of one circle, are last.
     """
 
     def place(scale: Scale) -> int:
-        """Return a number for ``scale``; hyper-parameters are sorted by increasing numbers."""
+        """Return the number by which the hyper-parameter ``scale`` is sorted."""
         if scale.name in _HYPER_ORDER:
             return _HYPER_ORDER.index(scale.name)
         return len(_HYPER_ORDER) + int(scale.law == "circle")
@@ -607,10 +607,10 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
     ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
-    a simulation. Lengths are in µm; the decay and the factor on the noise of a circle have no unit.
-    ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest and the largest
-    permitted value; they are used only for the decay p. The decay is an exponent: the prior sds of
-    form errors with n waves around the circle are proportional to n^(−p).
+    a simulation. Lengths are in µm; the decay and the factor that multiplies the noise of a circle
+    have no unit. ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest
+    and the largest permitted value; they are used only for the decay p. The decay is an exponent:
+    the prior sds of form errors with n waves around the circle are proportional to n^(−p).
     """
     if law == "decay":
         low, high = bounds
@@ -1009,7 +1009,8 @@ class BoundModel(Shown):
         the hyper-parameters (such as the standard deviation of the noise). Negative compliances are
         not excluded. The readings that the least-squares estimate `centre` of β predicts are
         subtracted from y. The differences β − `centre` are then treated like the coefficients of
-        nuisances that are the same in all tests. In arrays, they follow these coefficients.
+        nuisances that are the same in all tests. In arrays, they come after the coefficients of
+        nuisances.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
@@ -1184,11 +1185,11 @@ class BoundModel(Shown):
         )
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the test conditions, linearised about the parameters of interest β of a machine.
+        """Return the test conditions for a machine with given parameters of interest β.
 
-        ``beta``, shape (p,), holds the p parameters β in mm, N and rad. They replace the estimates
-        of the parameters. Effects that depend on the machine, such as an error of the angle, are
-        then computed for β (``linearise``).
+        ``beta``, shape (p,), holds the p parameters β in mm, N and rad. They replace the estimated
+        parameters. Effects of the test conditions that depend on the machine, such as the effect of
+        an error of the angle, are linearised at β (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta

@@ -66,8 +66,8 @@ class HyperPrior:
       truncated to values of at least ``lower`` [mm].
     - A decay p (the prior sd of a form error of order n is proportional to n^(−p)) has the prior
       Normal(``scale``, ``decay_sd``), truncated to [0.5, 3.5].
-    - The square of the factor λ on the noise of a circle has an inverse gamma prior, λ² ~
-      InvGamma(3/2, 3/2).
+    - λ is a factor that multiplies the noise of a circle. Its square has an inverse gamma prior,
+      λ² ~ InvGamma(3/2, 3/2).
 
     Decay and λ have no unit.
     """
@@ -75,7 +75,7 @@ class HyperPrior:
     names: tuple[Hyper, ...]
     #: one number for each of the h hyper-parameters, shape (h,): for a length, the scale of its
     #: half-normal prior [mm]; for the decay exponent p of form errors, the prior mean (no unit);
-    #: not used for factors on the noise of circles
+    #: not used for factors that multiply the noise of circles
     scale: Array
     #: lower bound of each of the h hyper-parameters, shape (h,) [mm for lengths]; not used for the
     #: decay exponent p of form errors, whose bounds are 0.5 and 3.5
@@ -85,7 +85,10 @@ class HyperPrior:
 
     @cached_property
     def in_mm(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is a length, such as the sd of noise, (h,)."""
+        """Whether each of the h hyper-parameters is a length, such as the sd of the noise.
+
+        The array has the shape (h,).
+        """
         return np.array([law == "half-normal" for law in self.laws])
 
     @property
@@ -95,7 +98,7 @@ class HyperPrior:
 
     @property
     def shown(self) -> Array:
-        """Factors that convert internal values of the h hyper-parameters to displayed values, (h,).
+        """Factors that convert internal values of the hyper-parameters to displayed values.
 
         The factor is 1000 for lengths, which are displayed in µm instead of mm, and 1 for numbers
         without unit.
@@ -141,7 +144,7 @@ class HyperPrior:
 
     @cached_property
     def _is_noise_factor(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is a factor on the noise of a circle, (h,)."""
+        """Whether each of the h hyper-parameters is a factor that multiplies a circle's noise."""
         return np.array([law == "circle" for law in self.laws])
 
     @property
@@ -159,8 +162,8 @@ class HyperPrior:
         """Return the log of the joint prior density of hyper-parameters φ, shape (...).
 
         ``phi``, shape (..., h), holds the h hyper-parameters, with lengths in mm. The log density
-        is −inf where one of the hyper-parameters is outside its bounds, or a factor on the noise of
-        a circle is not positive.
+        is −inf where one of the hyper-parameters is outside its bounds, or a factor that multiplies
+        the noise of a circle is not positive.
         """
         total = self._log_density_of_lengths(phi[..., self.in_mm])
         if self._is_decay.any():
@@ -205,8 +208,8 @@ class HyperPrior:
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
-            # If the factor λ on the noise of a circle is very small, λ⁻² overflows; the prior
-            # density of λ is zero there.
+            # If the factor λ that multiplies the noise of a circle is very small, λ⁻² overflows.
+            # The prior density of such a λ is zero.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)
@@ -265,22 +268,20 @@ class HyperPrior:
 
     @cached_property
     def _mass_above_bound(self) -> Array:
-        """For each length, the probability that a half-normal variable exceeds its lower bound.
+        """Probability that each length exceeds its lower bound under the prior before truncation.
 
         Lengths are hyper-parameters in mm, such as the sd of the noise. Their prior is half-normal
-        and truncated at the lower bound; the probability is that of the half-normal distribution
-        before it is truncated. The result has the shape (lengths,).
+        and truncated at the lower bound. The result has the shape (lengths,).
         """
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """For each decay, the probabilities that a normal variable is below the decay's two bounds.
+        """Probabilities that each decay is below its bounds under the prior before truncation.
 
         A decay p is an exponent: the prior sd of a form error of order n is proportional to n^(−p).
-        Its prior is normal and truncated at the bounds; the probabilities are those of the normal
-        distribution before it is truncated. The result has the shape (2, decays), with the lower
-        bound in the first row and the upper bound in the second.
+        Its prior is normal and truncated at the bounds. The result has the shape (2, decays), with
+        the lower bound in the first row and the upper bound in the second.
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._is_decay]) / self.decay_sd))
@@ -294,7 +295,10 @@ class HyperPrior:
 
     @staticmethod
     def draw_noise_factor(size: int, rng: np.random.Generator) -> Array:
-        """Return ``size`` random draws of λ, the factor on a circle's noise, from its prior."""
+        """Return ``size`` random draws of λ, the factor that multiplies a circle's noise.
+
+        The draws are from the prior of λ.
+        """
         return np.asarray(np.sqrt(_RATE / rng.standard_gamma(_SHAPE, size)))
 
     def quantile(self, level: Array) -> Array:

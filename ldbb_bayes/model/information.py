@@ -110,12 +110,13 @@ class Information:
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
     def rows(self, fixed: Collection[str] = ()) -> Array:
-        """Return the design matrix of all m coefficients for readings with unit noise, (k, m).
+        """Return the design matrix of all m coefficients, scaled to noise of unit variance.
 
-        There is one row for each of the k reduced readings of all tests (at most 25 for each test).
-        The matrix is multiplied from the left by the inverse Cholesky factor of the noise
-        covariance of the reduced readings. The coefficients are divided by their prior sd.
-        ``fixed`` holds the class names of terms whose noise is treated as known and left out.
+        The matrix has the shape (k, m), with one row for each of the k reduced readings of all
+        tests (at most 25 for each test). It is multiplied from the left by the inverse Cholesky
+        factor of the noise covariance of the reduced readings. The coefficients are divided by
+        their prior sd. ``fixed`` holds the class names of terms whose noise is treated as known and
+        left out.
         """
         return np.concatenate(self.blocks(fixed))
 
@@ -167,10 +168,10 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a square root of the posterior precision matrix, and the free coefficients.
+        """Return a square root of a posterior precision matrix, and the coefficients it contains.
 
-        The coefficients are divided by their prior sd. The matrix does not contain coefficients
-        that are taken as known.
+        The matrix contains all coefficients of the model except those that are taken as known. The
+        coefficients are divided by their prior sd.
 
         Parameters
         ----------
@@ -212,14 +213,15 @@ class Information:
         return self._root_of(self._all_rows, np.arange(len(self.names)))
 
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
-        """Return the upper triangular root R of the free coefficients' posterior precision RᵀR.
+        """Return the upper triangular square root of the posterior precision of some coefficients.
 
         The coefficients are divided by their prior sd, so that their prior precision is one. If the
         prior of the parameters of interest is flat, their prior precision is zero.
 
         ``rows`` is the design matrix of the model's m coefficients for k reduced readings (numbers
-        that replace the readings of the tests) with unit noise, shape (k, m). ``free`` are the
-        indices of the free coefficients, which are those not taken as known.
+        that replace the readings of the tests) with unit noise, shape (k, m). ``free`` holds the
+        indices of the coefficients that are used; the others are taken as known. The result is a
+        matrix R, with RᵀR = posterior precision.
         """
         prior = np.ones(len(free))
         if self.flat:
@@ -349,7 +351,7 @@ class Information:
         weights
             Weights of the m coefficients in q weighted sums, shape (q, m); the coefficients are in
             units of their prior sds. If weights are given, the result holds contributions to the
-            covariance of the q sums, shape (q, q), instead of that of the parameters.
+            covariance of the q sums, shape (q, q), instead of the covariance of the parameters.
         """
         joint = self.covariance()
         interest = self.interest
@@ -385,7 +387,7 @@ class Information:
         return by_term
 
     def sd_from_readings(self) -> Array:
-        """Return the sd that each nuisance coefficient would have without its own prior, (m,).
+        """Return the sd that each nuisance coefficient would have without its prior, shape (m,).
 
         Nuisances are effects that are modelled but not of interest. The result has one element for
         each of the m coefficients; for parameters of interest, it is NaN. When the sd of a nuisance

@@ -49,7 +49,7 @@ class Parameter:
     group: Group
     #: exponent k of the factor (F − F0)^k by which a slope (change of a compliance with force) is
     #: multiplied; F is the force and F0 the reference force. The exponent is 0 for compliances and
-    #: geometric errors
+    #: geometric errors.
     degree: int = 0
     #: mean of the prior of a parameter of interest, in internal units (mm, N, rad); zero if the
     #: prior is flat
@@ -67,8 +67,8 @@ class Parameter:
 class _Row(NamedTuple):
     """The name, the unit, the kind and the degree of a parameter of interest, without its prior.
 
-    The degree is the power of the bar force by which the parameter is multiplied in the polynomial
-    of a compliance in force; it is 0 for geometric errors.
+    The degree is the power of the bar force that multiplies the parameter when a compliance is
+    written as a polynomial in force; it is 0 for geometric errors.
     """
 
     name: str
@@ -129,8 +129,8 @@ class ParametersOfInterest:
     def _parameters_without_prior(self) -> list[_Row]:
         """Return the name, the unit, the kind and the degree of each of the p parameters.
 
-        The degree is the power of the bar force by which the parameter is multiplied in the
-        polynomial of a compliance in force; it is 0 for geometric errors.
+        The degree is the power of the bar force that multiplies the parameter when a compliance is
+        written as a polynomial in force; it is 0 for geometric errors.
         """
         rows = [
             _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances
@@ -167,22 +167,23 @@ class ParametersOfInterest:
 
         Some compliances of the machine are left out of the model, because their effect on the
         readings is a linear combination of the effects of compliances in the model. The estimates
-        of the compliances in the model then include parts of those left out. A prior sd that the
-        user gave is used unchanged. All other prior sds therefore include contributions of the
-        compliances left out.
+        of the compliances in the model then include parts of those left out. Prior sds therefore
+        include contributions of the compliances left out. Only a prior sd that the user gave is
+        used unchanged.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return prior sds or typical magnitudes of the model's compliances, shape (compliances,).
+        """Return prior sds or magnitudes of compliances, enlarged for compliances left out.
 
-        ``size_of`` is a function that returns the prior sds or magnitudes for given names of
-        compliances. The estimates of some compliances also include parts of compliances that are
-        left out of the model (`Kept.absorbed`). The prior sd or magnitude of a compliance that is
-        left out is multiplied by a weight and added in quadrature. If several such compliances
-        change the readings in proportion to each other, only one of them is added.
+        ``size_of`` is a function that returns the prior sds, or the typical magnitudes, for given
+        names of compliances. Estimates of compliances in the model also include parts of
+        compliances that are left out of it (`Kept.absorbed`). The prior sd or magnitude of a
+        compliance that is left out is therefore multiplied by a weight and added in quadrature. The
+        result has the shape (compliances,). If several such compliances change the readings in
+        proportion to each other, only one of them is added.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -245,9 +246,10 @@ def physical_rows(
     """Return the matrix A of the conditions A β ≥ 0 on the parameters β, shape (rows, p).
 
     The conditions exclude negative values of those compliances that are deflections in the
-    direction of the load itself. The product of a row of A and β is such a compliance at one force
-    F, C(F). Raise an `InputError` if a compliance is fixed at zero but has a free slope (change
-    with force) that would make the compliance negative on one side of the reference force F0.
+    direction of the load itself. The product of a row of A and β is the value C(F) of such a
+    compliance at one force F. Raise an `InputError` if a compliance is fixed at zero but has a free
+    slope (change with force) that would make the compliance negative on one side of the reference
+    force F0.
 
     Parameters
     ----------

@@ -80,8 +80,8 @@ class _Batch(NamedTuple):
     products (BLAS) then rounds in the same way, whatever w is.
     """
 
-    #: Index, in the array that the caller gave, of each of the w values of the hyper-parameters
-    #: that are processed together, shape (w,).
+    #: Indices of the w values of the hyper-parameters in the array that the caller gave, shape
+    #: (w,).
     phi_index: NDArray[np.intp]
     #: Reciprocal noise variance of every kind of observation equations for w values of the
     #: hyper-parameters, shape (kinds, w). Equations of one kind have the same variance.
@@ -98,9 +98,9 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice that selects the batch from all values of the hyper-parameters.
+        """Slice that selects this batch from all values of the hyper-parameters.
 
-        The values were given by the caller. A batch consists of values that are processed together.
+        A batch consists of values that are processed together.
         """
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
@@ -243,8 +243,8 @@ class StructuredGaussian:
             Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
             all values of φ. None if the object was made without parameters.
         last
-            Number q of coefficients in the density: the last q of the coefficients that are the
-            same in all tests. By default, all of these coefficients are used.
+            Number of coefficients in the density. They are the last of the coefficients that are
+            the same in all tests. By default, all of these coefficients are used.
         """
         size = self._shared if last is None else last
         first = self._shared - size
@@ -271,9 +271,8 @@ class StructuredGaussian:
     def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
         """Return random draws of the coefficients that are the same in all tests.
 
-        The caller provides the last p of these coefficients as standard normal coordinates. The
-        method `conditional` returns the density of these p coefficients, and the method
-        `from_standard` of this density converts standard normal coordinates to coefficients. All
+        The last p of these coefficients are not drawn here: the caller gives them as standard
+        normal coordinates (see `from_standard` of the density that `conditional` returns). All
         other coefficients are drawn from their density given the readings and the last p
         coefficients.
 
@@ -368,8 +367,8 @@ class StructuredGaussian:
             Values of the h hyper-parameters, shape (values, h); lengths in mm.
         beta
             Values of the p parameters of interest β, shape (values, p), or (p,) if they are the
-            same for all values of φ. If ``beta`` is None, only those parts of the log density are
-            computed that do not depend on β, and the field ``shift`` of a batch is None.
+            same for all values of φ. If ``beta`` is None, only the parts of the log density that do
+            not depend on β are computed, and the field ``shift`` of a batch is None.
         batch_size
             Largest number of values of φ in a batch.
         """

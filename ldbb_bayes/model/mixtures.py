@@ -18,8 +18,8 @@ _ITERATIONS = 100
 # standard deviation of the mixture, is at most this number.
 _STEP_TOLERANCE = 1e-12
 # Largest number of Gaussian components in one computation. Quantiles of several mixtures are
-# computed at once, as long as all components of these mixtures together are not more than this
-# number. The arrays then fit into the processor's cache.
+# computed at once if these mixtures have at most this number of components in total. The arrays
+# then fit into the processor's cache.
 _CHUNK = 200_000
 
 

@@ -143,14 +143,13 @@ class _Nuisances(NamedTuple):
 
 
 class _Rotated(NamedTuple):
-    """Matrices that describe one test whose reduced readings are multiplied by a matrix Q.
+    """Matrices of one test after a change of variables that makes its noise covariance diagonal.
 
-    The reduced readings are m numbers, not more than 25, that replace the readings of the test. Q
-    is chosen so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
-    shape (m, m). ``factor`` is Q R, where R, shape (m, 25), turns the test's 25 Fourier
-    coefficients into its reduced readings. ``noise_sd`` holds one array of shape (m,) for each
-    noise term: the sd of this noise in each of the m products of Q and the reduced readings,
-    divided by the hyper-parameter that scales this noise.
+    The reduced readings are m numbers, not more than 25, that replace the readings of the test. The
+    change of variables multiplies them by a matrix Q. ``rotation`` is Q, shape (m, m). ``factor``
+    is Q R, where R, shape (m, 25), turns the test's 25 Fourier coefficients into its reduced
+    readings. ``noise_sd`` holds one array of shape (m,) for each noise term: the sds of this noise
+    after the change of variables, divided by the hyper-parameter that scales the noise.
     """
 
     rotation: Array
@@ -593,8 +592,8 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     Returns
     -------
     Columns or None
-        The columns of this sign, as many as are needed for the test that needs the most. None if no
-        test needs one.
+        The columns of this sign. Their number is the largest number that any test needs; None if no
+        test needs such columns.
     """
     indices_by_test = []
     for circle in circles:

@@ -223,7 +223,7 @@ def _merge(single: list[_Node]) -> list[_Node]:
     column. The border of a node is the set of later columns that change when the node is
     eliminated. The parent of a node is the node that contains the first column of its border. Nodes
     with equal numbers of columns, and equal numbers of columns in their borders, are eliminated by
-    the same function calls, whose time is needed only once for all these nodes. The nodes are
+    the same function calls. The time of these calls is therefore counted only once. The nodes are
     examined repeatedly until no further node is merged.
     """
     nodes = dict(enumerate(single))

@@ -264,10 +264,10 @@ class Orthant:
     ) -> NoisyLogProbability:
         """Return ln P(u ≥ 0) for w Gaussian vectors u, from analytical bounds or random points.
 
-        The bounds are used for vectors for which their largest error is at most ``tolerance``
-        [nat]. For other vectors, the number of points is increased until the noise, the error due
-        to the quasi-random points, is at most ``largest_noise`` [nat]. ``points`` generates the
-        points.
+        The bounds are used for a vector if the largest error that they permit is at most
+        ``tolerance`` [nat]. For other vectors, the number of points is increased until the noise,
+        the error due to the quasi-random points, is at most ``largest_noise`` [nat]. ``points``
+        generates the points.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
@@ -469,7 +469,7 @@ class Orthant:
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
 
     def _sum_points(self, tolerance: float, points: _Points) -> tuple[Array, Array]:
-        """Return ln P(u ≥ 0) and its error [nat] from quasi-random points, each of shape (w,).
+        """Return ln P(u ≥ 0) and its error [nat], each of shape (w,), from quasi-random points.
 
         There is one probability for each of w Gaussian vectors u. The number of points is
         multiplied by four until the error is within ``tolerance`` [nat] or 65 536 points are used.
@@ -526,11 +526,10 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # The constraints are those on a Gaussian vector. ``core`` holds the indices of linearly
-        # independent constraints; all other constraints are linear combinations of them. Let x be
-        # the coordinates of the standard normal vector along the directions ``axes``. The other
-        # constraints are converted to constraints on x. The coefficients of x in a constraint are
-        # scaled so that their squares sum to one.
+        # ``core`` holds the indices of linearly independent constraints; all other constraints are
+        # linear combinations of them. Let x be the coordinates of the standard normal vector along
+        # the directions ``axes``. The other constraints are converted to constraints on x. The
+        # coefficients of x in a constraint are scaled so that their squares sum to one.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -575,12 +574,12 @@ def _bound_in_closed_form(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0) from analytical bounds, and its largest error, each of shape (w,).
 
-    There is one probability P for each of w Gaussian vectors u with m constraints u_j ≥ 0. P is at
-    most the probability that the tightest constraint holds; for this constraint, the ratio of the
-    mean of u_j to its sd is the smallest. P is at least this probability minus the probabilities
-    that the other elements of u are negative. If the two bounds differ, closer bounds are computed
-    from pairs of constraints. The error is the largest error of ln P that the closest bounds
-    permit; it may be infinite.
+    There is one probability P for each of w Gaussian vectors u with m constraints u_j ≥ 0. The
+    tightest constraint is that with the smallest ratio of the mean of u_j to the sd of u_j. P is at
+    most the probability that this constraint holds. It is at least this probability minus the
+    probabilities that the other elements of u are negative. If the two bounds differ, closer bounds
+    are computed from pairs of constraints. The error is the largest error of ln P that the closest
+    bounds permit; it may be infinite.
 
     Parameters
     ----------
@@ -826,8 +825,8 @@ def _binding_rows(
 ) -> list[int]:
     """Return the indices of linearly independent constraints on one vector, the tightest first.
 
-    There are m constraints on a standard normal vector e of q elements. Constraints that hold with
-    equality at the most probable e that satisfies all constraints are chosen first. Further
+    There are m constraints on a standard normal vector e of q elements. At the most probable e that
+    satisfies all constraints, some constraints hold with equality; these are chosen first. Further
     constraints are then added one by one until there are ``rank`` constraints. The next constraint
     is always the one whose row has the longest component perpendicular to the rows of all
     constraints chosen before. The result is sorted by increasing ``distance``.

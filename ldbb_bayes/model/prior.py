@@ -491,9 +491,9 @@ class Prior(Shown):
 def _check_mean(name: str, mean: float) -> None:
     """Raise an `InputError` if the prior mean of a named parameter is not permitted.
 
-    ``name`` is the name of the parameter and ``mean`` the prior mean, in internal units
-    (mm, N, rad). A prior mean is not permitted if it is not finite, if the parameter is a slope
-    (change of a compliance with force), or if its absolute value exceeds 1000 default prior sds.
+    ``name`` is the name of the parameter and ``mean`` the prior mean, in internal units (mm, N,
+    rad). A prior mean is refused if it is not finite, if its absolute value exceeds 1000 default
+    prior sds, or if the parameter is a slope (change of a compliance with force).
     """
     require(
         bool(np.isfinite(mean)),

@@ -61,7 +61,7 @@ class NearUniform(NamedTuple):
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each of the 25 departures of a test from uniform angles is not negligible."""
+        """Whether each of the 25 departures of a test from uniform angles must not be neglected."""
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 
@@ -112,9 +112,9 @@ class Reduced:
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
     """Return the readings of one test, reduced to at most 25 numbers and a sum of squares.
 
-    The model describes readings by the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ. The
-    matrix B of these functions at the test's angles has the QR decomposition B = Q R. The at most
-    25 numbers are Qᵀ · readings; the sum of squares is that of the part of the readings that the
+    The model describes readings by the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ. The matrix
+    B of these functions at the test's angles has the QR decomposition B = Q R. The at most 25
+    numbers are Qᵀ · readings; the sum of squares is computed from the part of the readings that the
     functions cannot describe. The result also holds the triangular factor R.
 
     Parameters

@@ -192,7 +192,7 @@ class ReferencePosterior:
         return _StackedReadings(factors, readings)
 
     def _noise_covariance(self, terms: Sequence[Columns | BasisNoise]) -> Array:
-        """Return the covariance of the m reduced readings of every test, (tests, m, m) [mm²].
+        """Return the covariance of each test's m reduced readings [mm²], shape (tests, m, m).
 
         Reduced readings are at most 25 numbers that replace the readings of a test. Two kinds of
         noise are included: the white noise of the readings, and the effects in ``terms`` that

@@ -211,7 +211,7 @@ class Setting:
         *,
         signed: bool = False,
     ) -> Array:
-        """Return Fourier coefficients of |u|^a, where u is the bar's component along an axis.
+        """Return Fourier coefficients of |u|^a, where u is one component of the bar's direction.
 
         u = A cos(θ − ϑ) is the component along a machine axis of the unit vector along the bar,
         with amplitude A and phase ϑ; θ is the angle on the circle. The series is
@@ -308,14 +308,14 @@ class Setting:
 
 @lru_cache(maxsize=_KEPT_POWERS)
 def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> Array:
-    """Return Fourier coefficients of a power of the bar's component along an axis, (tests, 25).
+    """Return Fourier coefficients of a power of one component of the bar's direction.
 
     u denotes the component, along one machine axis, of the unit vector along the bar; u is a
-    function of the angle θ on the circle. The result describes |u|^``power``, multiplied by the
-    sign of u if ``signed`` is true; the method `Setting.along` states the formula.
-    ``first_harmonics`` are the bytes of an array of shape (tests, 2), which holds the Fourier
-    coefficients of u for cos θ and sin θ. Results are kept in a cache, because the models of a
-    campaign need the same powers hundreds of times.
+    function of the angle θ on the circle. The result, shape (tests, 25), describes |u|^``power``,
+    multiplied by the sign of u if ``signed`` is true; the method `Setting.along` states the
+    formula. ``first_harmonics`` are the bytes of an array of shape (tests, 2), which holds the
+    Fourier coefficients of u for cos θ and sin θ. Results are kept in a cache, because the models
+    of a campaign need the same powers hundreds of times.
     """
     first = int(signed)
     series = np.zeros(MAX_ORDER + 1)

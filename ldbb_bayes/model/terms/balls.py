@@ -24,8 +24,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BallForm", "MachinePattern"]
 
-# Orders n of the harmonics cos nθ, sin nθ of a ball's form error. Order 0 is not part of the form
-# error because it is the ball's radius, nor is order 1, which is the position of the ball's centre.
+# Orders n of the harmonics cos nθ, sin nθ of a ball's form error. The order 0 (radius of the ball)
+# and the order 1 (position of the ball's centre) are not part of the form error.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
 # higher orders). The pattern has no orders below 4, because the model describes such errors of the

@@ -319,9 +319,9 @@ class Term(Shown):
 
         ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates. The
         term may assume uncertainties for several properties, such as bar_length. A coefficient
-        belongs to the property with whose name its own name begins, as bar_length_150 belongs to
-        bar_length. If there are several such properties, it belongs to the one with the longest
-        name.
+        whose name begins with the name of a property belongs to this property; for example,
+        bar_length_150 belongs to bar_length. If several properties fit, the one with the longest
+        name is used.
         """
         stated = False
         longest = -1
@@ -362,9 +362,8 @@ class Term(Shown):
     def describe(cls, coefficient: str) -> str:
         """Return a description of a coefficient of this term, derived from the coefficient's name.
 
-        For example, pattern_cos4 is described as "machine pattern (cos 4θ)". If no term has a
-        coefficient with this name, the method of the class `Term` itself is called, which returns
-        the name unchanged.
+        For example, pattern_cos4 is described as "machine pattern (cos 4θ)". The method of the
+        class `Term` itself, which belongs to no term, returns the name unchanged.
         """
         if cls is Term:
             return coefficient
@@ -385,7 +384,7 @@ class Term(Shown):
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of those settings of a term that allow only certain values.
+    """Return the permitted values of a term's settings that allow only certain values.
 
     ``kind`` is the class of the term. The result is a dict; its keys are the names of the settings.
     """
