@@ -63,21 +63,20 @@ _DRAWS = 500
 # Significance level of posterior predictive checks. A check fails if its p-value, multiplied by the
 # number of all checks (Bonferroni), is below this level.
 _FAILS = 0.01
-# Smallest p-value of a posterior predictive check. Checks are ranked by the logarithm of the
-# p-value, which must be finite; a smaller p-value is therefore replaced by this number. In the test
-# of whether a quantity changes with force, a standard error below this number is replaced by it, to
-# avoid a division by zero.
+# Smallest p-value of a posterior predictive check. Checks are ranked by the logarithm of their
+# p-value, which must be finite. A smaller p-value is therefore replaced by this number. The same
+# number replaces a smaller standard error in the test of whether a quantity changes with force, so
+# that there is no division by zero.
 _SMALLEST_P = 1e-300
 # Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000
 # The Fourier orders 0 to 12 are fitted to the readings of a test. The residuals count as rounding
 # errors if their sum of squares is at most this fraction of the sum of squares of the readings.
 _ROUNDING = 1e-24
-# Smallest number of tests in a plane with which a shift of the circles' centre with force is
-# checked.
+# A shift of the circles' centre with force is checked only in planes with at least this many tests.
 _FEWEST_TESTS = 4
-# In each plane, the dependence of the circles' centre on force is checked only if the plane was
-# tested at this number of different forces or more.
+# A shift of the circles' centre with force is checked only in planes that were tested at this many
+# different forces or more.
 _FEWEST_FORCES = 3
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.

@@ -31,11 +31,11 @@ __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 # noise factor of a circle (the factor that multiplies its noise). The first value is the shape in
 # the model's prior. With a large a, the noise factors of all circles are similar.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
-# Prior probability of the first value of the shape a in ``_SHAPES``; all other values have equal
-# prior probabilities. The shape a belongs to the density InvGamma(a, a) of the square of a circle's
-# noise factor (the factor that multiplies the noise of the circle). The first value gives the
-# density with the heaviest tails. Its prior probability is large, so that a few circles with a
-# similar scatter cannot rule out that the next circle is unusual.
+# Prior probability of the first shape a in ``_SHAPES``; all other shapes have equal prior
+# probabilities. The square of a circle's noise factor (the factor that multiplies its noise) has
+# the density InvGamma(a, a), whose tails are heaviest for the first shape. The prior probability of
+# this shape is large, so that a few circles with a similar scatter cannot rule out that the next
+# circle is unusual.
 _FIRST_PROBABILITY = 0.5
 
 
@@ -54,12 +54,12 @@ def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Ar
 
 
 def shape_probabilities(noise_factors: Array) -> Array:
-    """Return the probabilities of the shapes a in ``_SHAPES`` for each of n posterior draws.
+    """Return the probability of each shape a in ``_SHAPES``, for each of n posterior draws.
 
-    The noise factor λ of a circle multiplies random effects on the circle; λ² has the density
-    InvGamma(a, a). ``noise_factors``, shape (n, R), holds the noise factors of the R measured
-    circles in each posterior draw. The result has one row for each draw and one column for each
-    value in ``_SHAPES``.
+    The shape a is the parameter of the density InvGamma(a, a) of λ², where λ is the noise factor of
+    a circle (the factor that multiplies its noise). ``noise_factors``, shape (n, R), holds the
+    noise factors of the R measured circles in each posterior draw. The result has one row for each
+    draw and one column for each value in ``_SHAPES``.
     """
     prior = np.full(len(_SHAPES), (1.0 - _FIRST_PROBABILITY) / (len(_SHAPES) - 1))
     prior[0] = _FIRST_PROBABILITY

@@ -321,13 +321,12 @@ def new_circle_coefficients(
 def draw_shared_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Return the machine's effects plus random effects of nuisances that tests share [mm].
+    """Return the machine's effects plus random draws of the effects that tests share [mm].
 
-    Nuisances are effects that are modelled but not of interest, such as ball form. The nuisances
-    are drawn given the readings, the p parameters ``beta``, shape (draws, p), and the h
-    hyper-parameters ``phi``, shape (draws, h). The result holds Fourier coefficients of the orders
-    0 to 12 of every test, shape (draws, tests, 25). ``bound`` is the model of
-    the campaign.
+    Effects that tests share, such as ball form, are modelled but not of interest. They are drawn
+    given the readings, the p parameters ``beta``, shape (draws, p), and the h hyper-parameters
+    ``phi``, shape (draws, h). The result holds Fourier coefficients of the orders 0 to 12 of every
+    test, shape (draws, tests, 25). ``bound`` is the model of the campaign.
     """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)

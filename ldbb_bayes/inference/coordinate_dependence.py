@@ -34,8 +34,9 @@ _LEADING = 7
 # this limit are replaced by the limit, so that the polynomials are not extrapolated. The
 # coordinates have the standard deviation one.
 _FARTHEST = 5.0
-# Largest absolute value of the logarithm of a density's width along a coordinate, as it is fitted.
-# A logarithm beyond this limit is replaced by the limit, so that the fit is not extrapolated.
+# The logarithm of a density's width along a coordinate is fitted as a function of other
+# coordinates. An absolute value above this limit is replaced by the limit, so that the fit is not
+# extrapolated.
 _LARGEST_LOG_WIDTH = 1.0
 # A coefficient of a polynomial is set to zero unless its absolute value exceeds this number of
 # standard errors. The polynomials describe how the mean and the logarithm of the width of a
@@ -52,8 +53,8 @@ class IndependentPoints(NamedTuple):
     #: the h coordinates z of each of n points, shape (n, h), which are nearly independent of each
     #: other
     points: Array
-    #: sum of the logarithms of the widths of a density along each of its h coordinates, at each of
-    #: n points, shape (n,)
+    #: logarithms of the widths of a density along its h coordinates, added up at each of n points,
+    #: shape (n,)
     log_width: Array
 
 
@@ -78,9 +79,9 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number k: the means and the widths depend only on the first k coordinates.
+        """Number k of coordinates on which the means and the widths of the h coordinates depend.
 
-        The means and widths are those of a density along each of its h coordinates.
+        These are the first k of the h coordinates.
         """
         return len(self.mean) // 2
 
@@ -129,10 +130,7 @@ def _polynomial_terms(leading: Array) -> Array:
 
 
 def _limited(log_width: Array) -> Array:
-    """Return the log widths of a density along its coordinates, limited in magnitude.
-
-    The limit of the absolute value is ``_LARGEST_LOG_WIDTH``.
-    """
+    """Return the log widths of a density, limited to ±``_LARGEST_LOG_WIDTH``."""
     return np.asarray(np.clip(log_width, -_LARGEST_LOG_WIDTH, _LARGEST_LOG_WIDTH))
 
 
@@ -145,18 +143,18 @@ class _Polynomials:
     each other.
     """
 
-    # weighted mean, over n points (values of the hyper-parameters), of each of their first k
-    # coordinates, shape (k,)
+    # weighted means of the first k coordinates of n points (values of the hyper-parameters), shape
+    # (k,)
     mean: Array
-    # weighted standard deviation, over n points (values of the hyper-parameters), of each of their
-    # first k coordinates, shape (k,)
+    # weighted standard deviations of the first k coordinates of n points (values of the
+    # hyper-parameters), shape (k,)
     sd: Array
-    # weighted skewness, over n points (values of the hyper-parameters), of each of their first k
-    # coordinates, shape (k,)
+    # weighted skewness of each of the first k coordinates of n points (values of the
+    # hyper-parameters), shape (k,)
     skewness: Array
-    # weighted standard deviations, over n points (values of the hyper-parameters), of k polynomials
-    # of degree two, one polynomial for each of k coordinates, before the polynomials are scaled to
-    # a standard deviation of one, shape (k,)
+    # weighted standard deviations, at n points (values of the hyper-parameters), of k polynomials
+    # of degree two, one for each of k coordinates, shape (k,). The polynomials have not yet been
+    # scaled to a standard deviation of one.
     square_sd: Array
     # values at n points of k orthonormal polynomials of degree one, one for each of k coordinates
     # of the points, shape (n, k)
@@ -243,12 +241,12 @@ def _fit_widths(
     The logarithm of a width is a sum of polynomials in the first k coordinates. The result, shape
     (2 k, h), holds the coefficients of the ``polynomials`` of degree one in the first k rows, and
     those of the polynomials of degree two in the other k rows. ``deviation``, shape (n, h), holds
-    the deviations of h coordinates from their means at n points; ``weight``, shape (n,), holds the
-    weights of the points. ``is_before``, shape (k, h), is True where the coordinate of the row has
-    a smaller index than the coordinate of the column; all other coefficients are zero, and so are
-    coefficients that are not significant. The coefficients maximise the likelihood of the
-    deviations under normal distributions. They are computed with Fisher's method of scoring
-    (Harvey, Econometrica 44 (1976) 461).
+    the deviations of h coordinates from their means at n points. ``weight``, shape (n,), holds the
+    weights of the points. ``is_before``, shape (k, h), is True where the coordinate of the row
+    comes before the coordinate of the column. All other coefficients are zero, as are coefficients
+    that are not significant. The coefficients maximise the likelihood of the deviations under
+    normal distributions. They are computed with Fisher's method of scoring (Harvey, Econometrica 44
+    (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     is_fitted = np.concatenate([is_before, is_before])

@@ -45,15 +45,14 @@ _LARGE_K = 0.4
 # power is this value divided by the Pareto shape k̂ of the weights; after tempering, the Pareto
 # shape is about equal to this value.
 _TEMPERED_K = 0.2
-# Largest Pareto shape k̂ from which the power for tempering is computed; a larger k̂ is replaced by
-# this value. Densities whose inverses have a heavy tail are tempered, that is, raised to a power
-# below one.
+# Densities whose inverses have a heavy tail are tempered, that is, raised to a power below one. The
+# power is computed from the Pareto shape k̂ of the tail, or from this value if k̂ is larger.
 _LARGEST_K = 2.0
 
 
 @one_blas_thread
 def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1) -> xr.DataTree:
-    """Return a posterior with the two groups added that ArviZ needs to check and compare models.
+    """Return a posterior with two more groups, which ArviZ needs to check and compare models.
 
     Parameters
     ----------
@@ -193,7 +192,7 @@ def _ranges(readings_by_test: Sequence[Array]) -> Array:
 def _sampled_group(
     variables: dict[str, tuple[str, Array]], chains: int, coordinates: dict[str, Array]
 ) -> xr.DataTree:
-    """Return a group of a DataTree, made from arrays of random draws, which are split into chains.
+    """Return a group of a DataTree that holds random draws, split into chains.
 
     The keys of ``variables`` are names of variables. Each value is a pair: the name of the array's
     second dimension, of length m, and the array of draws, shape (chains × draws, m).
@@ -215,10 +214,9 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
 
     The density is p(y_r | y_−r, φ), where y_r are the readings of test r and y_−r those of all
     other tests. φ are the h hyper-parameters (such as the standard deviation of the noise);
-    ``phi``, shape (w, h), holds w values of them. If the model has a factor by which the set-up
-    shift (of zero and centre) and the discrepancy (unexplained deviations) of test r are
-    multiplied, this factor is integrated out. See `with_predictive`. ``bound`` is the model of the
-    campaign.
+    ``phi``, shape (w, h), holds w values of them. If the model has a factor that multiplies the
+    set-up shift (of zero and centre) and the discrepancy (unexplained deviations) of test r, this
+    factor is integrated out. See `with_predictive`. ``bound`` is the model of the campaign.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -264,9 +262,9 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     other tests, at w draws of the hyper-parameters (such as the standard deviation of the noise).
     If a test is left out, the inverses of its w densities are the importance weights of the draws.
     If the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are
-    raised to a power below one, and then scaled so that their harmonic mean over the draws equals
-    the predictive density of the readings of the test, which is computed exactly from two
-    evidences. ``bound`` is the model of the campaign.
+    raised to a power below one, and then scaled. After scaling, their harmonic mean over the draws
+    is the predictive density of the test's readings, which is computed exactly from two evidences.
+    ``bound`` is the model of the campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):

@@ -128,9 +128,9 @@ class LogDensity(Shown):
         """Return the least and the greatest value of each of the d coordinates, shape (d, 2).
 
         The coordinates are the parameters, then the hyper-parameters. A bound that does not exist
-        is −inf or inf. Truncation, the condition that no compliance is negative at any tested
-        force, also restricts combinations of parameters, such as a compliance and its change with
-        force. The restriction of combinations is not part of these bounds, but of `log_prior`.
+        is −inf or inf. The condition that no compliance is negative at any tested force also
+        restricts combinations of parameters, such as a compliance and its change with force.
+        `log_prior` takes this restriction of combinations into account; the bounds do not.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
@@ -280,9 +280,10 @@ class LogDensity(Shown):
         return self.bound.log_likelihood(phi, beta)
 
     def _check_points(self, x: Array, argument: str = "x") -> Array:
-        """Return one point of d coordinates, (d,), or n points, (n, d), as an array of floats.
+        """Return points as an array of floats, after a check of its shape.
 
-        Raise an `InputError` for any other shape; ``argument`` names the points in its message.
+        The shape must be (d,) for one point of d coordinates, or (n, d) for n points. Raise an
+        `InputError` for any other shape; ``argument`` names the points in its message.
         """
         points = np.asarray(x, dtype=float)
         d = len(self.names)

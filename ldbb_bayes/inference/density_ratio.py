@@ -1,4 +1,4 @@
-"""Integral of a density g, computed from ratios g / f at a few nodes; f is a similar density.
+"""Integral of a density g, computed from its ratio to a similar density f at a few points.
 
 The integral ∫ f is known from an earlier calculation, as a sum over n weighted nodes φ_i (points)
 in h dimensions. If E_f is the mean under the density f, then
@@ -40,12 +40,12 @@ __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 # Size of the largest sample of nodes, the points at which the density to be integrated is known.
 # Nodes are picked at random, and the same node can be picked repeatedly.
 _LARGEST_SAMPLE = 4608
-# Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node,
-# and all nodes. The density is evaluated at the nodes of the next larger sample until the error is
-# small enough.
+# Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node of
+# it, and the largest sample itself. If the error with a sample is too large, the next larger sample
+# is used.
 _STEPS = (24, 8, 1)
-# A sample of nodes (points) is used only if the number of all nodes of the integral is at least
-# this multiple of the number of nodes in the sample.
+# A sample of nodes (points) is used only if the integral has at least this many nodes for each node
+# of the sample.
 _NODES_PER_SAMPLE = 2
 # Largest number of coefficients of the fitted polynomial, as a fraction of the number of nodes
 # (points) to which the polynomial is fitted.
@@ -58,9 +58,9 @@ _TAIL_POWER = 0.5
 # of the polynomial at the sampled points. Singular values below this fraction of the largest one
 # count as zero. The terms of the polynomial are then linearly dependent at these points.
 _DEPENDENT = 1e-10
-# The mean of the ratios of two densities is trusted if their standard deviation is at most this
-# fraction of the mean. If the ratios scatter more, a sample of a few hundred nodes (points) may
-# miss the largest ratios.
+# The mean of the ratios of two densities is trusted if the standard deviation of the ratios is at
+# most this fraction of the mean. If the ratios scatter more, a sample of a few hundred nodes
+# (points) may miss the largest ratios.
 _LARGEST_SCATTER = 0.4
 # The mean of the ratios of two densities is not trusted if ln(ratio / mean) exceeds this value for
 # any ratio. The square of such a large ratio might overflow.
@@ -77,8 +77,8 @@ class LogValues(NamedTuple):
     """Logarithm of a density at k nodes (points) and its numerical error [nat], each of shape (k,).
 
     The values of the density may also have noise: random errors of mean zero that are independent
-    between nodes. Noise is not part of ``error``. It adds to the scatter of the ratios of this
-    density to another density; the error of the mean ratio is computed from this scatter.
+    between nodes. Noise is not part of ``error``, because it is already contained in the scatter
+    from which the error of a mean ratio of two densities is computed.
     """
 
     log_density: Array  #: logarithm of a density at k nodes (points), shape (k,)
@@ -178,12 +178,12 @@ class _Decomposition(NamedTuple):
     that are zero except for rounding errors are left out.
     """
 
-    #: left singular vectors of the matrix (with one row for each node, and one column for each
-    #: term) with which a polynomial is fitted at m nodes (points), shape (m, rank)
+    #: left singular vectors of the matrix with which a polynomial is fitted, shape (m, rank). The
+    #: matrix has a row for each of m nodes (points) and a column for each term of the polynomial.
     left: Array
-    #: right singular vectors of the matrix (with one row for each node, and one column for each
-    #: term) with which a polynomial is fitted, each divided by its singular value, shape
-    #: (coefficients, rank)
+    #: right singular vectors of the matrix with which a polynomial is fitted, each divided by its
+    #: singular value, shape (coefficients, rank). The matrix has a row for each node (point) and a
+    #: column for each term of the polynomial.
     scaled_right: Array
 
 

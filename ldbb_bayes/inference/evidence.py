@@ -38,8 +38,8 @@ _LARGEST_LOG_PROBABILITY = 0.1
 
 # The probability that no compliance is negative is first computed as a mean over a sample of values
 # of the hyper-parameters. This mean is used only if its logarithm is above this limit. Values
-# outside the sample can then change the mean only little, because the probability at each value is
-# at most one.
+# outside the sample can then hardly change the mean, because the probability at each value is at
+# most one.
 _LEAST_COARSE_LOG_PROBABILITY = -2.0
 
 
@@ -164,8 +164,8 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
     """Return the log Bayes factor of a model over another model, and its error [nat].
 
     The Bayes factor is B = Z / Z', the evidence Z of the first model divided by the evidence Z' of
-    the second one. At equal prior probabilities of the models B is the ratio of their posterior
-    probabilities.
+    the second one. If both models have the same prior probability, B is the ratio of their
+    posterior probabilities.
 
     Parameters
     ----------

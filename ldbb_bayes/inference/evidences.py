@@ -41,7 +41,7 @@ _FEWEST_TESTS = 16
 
 
 def _silent() -> None:
-    """Do nothing; this function stands for a report of progress that the user does not want.
+    """Do nothing, in place of a function that reports progress.
 
     Unlike a lambda, it can be sent to other processes.
     """
@@ -87,7 +87,7 @@ class Evidences(Shown):
         progress: Callable[[], object] = _silent,
         keep_tests: Sequence[str] | None = None,
     ) -> None:
-        """Make an object for the evidences of a campaign's readings; none is computed yet.
+        """Prepare the evidences for the readings of a campaign, without computing any of them.
 
         ``tolerance`` is the error allowed in every log evidence [nat]. ``progress`` is called
         without arguments each time that the evidence of a model is ready. ``keep_tests`` are the
@@ -134,7 +134,7 @@ class Evidences(Shown):
         return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model; if all models are rejected, rough nodes.
+        """Return the quadrature nodes of each model, or rough nodes if all models are rejected.
 
         Nodes are weighted values of the hyper-parameters, from which the log evidence of a model
         follows. If the nodes of all the models are known already, they are returned. Otherwise,
@@ -200,10 +200,10 @@ class Evidences(Shown):
 
     @cached_property
     def _rough(self) -> Evidences:
-        """Another ``Evidences`` object for the same readings, with a tolerance that is not small.
+        """``Evidences`` object for rough evidences from the same readings.
 
-        The error allowed in every log evidence of the other object is the tolerance of this object,
-        but at least ``_ROUGH_TOLERANCE`` [nat].
+        The error that it allows in a log evidence is the tolerance of this object, but at least
+        ``_ROUGH_TOLERANCE`` [nat].
         """
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
         # The models applied to the campaign, and the modes of their posteriors, do not depend on

@@ -278,11 +278,10 @@ def assess_fit(
         Generator of the random draws of new circles.
     prior_level : float or array
         Expected value, under the prior, of the log prior density of the parameters. It is
-        subtracted from the log prior density. In an average over models, a difference between the
-        expected values of the models is then not mistaken for sensitivity to the prior. For an
-        average, give an array, shape (chains, draws), with the expected value for the model of each
-        draw. For a single model, any number may be given, because a constant does not change the
-        sensitivity.
+        subtracted from the log prior density. Otherwise, different expected values of the models in
+        an average would be mistaken for sensitivity to the prior. For an average, give an array,
+        shape (chains, draws), with the expected value for the model of each draw. For a single
+        model, any number may be given, because a constant does not change the sensitivity.
 
     Returns
     -------
