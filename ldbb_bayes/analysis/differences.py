@@ -147,7 +147,7 @@ def compare_posteriors(
 def _compare_one_instrument(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
 ) -> _Differences:
-    """Return the differences of two campaigns run with one instrument.
+    """Return the differences of parameters between two campaigns run with one instrument.
 
     The posterior of each difference is taken to be normal.
 

@@ -188,9 +188,10 @@ class PlaneStiffness(Result):
 class PrincipalAxis(Result):
     """One principal stiffness of a machine in space, and its direction."""
 
-    stiffness: StatedValue  #: stiffness of the machine along a principal axis of its compliance
+    #: stiffness of the machine along a principal axis of its compliance tensor
+    stiffness: StatedValue
     #: components along X, Y and Z of a unit vector along a principal axis of the machine's
-    #: compliance; the opposite vector is equivalent
+    #: compliance tensor; the opposite vector is equivalent
     direction: tuple[float, float, float]
     #: half angle [°] of a cone about ``direction``, the estimated direction of a principal axis.
     #: The true axis lies inside the cone with the probability ``DirectionalStiffness.prob``.
@@ -209,7 +210,8 @@ class PrincipalStiffness(Result):
     """
 
     force_N: float  #: force of the bar [N]
-    axes: tuple[PrincipalAxis, ...]  #: the three principal axes of the compliance, softest first
+    #: the three principal axes of the machine's compliance tensor, softest first
+    axes: tuple[PrincipalAxis, ...]
 
 
 @dataclass(frozen=True)
@@ -360,7 +362,7 @@ def stiffness(
         difference of the compliances along the two axes. If three planes were tested, the result
         also has the principal stiffnesses in space. If the readings hardly determine the compliance
         along the bar in some directions, noise makes the least stiffness too small and the greatest
-        stiffness too large on average. Each of these two mean errors is corrected.
+        stiffness too large on average. Both errors are corrected.
 
     Raises
     ------
@@ -406,9 +408,9 @@ def _stiffness_of(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction from draws of compliances and deflections.
 
-    ``circles`` holds the index of one test for each plane. ``draws`` holds posterior draws of the
-    deflection per unit of force on the circles of these tests, and of the compliances, at the
-    forces ``forces`` [N]. ``prob`` is the probability of the credible intervals.
+    ``circles`` holds the index of one test for each plane. ``draws`` holds posterior draws at the
+    forces ``forces`` [N]: draws of the compliances, and of the deflection per unit of force on the
+    circles of these tests. ``prob`` is the probability of the credible intervals.
     """
     planes = []
     for k, r in enumerate(circles):
@@ -663,8 +665,8 @@ def _stated_value(
     """Return a stiffness, compliance or ratio with its uncertainty, from posterior draws.
 
     ``draws``, shape (draws,), are in the unit ``unit``, and ``prob`` is the probability of the
-    equal-tailed interval. ``only_lower_limit`` says that the readings determine only the lower end
-    of the interval of a stiffness.
+    equal-tailed interval. ``only_lower_limit`` states whether the readings determine only the lower
+    end of this interval.
     """
     numbers = interval_numbers(draws, prob)
     return StatedValue(

@@ -22,8 +22,8 @@ __all__ = ["CurveExtremes", "extremes_of", "without_noise_excess"]
 class CurveExtremes:
     """Posterior draws of the largest and smallest value of a curve, corrected for their bias.
 
-    Without the correction, the largest values are too large on average, because the draws scatter
-    about the mean curve, and the smallest values are too small.
+    The draws scatter about the mean curve. Without the correction, the largest values are therefore
+    too large on average, and the smallest values too small.
     """
 
     #: posterior draws of the largest value of an uncertain curve, shape (draws,), in the unit of

@@ -85,8 +85,8 @@ class GumComparison(Result):
     #: numerical error of ``low`` and ``high``, the endpoints of the posterior interval, which are
     #: computed from random draws: twice the larger of the standard errors of the two endpoints
     error: float
-    #: numerical tolerance δ of JCGM 101 within which the coverage intervals by the GUM and by the
-    #: posterior must agree; it follows from ``GumValidation.digits`` and ``sd``
+    #: largest difference between the endpoints of the two intervals that counts as agreement: the
+    #: numerical tolerance δ of JCGM 101, computed from ``GumValidation.digits`` and ``sd``
     tolerance: float
     #: largest number of significant digits of the standard uncertainty ``sd``, from 0 to 2, for
     #: which the coverage intervals by the GUM and by the posterior agree within the numerical
@@ -111,21 +111,20 @@ class GumComparison(Result):
 
     @property
     def validated(self) -> bool:
-        """Whether the posterior validates the parameter's coverage interval by the GUM.
+        """Whether the parameter's coverage intervals by the GUM and by the posterior agree.
 
-        The GUM's interval may be used if its endpoints differ from those of the posterior's
-        interval by at most the numerical ``tolerance``; the differences are ``d_low`` and
-        ``d_high``.
+        They agree if their endpoints differ by at most the numerical ``tolerance``. The differences
+        are ``d_low`` and ``d_high``. If the intervals agree, the GUM's interval may be used.
         """
         return max(self.d_low, self.d_high) <= self.tolerance
 
     @property
     def decided(self) -> bool:
-        """Whether the numerical error is small enough for a decision on the validation.
+        """Whether the numerical error is small enough to decide whether the two intervals agree.
 
         The error is small enough if it is at most a fifth of the tolerance, as JCGM 101, 8.2,
-        requires. A larger error is also small enough if it cannot change ``validated``, that is, if
-        it is at most the difference between the tolerance and the larger of ``d_low`` and
+        requires. A larger error is accepted if it cannot change ``validated``. This is the case if
+        the error is at most the difference between the tolerance and the larger of ``d_low`` and
         ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
@@ -269,10 +268,10 @@ def numerical_tolerance(u: float, digits: int) -> float:
 def agreeing_digits(distance: float, u: float) -> int:
     """Return the largest number of significant digits, at most two, for which two intervals agree.
 
-    u is the standard uncertainty that is rounded to these digits. Two intervals agree if
-    ``distance`` is at most the numerical tolerance (`numerical_tolerance`). ``distance`` is the
-    larger of two distances: between the lower endpoints of the intervals, and between their upper
-    endpoints. If the intervals do not agree even for one digit, the result is zero.
+    ``u`` is the standard uncertainty, rounded to these digits. ``distance`` is the larger of two
+    distances: between the lower endpoints of the intervals, and between their upper endpoints. The
+    intervals agree for a number of digits if ``distance`` is at most `numerical_tolerance`. If the
+    intervals do not agree even for one digit, the result is zero.
     """
     for digits in range(_MOST_DIGITS, 0, -1):
         if distance <= numerical_tolerance(u, digits):

@@ -68,8 +68,8 @@ class VisibleParameter:
     #: In the formula, c = cos θ and s = sin θ for the angle θ on the circle, and R is the radius of
     #: the circle in mm.
     pattern: Mapping[str, str]
-    #: whether the parameter cannot be negative, whatever the compliances of the joints are. If this
-    #: is true, the prior excludes negative values of the parameter.
+    #: whether the parameter is at least zero for all possible compliances of the joints. If so, the
+    #: prior excludes negative values of the parameter.
     not_negative: bool
     #: The readings may determine only a weighted sum of several compliances. This parameter then
     #: represents the sum, and the weights are listed here by name of the compliance. Otherwise, the
@@ -83,8 +83,8 @@ class DescribedMachine(Result):
 
     topology: str
     planes: tuple[str, ...]
-    #: the machine's joints in words, each with axis, branch and frame, from the workpiece to the
-    #: tool
+    #: description of each joint in words (axis, branch of the workpiece or of the tool, and frame),
+    #: in order from the workpiece to the tool
     joints: tuple[str, ...]
     centres_mm: tuple[tuple[float, ...], ...]
     compliances: tuple[VisibleParameter, ...]
@@ -117,8 +117,8 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
     Returns
     -------
     DescribedMachine
-        Parameters with units, meanings and patterns, in internal units (mm, N, rad). The pattern of
-        a parameter is a formula for the change of the reading per unit of the parameter. In the
+        Name, unit, meaning and pattern of each parameter, in internal units (mm, N, rad). The
+        pattern is a formula for the change of the reading per unit of the parameter. In the
         formula, c = cos θ and s = sin θ for the angle θ of the circle, and R is the radius in mm.
 
     Raises

@@ -9,9 +9,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["holm", "pooled_p_value", "uniformity_p_value"]
 
-# p-values below this number are replaced by this number before p-values are combined, and p-values
-# above one minus this number are replaced by one minus this number. The Cauchy quantiles then stay
-# finite.
+# Before p-values are combined, p-values below this number are raised to it, and p-values above one
+# minus this number are lowered to one minus this number. The Cauchy quantiles then stay finite.
 _LEAST = 1e-12
 
 

@@ -32,14 +32,14 @@ from ldbb_bayes.results import readable
 
 __all__ = ["local_fits"]
 
-# Settings of the quadrature for fits to two neighbouring forces. With these settings, the errors of
-# standard deviations are at most 2 %, which is enough for a figure. The nodes of the quadrature are
-# weighted values of the hyper-parameters. ``_TOLERANCE`` is the error allowed for the log evidence
-# [nat]. Nodes with the smallest weights are left out, up to the share ``_SPARE`` of the total
-# weight. ``_POINTS_INSIDE`` is the number of quasi-random points from which the probability that no
-# compliance is negative is computed. ``_MOMENT_NODES`` is the number of nodes for means and
-# standard deviations. ``_COMPONENTS`` is the number of components of the mixture from which the
-# quantiles are computed.
+# Settings of the numerical integration (quadrature) over the hyper-parameters, for fits to two
+# neighbouring forces. With these settings, the errors of standard deviations are at most 2 %, which
+# is enough for a figure. The nodes are weighted values of the hyper-parameters. ``_TOLERANCE`` is
+# the error allowed for the log evidence [nat]. Nodes with the smallest weights are left out, up to
+# the share ``_SPARE`` of the total weight. ``_POINTS_INSIDE`` is the number of quasi-random points
+# from which the probability that no compliance is negative is computed. ``_MOMENT_NODES`` is the
+# number of nodes for means and standard deviations. ``_COMPONENTS`` is the number of components of
+# the mixture from which the quantiles are computed.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128
@@ -55,8 +55,8 @@ def local_fits(
     """Fit constant compliance and geometry to every pair of neighbouring force levels.
 
     If the estimates of a compliance from different pairs differ by more than their uncertainties,
-    the compliance changes with force. A pair then estimates about C + F dC/dF at its mean force F,
-    which differs from the compliance C at this force.
+    the compliance changes with force. The estimate from a pair is then about C + F dC/dF, where F
+    is the mean force of the pair and C the compliance at this force.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def local_fits(
         nodes = posterior.nodes(_TOLERANCE)
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE, components=_MOMENT_NODES)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
-        # All tests of the campaign are listed as foreseen tests (tests that may be run later). The
-        # least-squares fit then has the same parameters for every pair.
+        # Foreseen tests are tests that may be run later. All tests of the campaign are listed as
+        # foreseen, so that the least-squares fit has the same parameters for every pair.
         pair = replace(campaign.select(names), foreseen=campaign.scope)
         squares = fit_least_squares(pair, fixed=constant.fixed).table
         forces = bound.setting.force_N

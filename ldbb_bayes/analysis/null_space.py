@@ -1,8 +1,9 @@
-"""Sparse basis of the combinations of coefficients whose effects on the readings cancel.
+"""Combinations of a model's coefficients whose effects on the readings cancel.
 
-Coefficients are the parameters of interest and the nuisance coefficients (of effects that are
-modelled but not of interest). In each combination of the basis, one coefficient has the value one;
-it is called the pivot. The other coefficients cancel the effect of the pivot on the readings.
+The coefficients are the parameters of interest and the nuisance coefficients (of effects that are
+modelled but not of interest). The combinations form a basis with few coefficients in each
+combination. One coefficient of each combination has the value one; it is called the pivot. The
+other coefficients cancel the effect of the pivot on the readings.
 """
 
 from __future__ import annotations
@@ -35,9 +36,9 @@ _LEAST_PIVOT_LENGTH = 0.05
 # readings is fitted by the effects of others: singular values below this share of the largest count
 # as zero.
 _RANK_TOLERANCE = 1e-12
-# Number of decimals to which the lengths of the rows of the null space's basis are rounded before
-# they are compared. Rounding errors then do not decide which coefficient becomes a pivot (a
-# coefficient whose effect others cancel).
+# Rows of the null space's basis are compared by their lengths, rounded to this number of decimals.
+# Rounding errors then do not decide which coefficient becomes a pivot (a coefficient whose effect
+# others cancel).
 _LENGTH_DECIMALS = 6
 
 
@@ -77,7 +78,7 @@ class NullSpace:
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
-        """Return a basis of the combinations that change no reading: the pivot and vector of each.
+        """Return a basis of the combinations that change no reading, as pairs of pivot and vector.
 
         The vector of a combination, shape (m,), holds the values of the m coefficients. The pivot
         is the index of a coefficient with the value one, whose effect the other coefficients

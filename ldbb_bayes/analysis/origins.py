@@ -107,14 +107,14 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
 
 
 def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
-    """Return whether the standard uncertainty of a nuisance coefficient is stated.
+    """Return whether the user or a certificate states the prior sd of a nuisance coefficient.
 
     ``term`` is the model term to which the coefficient belongs. Return False if ``term`` is None,
-    which means that the model has no such term. The standard uncertainty is stated in three cases:
-    a certificate states it, the user has changed the prior sd of the coefficient, or the model has
-    the term only because the user has added it with ``with_term``. Changes of other settings do not
-    count. For example, the user may remove the curvature from a mount's deflection. The standard
-    uncertainty of the deflection is then still not stated.
+    which means that the model has no such term. The prior sd counts as stated in three cases: a
+    certificate states it, the user has changed it, or the model has the term only because the user
+    has added it with ``with_term``. Changes of other settings do not count. For example, the user
+    may remove the curvature from a mount's deflection. The prior sd of the deflection is then still
+    not stated.
     """
     if term is None:
         return False
@@ -152,17 +152,16 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 
 
 class _PriorSize(NamedTuple):
-    """Values ``sd``, ``hyper_parameters`` and ``stated``, which give a prior standard deviation.
+    """Three values from which the prior standard deviation of a coefficient is computed.
 
-    The prior standard deviation is that of a coefficient of a model term. One part of it may be
-    proportional to hyper-parameters; another part may be fixed.
+    One part of the prior standard deviation may be proportional to hyper-parameters; another part
+    may be fixed.
     """
 
-    #: the prior standard deviation of a coefficient, or a factor of it if the prior standard
-    #: deviation is proportional to hyper-parameters
+    #: the prior standard deviation of a coefficient, or its ratio to ``hyper_parameters`` if it is
+    #: proportional to them
     sd: float
-    #: the product of hyper-parameters by which ``sd`` is multiplied to give the prior standard
-    #: deviation of a coefficient
+    #: the product of hyper-parameters to which the prior standard deviation is proportional
     hyper_parameters: Source
     #: the part of a coefficient's prior standard deviation that is not multiplied by
     #: hyper-parameters, because the user or a certificate states it
@@ -230,9 +229,10 @@ def _ready_made_model_named(preset: str, degree: int) -> HybridModel:
 
 
 def term_named(bound: BoundModel, owner: str) -> Term | None:
-    """Return the model term, of an effect not of interest, whose class has the name ``owner``.
+    """Return the nuisance term of a model whose class has the name ``owner``.
 
-    Return None if the model ``bound`` has no such term.
+    A nuisance is an effect that is modelled but not of interest. Return None if the model ``bound``
+    has no such term.
     """
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:
@@ -241,7 +241,7 @@ def term_named(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
-    """Return the origin of the standard deviation of a scatter between readings or circles.
+    """Return where the standard deviation of a scatter comes from, for example of the noise.
 
     The standard deviation is measured by the readings, stated by a certificate or the user, or
     assumed. ``name`` is the class name of the model term that causes the scatter, or the name of

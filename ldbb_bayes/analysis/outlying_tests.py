@@ -219,11 +219,10 @@ def judge_tests(
 
 
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
-    """Return the quadrature nodes of the first model's posterior.
+    """Return the quadrature nodes of the first model.
 
     Nodes are weighted values of the hyper-parameters. ``nodes_by_model`` holds the nodes of all
-    models. The function is called to read properties of the campaign, which the nodes of every
-    model contain.
+    models. The caller needs only the campaign, which the nodes of every model contain.
     """
     return next(iter(nodes_by_model.values()))
 
@@ -238,7 +237,7 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 
 
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
-    """Return the results ``judged`` of several tests with family-wise p-values by Holm's method.
+    """Return the results ``judged`` with family-wise p-values, computed by Holm's method.
 
     Holm's method orders the tests by their p-values. The family-wise p-value of a test must not be
     smaller than that of a test before it. Tests that have been flagged and removed already come
@@ -350,10 +349,10 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # For each Fourier order, ``nearer_counts`` is the number of replicates (simulated circles) that
-    # deviate less than the observed circle. Let m be the largest of these numbers. In each order,
-    # all replicates except the m with the smallest deviations count as strongly deviating. The
-    # p-value is the share of replicates that deviate strongly in at least one order.
+    # Replicates are simulated circles. For each Fourier order, ``nearer_counts`` is the number of
+    # replicates that deviate less than the observed circle. Let m be the largest of these numbers.
+    # In each order, all replicates except the m with the smallest deviations count as strongly
+    # deviating. The p-value is the share of replicates that deviate strongly in at least one order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:
@@ -380,7 +379,7 @@ def _squared_distance(harmonics: Array, root: Array) -> Array:
 
 
 def _minus_log_tail(squared_distance: float, components: int) -> float:
-    """Return −ln of the probability that a circle deviates more than an observed circle.
+    """Return −ln p, where p is the probability that a circle deviates more than an observed one.
 
     The deviation is that of the Fourier coefficients of one order. ``squared_distance`` is the
     squared Mahalanobis distance of the observed circle from the prediction, which is taken to have

@@ -111,9 +111,8 @@ def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> Pair
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}
     for step in tried.steps:
-        # All changes of the plan and all certificates are tried, because a remedy for a large
-        # uncertainty that has no effect by itself may have an effect together with the first
-        # remedy.
+        # All changes of the plan and all certificates are tried. A change or certificate that has
+        # no effect by itself may have an effect together with the first remedy.
         if step == first:
             continue
         after = tried.sd_with(first, step)

@@ -74,13 +74,13 @@ def decompose_deviation(
         One row per plane and source. Sources are every compliance (including its change with
         force), every geometric error, and three sums: of all effects, of all compliances and of all
         geometric errors. Offsets of the tool ball are separate sources, and are not included in the
-        sums. Columns are plane, radius_mm, force_N and source; and, in µm, maximum, minimum,
-        peak_to_peak, sd, ci_low and ci_high. The columns maximum and minimum hold the largest and
-        the smallest value, along the circle, of the posterior mean of the contribution. The columns
-        peak_to_peak, sd, ci_low and ci_high describe the posterior distribution of the peak-to-peak
-        value: its median, its standard deviation and the ends of its credible interval. Because the
-        contribution is uncertain, the peak-to-peak values of the posterior draws are too large on
-        average; the mean excess is subtracted.
+        sums. The columns plane, radius_mm, force_N and source describe the row. All other columns
+        are in µm. The columns maximum and minimum hold the largest and the smallest value, along
+        the circle, of the posterior mean of the contribution. The columns peak_to_peak, sd, ci_low
+        and ci_high describe the posterior distribution of the peak-to-peak value: its median, its
+        standard deviation and the ends of its credible interval. Because the contribution is
+        uncertain, the peak-to-peak values of the posterior draws are too large on average. This
+        mean error is subtracted.
 
     Raises
     ------

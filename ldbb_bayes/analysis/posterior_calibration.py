@@ -11,10 +11,10 @@ all unknowns, the steps are:
    this posterior is computed correctly, θ' is also a draw from this posterior, and the ranks of θ'
    among other draws from this posterior are uniformly distributed.
 
-Bar, balls, mount and force device are the same in the measured and the simulated campaign; the
-shifts between set-ups, the discrepancy between model and readings, the random error of the force
-and the white noise are drawn anew for the simulated campaign. All effects are linearised at the
-estimate Ĉ of the compliances from the measured campaign, as in the posterior p(θ | y).
+Bar, balls, mount and force device are the same in the measured and the simulated campaign. For the
+simulated campaign, new values are drawn for the shifts between set-ups, the discrepancy between
+model and readings, the random error of the force and the white noise. All effects are linearised at
+the estimate Ĉ of the compliances from the measured campaign, as in the posterior p(θ | y).
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def calibrate_posterior(
     draws : int
         Number of independent posterior draws of each enlarged campaign, at least 9.
     prob : float
-        Probability that the empirical distributions of the ranks of all quantities stay between
-        their limits, ``Validation.band``, if the posterior is computed correctly.
+        Probability that all empirical distributions of ranks stay between the limits
+        ``Validation.band`` if the posterior is computed correctly.
     seed : int
         Seed of all random numbers.
     executor : Executor, optional
@@ -183,12 +183,12 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return the campaign with a time for each test, so that a repetition can have the same times.
+    """Return the campaign with a time for each test, so that a repetition can keep the times.
 
-    If the campaign states times, it is returned unchanged. If it states no times, drift is computed
-    from the order of the tests. Each test then gets a time in proportion to its position in the
-    list. The repeated tests have the same times as the original tests, and drift is measured from
-    the same mean time with and without the repetition.
+    A campaign that states times is returned unchanged. Without times, drift is computed from the
+    order of the tests. Each test then gets a time in proportion to its position in the list. The
+    repeated tests have the same times as the original tests. The mean time, from which drift is
+    measured, is therefore the same with and without the repetition.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign

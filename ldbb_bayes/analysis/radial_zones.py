@@ -19,7 +19,7 @@ _FEWEST_ANGLES = 3
 
 @dataclass(frozen=True)
 class Zone:
-    """Range of the radial deviations of a path about the centre of its least-squares circle.
+    """Range of the radial deviations of a path, about the centre of the least-squares circle.
 
     All values are in the unit of the radial deviations.
     """

@@ -1,12 +1,12 @@
-"""Band for the empirical distribution of ranks, for a test whether ranks are uniformly distributed.
+"""Limits for the empirical distribution of ranks, to test whether the ranks are uniform.
 
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
-Computing 32:32 (2022). For each k, the band has one interval for the number of ranks that are at
-most k. If the ranks are uniform, this number has a binomial distribution, and lies inside the
-interval with nearly the same probability for every k. The intervals are made just wide enough that
-the empirical distribution of uniform ranks stays inside all intervals with the required
-probability, which is computed exactly.
+Computing 32:32 (2022). The limits form a band. For each k, the band has one interval for the number
+of ranks that are at most k. If the ranks are uniform, this number has a binomial distribution, and
+lies inside the interval with nearly the same probability for every k. The intervals are made just
+wide enough that the empirical distribution of uniform ranks stays inside all intervals with the
+required probability, which is computed exactly.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections in the search for the width of the band for the empirical distribution of
-# ranks. At each value k, the band limits the number of ranks that are at most k. The search finds
-# the probability with which a single one of these numbers may be outside its limits. After the
-# bisections, the error of this probability is below 1e-12.
+# The empirical distribution of ranks must stay inside a band. For each k, the band limits the
+# number of ranks that are at most k. A search by bisection finds the probability with which a
+# single one of these numbers may be outside its limits. After this number of bisections, the error
+# of the probability is below 1e-12.
 _BISECTIONS = 40
 
 

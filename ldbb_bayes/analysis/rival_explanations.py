@@ -34,15 +34,13 @@ _ASKING = 1.0
 class Explained:
     """One combination of explanations of why compliance seems to change with force."""
 
-    #: names of the explanations of why compliance seems to change with force that one model
-    #: combines; the name "slopes" stands for a real change
+    #: names of the explanations that one model combines, such as a nonlinear mount; the name
+    #: "slopes" means that compliance really changes with force
     by: tuple[str, ...]
-    #: log evidence [nat] of the model with exactly those explanations of an apparent change of
-    #: compliance with force that ``by`` names
+    #: log evidence [nat] of the model that combines the explanations ``by`` and no others
     log_evidence: float
     log_evidence_error: Finite  #: numerical error of the log evidence of a model [nat]
-    #: posterior probability of the model with exactly those explanations of an apparent change of
-    #: compliance with force that ``by`` names
+    #: posterior probability of the model that combines the explanations ``by`` and no others
     probability: float
 
 
@@ -83,7 +81,7 @@ class Explanations:
 
 
 def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return every subset of ``names``, in an order from the set of all names to the empty set."""
+    """Return every subset of ``names``, from the set of all names to the empty set."""
     choices = itertools.product((True, False), repeat=len(names))
     return [tuple(itertools.compress(names, choice)) for choice in choices]
 
@@ -168,9 +166,10 @@ def _compare_slopes(
     """Return the log Bayes factor of a model with slopes over a model without slopes.
 
     Slopes are changes of compliance with force. The result also holds the two log evidences.
-    ``label`` says how alternative explanations are treated. ``error`` is the error of the log
-    Bayes factor [nat]. ``log_evidence_by_slopes`` holds two numbers: the log evidence with slopes,
-    and the log evidence without slopes. In ``pair``, the model without slopes comes first.
+    ``label`` states whether alternative explanations are left out or averaged over. ``error`` is
+    the numerical error of the log Bayes factor [nat]. ``log_evidence_by_slopes`` holds two numbers:
+    the log evidence with slopes, and the log evidence without slopes. In ``pair``, the model
+    without slopes comes first.
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

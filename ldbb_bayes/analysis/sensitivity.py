@@ -36,8 +36,8 @@ class _Alternative(NamedTuple):
     """Alternative assumption about random differences between circles."""
 
     label: str
-    #: class of the model term that another assumption about random differences between circles
-    #: replaces or leaves out
+    #: class of the model term that is replaced or left out; it describes random differences between
+    #: circles
     kind: type[Term]
     #: model term that replaces the term of the class ``kind``; None if the term of this class is
     #: left out of the model

@@ -36,8 +36,8 @@ __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
 # Angle [°] by which both balls are turned in the added circles, if the remedy for a large
 # uncertainty is to turn the balls. One angle is enough: it shifts the phase of a ball's form error
-# by 90°, 135° and 180° at the Fourier orders 2, 3 and 4, at which compliances change the readings,
-# too.
+# by 90°, 135° and 180° at the Fourier orders 2, 3 and 4. At these orders, compliances also change
+# the readings.
 _TURN_DEG = 45.0
 # Number of random orders of the circles that are tried. The chosen order is the one in which the
 # positions of the circles are least correlated with their forces.
@@ -143,11 +143,10 @@ class TriedCures:
         """Return the names of the parameters that are confounded after the remedies ``steps``.
 
         A remedy is a certificate of the instrument or a change of the plan. A parameter is
-        confounded if some effects together cause more than half of its variance, and two conditions
-        hold for these effects: their standard uncertainties are assumed, neither measured nor
-        stated, and they cause errors of all parameters in nearly the same proportions
-        (`confounding_sources`). The result is empty if the remedies cannot be applied one after the
-        other.
+        confounded if more than half of its variance comes from effects with two properties: their
+        standard uncertainties are assumed (neither measured nor stated), and they cause errors of
+        all parameters in nearly the same proportions (`confounding_sources`). The result is empty
+        if the remedies cannot be applied one after the other.
         """
         if steps not in self._confounded_with:
             names = set()
@@ -253,9 +252,9 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
 def _with_drift_times(plan: Campaign) -> tuple[CircularTest, ...]:
     """Return the circles of a plan with the times from which drift is computed.
 
-    If all circles state their times, these times are kept. If not all circles state a time, but the
-    plan states that its order was drawn at random, the circles are returned without times. In all
-    other cases, the circles are taken to be run in the order of the plan, one every six minutes.
+    If all circles state their times, these times are kept. Otherwise, the circles are taken to be
+    run in the order of the plan, one every six minutes. If the plan states that its order was drawn
+    at random, the circles are returned without times instead.
     """
     if None not in [test.time_s for test in plan.tests]:
         return tuple(plan.tests)

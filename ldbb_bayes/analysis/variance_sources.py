@@ -64,12 +64,13 @@ class VarianceSource(Result):
 class SourcesOfVariance(NamedTuple):
     """Sources of the variance of one parameter.
 
-    ``sources`` are all sources, the largest share first. ``likeness`` compares assumed sources. An
-    assumed source that causes an error of this parameter causes errors of the other parameters at
-    the same time. These errors form a vector with one element for each parameter. For each pair of
-    assumed sources, ``likeness`` holds the squared cosine of the angle between their vectors; a key
-    consists of the names of the two sources. The squared cosine is 1 if both sources act on the
-    same combination of parameters.
+    ``sources`` are all sources, the largest share first. ``likeness`` compares assumed sources,
+    whose standard uncertainties are neither measured nor stated. An assumed source that causes an
+    error of this parameter causes errors of the other parameters at the same time. These errors
+    form a vector with one element for each parameter. For each pair of assumed sources,
+    ``likeness`` holds the squared cosine of the angle between their vectors; a key consists of the
+    names of the two sources. The squared cosine is 1 if both sources act on the same combination of
+    parameters.
     """
 
     sources: tuple[VarianceSource, ...]
@@ -159,7 +160,7 @@ class ModelVariance:
         return self._scaled(self._variance(self.information, names))
 
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the variances of q quantities as if some coefficients of the model were known.
+        """Return the variances that q quantities would have if some coefficients were known.
 
         ``partners`` are names of effects. An effect is a model term, identified by its class name,
         or the prior of a parameter, identified by the name of the parameter. If the standard
@@ -262,10 +263,10 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of the q quantities, where a variance of zero is replaced by one, shape (q,).
+        """Variances of q quantities, as divisors of shares: zero is replaced by one, shape (q,).
 
-        The quantities are parameters, and changes of compliances with force. The part of a variance
-        that a source of uncertainty causes is divided by this value to obtain the source's share.
+        The quantities are parameters, and changes of compliances with force. A share is the part of
+        a quantity's variance that a source of uncertainty causes, divided by this variance.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
@@ -363,10 +364,11 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
 
 
 def weights_of_parameters(information: Information) -> Array:
-    """Return the changes of parameters when a coefficient changes by its prior sd, shape (p, m).
+    """Return the change of each parameter when each coefficient changes by its prior sd.
 
-    There is one row for each of the p parameters and one column for each of the m coefficients. The
-    parameters are themselves coefficients, so that every row has a single element that is not zero.
+    The result has one row for each of the p parameters and one column for each of the m
+    coefficients, shape (p, m). The parameters are themselves coefficients, so that every row has a
+    single element that is not zero.
     """
     return (np.eye(len(information.names)) * information.scale)[information.interest]
 
@@ -379,9 +381,9 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
     """
     if not known:
         return information
-    # In the linear model of the readings, tests with the same noise share one dictionary of the
-    # sources of this noise. Each dictionary is copied only once, so that these tests also share one
-    # dictionary in the result.
+    # In the linear model of the readings, tests with the same noise have one common dictionary,
+    # which holds the sources of this noise. Each dictionary is copied only once, so that these
+    # tests have one common dictionary in the result, too.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}

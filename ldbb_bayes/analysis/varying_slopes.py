@@ -3,9 +3,9 @@
 A slope is the change of a compliance with force. Every compliance may have a slope or none, and
 each subset of slopes defines a model, whose evidence is computed. Curves of compliance against
 force are averaged over these models. If there are too many subsets, a search selects some of them.
-The search starts with the subset without slopes and the subset with all slopes. Each step takes one
-of the subsets found so far: the subset with the largest evidence among those that no earlier step
-has taken. The step then adds all subsets that differ from this subset in one slope.
+The search starts with the subset without slopes and the subset with all slopes. Each step takes the
+subset with the largest evidence that no earlier step has taken. It then adds all subsets that
+differ from this subset in one slope.
 """
 
 from __future__ import annotations
@@ -43,9 +43,8 @@ __all__ = [
 # computed; ``_CURVE_POINTS`` is the number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# Number of draws of the parameters at each value of the hyper-parameters. Fewer draws are made at
-# each value if a model would otherwise have fewer than ``_FEWEST_NODES`` values of the
-# hyper-parameters.
+# Number of draws of the parameters at each value of the hyper-parameters. The number is smaller if
+# a model would otherwise have fewer than ``_FEWEST_NODES`` values of the hyper-parameters.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # A subset of slopes states which compliances change with force. If at most ``_ALL_SUBSETS`` subsets
@@ -192,11 +191,12 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
     """Search for the subsets of slopes with the largest evidence.
 
     Slopes are changes of compliance with force. The search starts from the subset without slopes
-    and the subset of all slopes. In each step, the subsets that differ by one slope from the best
-    subset are tried; each best subset is used once. The search ends after ``_SEARCHED_SUBSETS``
-    subsets, or when all subsets have been tried. Return, for every subset tried, the quadrature
-    nodes of the posterior: weighted values of the hyper-parameters, with the evidence of the
-    subset. ``weigh`` returns the nodes for a subset. ``slopes`` is the number of possible slopes.
+    and the subset of all slopes. Each step takes the subset with the largest evidence that no
+    earlier step has taken, and tries all subsets that differ from it in one slope. The search ends
+    after ``_SEARCHED_SUBSETS`` subsets, or when all subsets have been tried. Return, for every
+    subset tried, the quadrature nodes of the posterior: weighted values of the hyper-parameters,
+    with the evidence of the subset. ``weigh`` returns the nodes for a subset. ``slopes`` is the
+    number of possible slopes.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):

@@ -94,10 +94,10 @@ __all__ = [
 # A parameter β is prior-limited if its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this limit. The posterior sd of β is then more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# A nuisance effect (modelled, but not of interest) biases the least-squares estimate of a
-# parameter. If this bias is below this fraction of the parameter's prior standard deviation, it is
-# only a rounding error and is set to zero. With a flat prior, a typical size of the parameter is
-# used instead of the prior standard deviation.
+# Limit below which the bias of a least-squares estimate counts as a rounding error and is set to
+# zero. The bias is the error that a nuisance effect (modelled, but not of interest) causes. The
+# limit is a fraction of the parameter's prior standard deviation or, with a flat prior, of a
+# typical size of the parameter.
 _ROUNDING = 1e-12
 
 
@@ -300,12 +300,12 @@ class Identifiability(Result):
 
 
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
-    """Return weighted values of a plan's hyper-parameters: weights (w,) and values (w, h).
+    """Return weights, shape (w,), and values, shape (w, h), of a plan's h hyper-parameters.
 
     A hyper-parameter is, for example, the standard deviation of the noise. The weighted values
     represent the posterior of the hyper-parameters given the readings of the plan's pilot (the
-    campaign from which the plan was designed). If the plan has no pilot, the prior median is the
-    only value.
+    campaign from which the plan was designed). Without such readings, the prior median is the only
+    value.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan:
@@ -384,9 +384,9 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     Returns
     -------
     Identifiability
-        Verdicts on the parameters; combinations of coefficients whose effects on the readings
-        cancel, and further tests that would separate these effects; and the uncertainties to expect
-        with further certificates. Units are internal (mm, N, rad).
+        Verdicts on the parameters. The result also holds combinations of coefficients whose effects
+        on the readings cancel, further tests that would separate these effects, and the
+        uncertainties to expect with further certificates. Units are internal (mm, N, rad).
 
     Raises
     ------
@@ -480,10 +480,11 @@ def _averaged_over_scales(
 
 
 def _weights_of_quantities(information: Information, changes: Mapping[str, CurveChange]) -> Array:
-    """Return the changes of quantities when a coefficient changes by its prior sd, shape (q, m).
+    """Return the change of each quantity when each coefficient changes by its prior sd.
 
-    There is one row for each of the q quantities and one column for each of the m coefficients. The
-    quantities are all parameters, then all changes of compliances with force.
+    The result has one row for each of the q quantities and one column for each of the m
+    coefficients, shape (q, m). The quantities are all parameters, then all changes of compliances
+    with force.
     """
     rows = [change.weights for change in changes.values()]
     return np.concatenate([weights_of_parameters(information), *(row[None] for row in rows)])
@@ -638,7 +639,7 @@ def _drawn_changes(model: AveragedModel, names: Sequence[str]) -> Array:
 
 
 def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVariance) -> SampledSd:
-    """Return the standard deviations of prior draws and of posterior draws of all parameters.
+    """Return the prior and the posterior standard deviations of all parameters.
 
     ``variance`` holds the variances of the posterior draws. For a parameter with a flat prior, the
     prior standard deviation is infinite.
@@ -694,7 +695,7 @@ def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return w weighted values of the h hyper-parameters φ: weights (w,) and values (w, h).
+    """Return weights, shape (w,), and values, shape (w, h), of the h hyper-parameters φ.
 
     The w values are quadrature nodes. Together with their weights, they represent p(φ | y), for the
     readings y and a model in which compliances may be negative. Hyper-parameters that are lengths
@@ -717,7 +718,7 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 
 
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:
-    """Return the class names of the terms of the ready-made model that the user has left out.
+    """Return the terms of the ready-made model that the user has left out, as class names.
 
     ``bound`` was made from a ready-made model such as ``HybridModel.first``. The result is empty
     for the ready-made model ``paper``, which has no terms.
@@ -805,11 +806,11 @@ def judge_parameters(
 def _judge_average(
     variance: AveragedVariance, bound: BoundModel, sampled_sd: SampledSd
 ) -> dict[str, ParameterIdentifiability]:
-    """Return how well the readings determine each parameter of a model, or of several models.
+    """Return how well the readings determine each parameter, in an average over models.
 
-    The result applies to the average over the models. ``bound`` is the model that has all the
-    parameters. ``variance`` holds the variances of the parameters under each model. ``sampled_sd``
-    holds the prior and posterior standard deviations that are reported for the parameters.
+    The average may consist of a single model. ``bound`` is the model that has all the parameters.
+    ``variance`` holds the variances of the parameters under each model. ``sampled_sd`` holds the
+    prior and posterior standard deviations that are reported for the parameters.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):

@@ -47,8 +47,8 @@ _PRIOR_PROB = 0.95
 # Numerical error allowed in the log evidence of every model [nat].
 _TOLERANCE = 1e-2
 # The circles are said not to scatter as predicted if `Workflow.uniformity_p_value` is below this
-# number. The null hypothesis is that the p-values of the circles, each predicted from the other
-# circles, are uniformly distributed.
+# number. It is the p-value of the hypothesis that the circles scatter as predicted from one
+# another.
 _UNIFORM = 0.05
 # Number of steps of the EM algorithm that computes the stacking weights: the weights of the mixture
 # of models that is best at predicting circles that were left out.
@@ -178,11 +178,9 @@ class Workflow(Result):
 
     @property
     def scatter_as_predicted(self) -> bool:
-        """Whether the circles scatter as much as predicted: their p-value is at least 5 %.
+        """Whether the circles scatter as predicted: `uniformity_p_value` is at least 5 %.
 
-        The p-value is `uniformity_p_value`, for the hypothesis that the circles scatter as
-        predicted from one another. This property is for information only; ``passed`` does not
-        depend on it.
+        This property is for information only; ``passed`` does not depend on it.
         """
         return self.uniformity_p_value >= _UNIFORM
 

@@ -36,7 +36,7 @@ __all__ = [
 # Name of the folder for the campaigns that a search finds. Each campaign has a subfolder in it,
 # named 1, 2 or 3.
 CHEAPEST = "cheapest"
-# Users of the command ``design`` state the prices of certificates with the option of this name.
+# Name of the option of the command ``design`` that states the prices of certificates.
 _CERTIFICATES = "certificates"
 # Name of the command-line option for the probability with which a campaign must reach all goals for
 # uncertainties.
@@ -89,7 +89,7 @@ def _option_value(name: str, asked: Mapping[str, Any], folder: Path) -> Any:
 
 
 def _certificates_as_in_command(text: str) -> str:
-    """Return a list of certificates with their names as the command ``design`` writes them.
+    """Return the typed list of certificates, with the names that the command ``design`` uses.
 
     The names may be typed in any language of the page: "Kugeln G10=300" becomes "balls G10=300".
     """
@@ -127,8 +127,8 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``refused``, the reason, and ``wrong``, the name of the entry field. The dictionary is empty
-        if all entries can be used.
+        ``refused``, the reason why the entry cannot be used, and ``wrong``, the name of its field.
+        The dictionary is empty if all entries can be used.
 
     Raises
     ------

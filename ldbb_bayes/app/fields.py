@@ -127,7 +127,7 @@ def _entry_field(name: str, group_name: str, field_option: Option) -> Field:
 
 
 def _all_fields() -> dict[str, Field]:
-    """Return all entry fields for options of ``ldbb-bayes report``; the keys are the options."""
+    """Return all entry fields for options of ``ldbb-bayes report``, by name of the option."""
     fields = {}
     for group_name, options in _GROUPS.items():
         for name, field_option in options.items():

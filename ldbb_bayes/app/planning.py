@@ -87,10 +87,11 @@ def _slider_values(settings: Mapping[str, Any], sliders: Mapping[str, _Slider]) 
 def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, float]:
     """Return the values of the sliders that describe the next tests.
 
-    The sliders are named circles, levels (number of forces), low and high (lowest and highest force
-    [N]), work and tool (number of angles of each ball), turn (step between these angles [°]) and
-    radius [mm]. The defaults depend on the campaign ``pilot``, on which the plan is based. Raise an
-    `InputError` if a value is outside its limits, or if the lowest force exceeds the highest.
+    The sliders are named ``circles``, ``levels`` (number of forces), ``low`` and ``high`` (lowest
+    and highest force [N]), ``work`` and ``tool`` (number of angles of each ball), ``turn`` (step
+    between these angles [°]) and ``radius`` [mm]. The defaults depend on the campaign ``pilot``, on
+    which the plan is based. Raise an `InputError` if a value is outside its limits, or if the
+    lowest force exceeds the highest.
     """
     lowest_force = float(pilot.forces_N.min())
     highest_force = float(pilot.forces_N.max())
@@ -409,9 +410,9 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     -------
     dict
         Expanded uncertainty U (k = 2) of every parameter before these tests (from the fit), and the
-        U expected after these tests; slopes (changes of compliance with force) are left out.
-        Further entries: the probabilities that the evidence will decide for constant and for linear
-        compliance, time and cost, and the tests in the order in which to run them.
+        U expected after these tests. Slopes (changes of compliance with force) are left out. The
+        dict also has the probabilities that the evidence will decide for constant and for linear
+        compliance, the time and cost, and the tests in the order in which to run them.
 
     Raises
     ------
@@ -567,8 +568,8 @@ def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
     Returns
     -------
     dict
-        Texts, such as the name of the campaign and the feed; also the lowest and the highest force
-        [N] and the number of tests.
+        Texts, such as the name of the campaign and the feed, and three numbers: the lowest and the
+        highest force [N] and the number of tests.
     """
     row: dict[str, Any] = {name: getattr(pilot, name) or "" for name in _PILOT_LABELS}
     row["feed"] = ""

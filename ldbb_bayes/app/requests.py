@@ -215,9 +215,9 @@ async def _add_file(registry: SessionRegistry, session: Session, request: Reques
 
 
 async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
-    """Write the body of a request into the file ``path``, and return whether its size is permitted.
+    """Write the body of a request into the file ``path``, and return whether it is small enough.
 
-    A body of more than ``most_bytes`` bytes is not permitted; it is not read to its end.
+    A body of more than ``most_bytes`` bytes is too large, and is not read to its end.
     """
     size = 0
     with path.open("wb") as file:

@@ -83,8 +83,8 @@ async def _send_static(request: Request) -> Response:
 async def _say_unexpected(request: Request, error: Exception) -> Response:
     """Return the response to a request that caused an unexpected error, with HTTP status 500.
 
-    Its message is in English, whatever the language of the page. Of the error, it states only the
-    name of the class, such as KeyError.
+    The response contains a message in English, whatever the language of the page. The message
+    states only the class of the error, such as KeyError.
     """
     message = str(words_of_page(LANGUAGES[0])["errors"]["unexpected"])
     return refused(message.format(error=type(error).__name__), 500)

@@ -80,8 +80,8 @@ class Session:
     def is_over(self) -> bool:
         """Whether the session has ended.
 
-        A session ends when no request has come for eight seconds after all its browser tabs were
-        closed, for an hour while a tab is open, or for a minute if no tab was ever opened.
+        A session ends after a time without a request. This time is eight seconds if all its browser
+        tabs have been closed, an hour if a tab is open, and a minute if no tab was ever opened.
         """
         limit_s = CLOSED_S
         if self.tabs is None:
@@ -155,10 +155,10 @@ class Session:
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return an error message in the language of the browser page, for the page's template.
+        """Return an error message, as a dictionary from which the browser page makes its text.
 
-        The message is returned as a dictionary. ``key`` is the name under which its text is stored.
-        ``values`` are inserted into the text.
+        ``key`` is the name under which the text is stored in the languages of the page. ``values``
+        are inserted into the text.
         """
         return {"refused": self.word(key, **values), "is_in_words_of_page": True}
 

@@ -56,7 +56,7 @@ def refusal(error: Exception, folder: Path) -> str:
     Raises
     ------
     Exception
-        The same exception, if neither the input, nor a file, nor a computation caused it.
+        The exception ``error`` itself, unless the input, a file or a computation caused it.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -188,8 +188,8 @@ def _merged_rows(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows of the table of assumptions, with rows on the same quantity joined into one.
 
     A quantity such as the force may be assumed for several files. Successive rows on the same
-    quantity are then joined into one row, which lists the values and the places of the joined rows,
-    and the reason that the first of them gives.
+    quantity are then joined into one row, which lists their values and places. The joined row gives
+    the reason of the first row.
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
@@ -204,7 +204,7 @@ def _merged_rows(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 def _is_on_same_quantity(row: Mapping[str, Any], other_row: Mapping[str, Any]) -> bool:
     """Return whether two rows of the table of assumptions are about the same quantity.
 
-    This is so if both rows have the same subject and the same entry fields.
+    Both rows must have the same subject and the same entry fields.
     """
     has_same_fields = row["fields"] == other_row["fields"]
     return bool(row["what"] == other_row["what"] and has_same_fields)
@@ -234,14 +234,14 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
     """Return the uncertainties that a fit assumes for each part of the instrument.
 
-    The keys of the result are the parts, such as bar or balls. For each part there is a list of
-    entries, one for each uncertainty. An entry names the entry field of the browser page in which
-    the user can state the uncertainty. The entry is marked as stated if a calibration certificate
-    states the uncertainty.
+    The keys of the result are the parts, such as bar or balls. For each part there is a list with
+    one dict for each uncertainty. The dict names the field of the browser page in which the user
+    can state the uncertainty. It also tells whether a calibration certificate states the
+    uncertainty.
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        # The first word of the name of an attribute of `Instrument` tells the part of the
+        # The first word of the name of an attribute of `Instrument` names the part of the
         # instrument: ``bar_U_um`` belongs to the bar.
         certificate_field = assumed.certificate
         part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]

@@ -35,11 +35,11 @@ _PARTS = {
 
 
 def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the uncertainty U of every parameter, and the largest reductions of U.
+    """Return the uncertainty U of every parameter, and its largest reductions by new certificates.
 
-    The reductions are the effects of new calibration certificates of the instrument. U is the
-    expanded uncertainty (k = 2) that is expected from a fit with linear compliance. Slopes (changes
-    of compliance with force) are left out.
+    The certificates are calibration certificates of the instrument. U is the expanded uncertainty
+    (k = 2) that is expected from a fit with linear compliance. Slopes (changes of compliance with
+    force) are left out.
 
     Parameters
     ----------

@@ -243,9 +243,9 @@ class Campaign(CampaignFields):
         """Raise an `InputError` if a plan cannot be designed from its pilot.
 
         The pilot is the campaign or plan from which a plan is designed. Its machine must have the
-        same topology (sequence of axes) as the machine of the plan. If the plan has no pilot,
-        ``adds_to_pilot`` (whether the pilot's tests belong to the plan as already run) must be
-        false.
+        same topology (sequence of axes) as the machine of the plan. The field ``adds_to_pilot``
+        states whether the plan's tests are run in addition to the pilot's tests. It must be false
+        if the plan has no pilot.
         """
         if self.pilot is None:
             require(

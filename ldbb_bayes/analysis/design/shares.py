@@ -1,10 +1,10 @@
-"""Best shares of tests (an approximate design), with a proof that they are the best.
+"""Best shares of the candidate tests in a design, and a check that they are the best.
 
 A candidate is a test that could be run, once or several times. N is the number of all runs. The
 share of candidate i is n_i/N, where n_i is its number of runs and need not be whole. The criterion
-Φ is the figure of merit that the shares maximise. The sensitivity of candidate i is N ∂Φ/∂n_i, the
-derivative of Φ with respect to n_i, times N. The bound is the mean of the sensitivities, weighted
-by the shares. For the best shares, no sensitivity exceeds the bound.
+Φ is the figure of merit of the design; it is largest for the best shares. The sensitivity of
+candidate i is N ∂Φ/∂n_i, the derivative of Φ with respect to n_i, times N. The bound is the mean of
+the sensitivities, weighted by the shares. For the best shares, no sensitivity exceeds the bound.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ _ZERO_SHARE = 1e-10
 # of all runs) is raised to at least this number divided by the number of candidates whose shares
 # are optimized. All shares are then divided by their sum.
 _STARTING_SHARE = 0.02
-# Value of the loss function (negative design criterion) for the solver SLSQP if the candidate
-# tests, run in the given shares, do not determine all parameters.
+# If the candidate tests, run in the given shares, do not determine all parameters, the solver SLSQP
+# gets this value in place of the negative design criterion.
 _UNDETERMINED_LOSS = 1e6
 # Tolerances of the solver SLSQP, which computes the best shares of the candidate tests in rounds.
 # The first round uses ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most
@@ -88,18 +88,18 @@ def is_better(value: float, reference: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Shown):
-    """Shares of candidates in N tests, with the criterion Φ and its sensitivities.
+    """Shares of candidate tests in a design of N tests, with the criterion Φ and its derivatives.
 
-    A candidate is a test that could be run. Its share is the fraction of the N tests that are runs
-    of this candidate. The criterion is the figure of merit. The sensitivity of candidate i is N
-    ∂Φ/∂n_i, the derivative of Φ with respect to its number n_i of tests, times N. If the shares are
-    the best, no sensitivity exceeds the mean of all sensitivities, weighted by the shares.
+    A candidate is a test that could be run. Its share is its number of runs divided by N. The
+    criterion Φ is the figure of merit of the design. The sensitivity of candidate i is N ∂Φ/∂n_i,
+    where n_i is its number of runs. If the shares are the best, no sensitivity exceeds the mean of
+    all sensitivities, weighted by the shares.
     """
 
     #: share of each candidate test: its number of runs divided by the number of all runs, shape
     #: (candidates,); the sum is 1
     share: Array
-    #: value Φ of the design criterion (figure of merit) for the best shares of the candidate tests
+    #: value Φ of the design criterion (figure of merit) for the shares ``share``
     value: float
     #: derivative of the design criterion with respect to the number of tests of each candidate
     #: test, times the number of all tests, shape (candidates,)
@@ -139,25 +139,25 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
     Returns
     -------
     Optimum
-        The shares; the criterion Φ; the sensitivities, which are the derivatives of Φ with respect
-        to n_i, times N; and the bound, which is the mean of the sensitivities, weighted by the
-        shares. The shares are the best if no sensitivity exceeds the bound (Kiefer and Wolfowitz
-        1960).
+        The shares, the criterion Φ, the sensitivities and the bound. A sensitivity is the
+        derivative of Φ with respect to n_i, times N. The bound is the mean of the sensitivities,
+        weighted by the shares. The shares are the best if no sensitivity exceeds the bound (Kiefer
+        and Wolfowitz 1960).
     """
     value, slope = objective.sensitivity(tests * share)
     return Optimum(share, value, tests * slope, float(tests * slope @ share))
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """Return the shares (fractions) of N tests among candidates with the largest criterion Φ.
+    """Return the shares of the candidate tests for which the design criterion Φ is largest.
 
-    The criterion Φ is the figure of merit of a design. A candidate is a test that could be run,
-    once or several times. Its sensitivity is N times the derivative of the criterion with respect
-    to its number of tests. The bound is the mean of the sensitivities, weighted by the shares. The
-    algorithm optimizes the shares of a few active candidates, then adds candidates whose
-    sensitivity exceeds the bound. These two steps are repeated, at most 400 times. They end when
-    the largest sensitivity exceeds the bound by no more than the relative tolerance, or when the
-    criterion no longer increases.
+    The criterion Φ is the figure of merit of a design of N tests. A candidate is a test that could
+    be run, once or several times. Its share is its number of runs divided by N. Its sensitivity is
+    N times the derivative of the criterion with respect to its number of tests. The bound is the
+    mean of the sensitivities, weighted by the shares. The algorithm optimizes the shares of a few
+    candidates, then adds candidates whose sensitivity exceeds the bound. These two steps are
+    repeated, at most 400 times. They end when the largest sensitivity exceeds the bound by no more
+    than the relative tolerance, or when the criterion no longer increases.
 
     Parameters
     ----------
@@ -236,8 +236,8 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
 
     ``objective`` gives the design criterion as a function of the numbers of tests of these
     candidates, and ``tests`` is the number of all tests. Shares are not negative and sum to one.
-    The solver SLSQP starts from the shares ``start``, shape (candidates,). For the solver, the
-    criterion is divided by a typical value of its derivatives with respect to the shares;
+    The solver SLSQP starts from the shares ``start``, shape (candidates,). It maximises the
+    criterion divided by a typical value of its derivatives with respect to the shares.
     ``tolerance`` is the solver's tolerance for this ratio.
     """
     n = objective.candidates
@@ -248,7 +248,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     scale = abs(objective.sensitivity(tests * initial)[1] @ initial) * tests
 
     def loss(share: Array) -> tuple[Any, Any]:
-        """Return the scaled negative design criterion for given shares, and its derivatives."""
+        """Return minus the design criterion, divided by ``scale``, and its derivatives."""
         try:
             value, slope = objective.sensitivity(tests * np.maximum(share, 0.0))
         except np.linalg.LinAlgError:

@@ -1,8 +1,7 @@
-"""Design space: candidate tests, criterion and parameters of interest.
+"""The tests among which a design chooses, its criterion, and the parameters of interest.
 
 The pilot is the campaign or plan that a design starts from. Candidates are tests that could be run,
-once or several times. The share of a candidate is its number of runs divided by the number of all
-runs.
+once or several times.
 """
 
 from __future__ import annotations
@@ -60,9 +59,9 @@ class Space:
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
     values are removed. The pilot is the campaign or plan that the design starts from. Its foreseen
-    tests are tests that may be run later. Tests are of the same kind if they agree in plane,
-    set-up, centre, radius and direction. For each kind that occurs among the candidates but not in
-    the pilot, a candidate is added to the foreseen tests, so that the model includes its effects.
+    tests are tests that may be run later. The model includes their effects. Tests are of the same
+    kind if they agree in plane, set-up, centre, radius and direction. If no test of the pilot is of
+    the same kind as a candidate, a candidate of this kind is added to the foreseen tests.
     """
 
     model: HybridModel
@@ -216,9 +215,10 @@ class Space:
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
         """Return ``number`` tests in equal steps of force, rounded to the force levels.
 
-        The force of each test is the force level nearest to the equal step. All tests have the
-        first clocking (pair of angles of the balls) and the first radius in the lists to choose
-        from. Planes and directions of travel alternate from one force step to the next.
+        Evenly spaced forces are computed first. Each is then replaced by the nearest force level.
+        All tests have the first clocking (pair of angles of the balls) and the first radius in the
+        lists to choose from. Planes and directions of travel alternate from one force step to the
+        next.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -235,13 +235,13 @@ class Space:
     def _tests_run(self) -> int:
         """Number of the pilot's tests that are analysed together with the new tests.
 
-        The pilot is the campaign or plan that the design starts from. All its tests are analysed if
-        ``augment`` is true; if not, none is.
+        The pilot is the campaign or plan that the design starts from. If ``augment`` is true, all
+        its tests are counted; otherwise the number is zero.
         """
         return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
-        """Return the objective of a search for the best numbers of runs of ``tests``.
+        """Return the objective that a search maximises to find how often to run each of ``tests``.
 
         These tests need not be among the candidate tests of the design.
         """
@@ -253,7 +253,7 @@ class Space:
     def _criterion(self, bound: BoundModel) -> Criterion:
         """Return the criterion (figure of merit) by which designs are compared.
 
-        The criterion is a function of the precision (inverse covariance) of the parameters of
+        The criterion is computed from the precision (inverse covariance) of the parameters of
         interest.
         """
         size = len(self.chosen)
@@ -267,7 +267,7 @@ class Space:
 
     @cached_property
     def search(self) -> Search:
-        """The search for the design with the best numbers of runs of the candidate tests."""
+        """The search that finds how often each candidate test is to be run in the best design."""
         forces_N = np.array([test.force_N for test in self.tests])
         levels = 2
         if self.augment or self.model.degree == 0:
@@ -275,10 +275,9 @@ class Space:
         return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Return the efficiency of tests, compared with the best design of as many tests.
+        """Return the efficiency of tests, relative to the best design with as many tests.
 
-        In the best design, the number of runs of a candidate (test that could be run) need not be a
-        whole number.
+        In this best design, the number of runs of a candidate test need not be a whole number.
         """
         value = self.objective(tests).value(np.ones(len(tests)))
         best = self.search.shares(float(len(tests))).value

@@ -33,10 +33,8 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 class States:
     """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
-    #: values of the h hyper-parameters φ in K states, shape (K, h), with lengths in mm. The noise
-    #: factor λ of a circle, by which the noise of this circle is multiplied, and the decay have no
-    #: unit. The decay is the exponent of the power law by which the balls' form errors decrease
-    #: with the number of waves per turn.
+    #: values of the h hyper-parameters φ, such as the standard deviation of the noise, in K states,
+    #: shape (K, h). Lengths are in mm; the other hyper-parameters have no unit.
     phi: Array
     #: values of the p parameters β of the machine in K states, shape (K, p), in mm, N and rad; no
     #: compliance is negative. If the prior is flat, no parameters are drawn, and p = 0.
@@ -50,15 +48,14 @@ class States:
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
     """Return ``size`` equally likely values of the h hyper-parameters φ, shape (size, h).
 
-    φ are the hyper-parameters, such as the standard deviation of the noise. Lengths are in mm. The
-    noise factor λ of a circle, by which the noise of this circle is multiplied, and the decay have
-    no unit. The decay is the exponent of the power law by which the balls' form errors decrease
-    with the number of waves per turn. The values for ``model`` are a random sample of the posterior
-    given the readings of the pilot (the campaign that a design starts from); ``seed`` is the seed
-    of the sample. If the pilot is a plan, the values are spread evenly over the prior, and their
-    number is rounded up to a power of two. If the priors of the parameters are flat, the posterior
-    variances of all parameters are proportional to the variance of the noise. In this case, only
-    the root mean square of the values is returned, shape (1, h).
+    A hyper-parameter is, for example, the standard deviation of the noise. The pilot is the
+    campaign or plan that a design starts from. If it has readings, the values are a random sample
+    of the posterior of ``model`` given these readings; ``seed`` is the seed of the sample. If the
+    pilot is a plan, the values are spread evenly over the prior, and their number is rounded up to
+    a power of two. If the priors of the parameters are flat, the posterior variances of all
+    parameters are proportional to the variance of the noise. In this case, only the root mean
+    square of the values is returned, shape (1, h). Lengths are in mm; the other hyper-parameters
+    have no unit.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -83,9 +80,8 @@ def extend_hyper_parameters(
     those of the new circles. Each new circle has a noise factor λ, by which the noise of this
     circle is multiplied. λ is set to 1, because the prior mean of 1/λ² is 1. If ``scattering`` is
     true, λ gets values spread evenly over its prior instead. All other hyper-parameters that the
-    pilot does not have always get values spread evenly over their priors. Lengths are in mm. λ and
-    the decay have no unit. The decay is the exponent of the power law by which the balls' form
-    errors decrease with the number of waves per turn.
+    pilot does not have always get values spread evenly over their priors. Lengths are in mm; the
+    other hyper-parameters have no unit.
 
     Parameters
     ----------
@@ -109,16 +105,16 @@ def extend_hyper_parameters(
     if pilot is not bound.campaign:
         pilot_bound = _hyper_posterior(bound.model, pilot).bound
     pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
-    # Names of the factors λ, by which the noise of a circle is multiplied, for the circles that
-    # have already been run. The λ of a circle may have another name in ``bound`` than in the model
-    # of the pilot alone. The pilot is the campaign that the design starts from.
+    # Each circle that has already been run has a factor λ, by which its noise is multiplied.
+    # ``circles_run`` holds the names of these factors. A factor may have another name in ``bound``
+    # than in the model of the pilot (the campaign that the design starts from) alone.
     circles_run = bound.setting.circle[:run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
     # First, every hyper-parameter gets values spread evenly over its prior, in random order. The
     # values of hyper-parameters that the pilot (the campaign that the design starts from) also has
-    # are then replaced by those of the pilot. The factors λ, by which the noise of each new circle
-    # is multiplied, are replaced by 1.
+    # are then replaced by those of the pilot. Unless ``scattering`` is true, the factors λ of the
+    # new circles are replaced by 1. The noise of a circle is multiplied by its λ.
     hyper_prior = bound.hyper_prior
     nodes = len(phi)
     even_levels = np.tile((np.arange(nodes) + 0.5) / nodes, (len(hyper_prior.names), 1))
