@@ -1,4 +1,4 @@
-"""Public names of version 0.2 that have changed; they give a warning until version 0.4."""
+"""Public names of version 0.2 that have changed. Their use gives a warning until version 0.4."""
 
 from __future__ import annotations
 

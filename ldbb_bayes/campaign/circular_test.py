@@ -148,11 +148,11 @@ class CircularTest(TestFields):
     work_ball_deg: Number = field(default=0.0, kw_only=True)
     #: clocking: angle by which the tool ball is turned in its socket [deg]
     tool_ball_deg: Number = field(default=0.0, kw_only=True)
-    #: angles of the bar in radians, shape (n,), which may be given instead of ``angle_deg``; they
-    #: are converted to ``angle_deg``, and this field then becomes None
+    #: angles of the bar in radians, shape (n,), given instead of ``angle_deg``. They are converted
+    #: to ``angle_deg``; after the conversion, ``angle_rad`` is None.
     angle_rad: Any = field(default=None, kw_only=True)
-    #: readings of the ball bar in mm, shape (n,), which may be given instead of ``reading_um``;
-    #: they are converted to ``reading_um``, and this field then becomes None
+    #: readings of the ball bar in mm, shape (n,), given instead of ``reading_um``. They are
+    #: converted to ``reading_um``; after the conversion, ``reading_mm`` is None.
     reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:

@@ -138,7 +138,7 @@ def _number_elements(quantity: ElementTree.Element) -> Iterator[ElementTree.Elem
 
 
 def _has_known_unit(element: ElementTree.Element) -> bool:
-    """Return whether an XML element states units for its numbers, and all these units are known."""
+    """Return whether an XML element states units for its numbers, and all units are known."""
     units = _words(element, "unit")
     return bool(units) and all(parse_unit(unit) is not None for unit in units)
 

@@ -56,8 +56,8 @@ _SMALLEST_SPAN_RESOLUTIONS = 3.0
 _LARGEST_SPAN_UM = 1000.0
 # The preview fits a Fourier series only to tests whose number of readings is in this range.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# A reading is a spike if its deviation from the Fourier series fitted to its test exceeds this
-# multiple of the standard deviation of the readings about the series.
+# A reading is a spike if it deviates from the Fourier series fitted to its test by more than this
+# number of standard deviations. The standard deviation is that of the readings about the series.
 _SPIKE_SCATTERS = 8.0
 # For a test that goes once round the circle, the preview computes the jump between the last and the
 # first reading. It reports the circle as not closed if the jump exceeds this multiple of the noise
@@ -219,8 +219,8 @@ class CampaignPreview(Result):
 def check_campaign(campaign: Campaign) -> CampaignPreview:
     """Return a preview of a campaign or plan without fitting the model.
 
-    When the preview is printed, it is a table of the tests, followed by remarks on what looks odd
-    and by the assumptions that a fit would make.
+    The printed preview shows a table of the tests, remarks on what looks odd, and the assumptions
+    that a fit would make.
 
     Parameters
     ----------
@@ -515,9 +515,9 @@ def _find_regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        # A curve that is the sum of p fitted functions and has the least sum of absolute deviations
-        # from the readings passes exactly through p of the readings. These readings say nothing
-        # about the scatter and are left out.
+        # The first fitted curve minimises the sum of absolute deviations. It is a sum of p
+        # functions and therefore passes exactly through p of the readings. These readings say
+        # nothing about the scatter and are left out.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)

@@ -55,8 +55,8 @@ def identify(
     The campaign may be a plan (without readings), so that these questions can be answered before
     the experiment. Tables of readings are read in the same way as by the command ``report``.
     """
-    # The modules that write the texts of this command are imported here, and not at the top of the
-    # file, because they take a long time to load.
+    # The modules that write the texts of this command take a long time to load. They are therefore
+    # imported here, and not at the top of the file.
     from ldbb_bayes.report import identifiability_text, screens
 
     output.check(
@@ -111,8 +111,8 @@ def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
 def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
     """Return the tables and sentences about a result, followed by remarks on the readings.
 
-    The remarks name readings of the campaign that look odd, for example because they seem to be in
-    the wrong unit, or because they are equal in two tests.
+    The remarks state what looks odd in the campaign, for example readings that seem to be in the
+    wrong unit, or two tests with the same readings.
     """
     preview = lb.check_campaign(campaign)
     remarks = [

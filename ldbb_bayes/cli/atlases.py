@@ -87,8 +87,8 @@ def machine(
     of the parameter. It is written with c = cos θ and s = sin θ, where θ is the angle of the bar
     from the first axis of the plane, and with lengths in mm.
     """
-    # The module that writes the texts of this command is imported here, and not at the top of the
-    # file, because it takes a long time to load.
+    # The module that writes the texts of this command takes a long time to load. It is therefore
+    # imported here, and not at the top of the file.
     from ldbb_bayes.report import machine_text
 
     chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))

@@ -126,8 +126,8 @@ def simulate(
     True values of parameters and noise are drawn at random from the priors unless a TOML file
     states them.
     """
-    # The module that reads files of true values is imported here, and not at the top of the file,
-    # because it loads SciPy, which takes a long time.
+    # The module that reads files of true values loads SciPy, which takes a long time. It is
+    # therefore imported here, and not at the top of the file.
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):

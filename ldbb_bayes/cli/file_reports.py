@@ -206,7 +206,7 @@ def _analyse(
 
     In the fitted model, compliance changes linearly with force. The further analyses are a
     comparison with a model of constant compliance, an average over these two models, and the choice
-    of the next tests, which is computed in the background.
+    of the next tests. This choice is computed in the background.
 
     Parameters
     ----------

@@ -35,8 +35,8 @@ def next_(
     circle is written as a plan, with a sheet for the operator. The evidence and the intervals
     remain valid however often the command is run.
     """
-    # The modules that write the texts of this command are imported here, and not at the top of the
-    # file, because they take a long time to load.
+    # The modules that write the texts of this command take a long time to load. They are therefore
+    # imported here, and not at the top of the file.
     from ldbb_bayes.report import next_circle_text, operator_sheet
 
     # Before anything is computed, refuse an output folder with files that this command did not

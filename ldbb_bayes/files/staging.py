@@ -160,7 +160,7 @@ def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
 
 
 def _is_occupied(target: Path, error: OSError) -> bool:
-    """Return whether ``error``, raised by renaming, means that ``target`` is an existing folder."""
+    """Return whether renaming failed with ``error`` because ``target`` is an existing folder."""
     if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
         return not target.is_file()
     return error.errno == errno.EACCES and target.is_dir()

@@ -24,7 +24,7 @@ _EXPECTATION = "Input should be "
 def _adapter(model: type[Any]) -> TypeAdapter[Any]:
     """Return the object of the library pydantic that checks values for a class.
 
-    The object is kept for later calls, because it takes milliseconds to make it.
+    It takes milliseconds to make the object, which is therefore kept for later calls.
     """
     return TypeAdapter(model)
 
@@ -142,8 +142,8 @@ def _nested_model(owner: Any, key: int | str) -> Any:
 def _describe_invalid(subject: str, error: Any) -> str:
     """Return the error message for an invalid value in a file or argument.
 
-    ``subject`` names the value in the message. ``error`` is the entry in the list of errors of
-    pydantic, the library that checks input.
+    ``subject`` names the value in the message. ``error`` describes the fault: it is one entry of
+    the list of errors that pydantic, the library that checks input, has found.
     """
     message = error["msg"].removeprefix("Value error, ")
     message = re.sub(r"dictionary or an instance of _\w+", "table", message)

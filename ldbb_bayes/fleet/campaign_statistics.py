@@ -29,8 +29,8 @@ _NODES_AT_ONCE = 256
 # probabilities proportional to their weights. With this number, the numerical error of a mean is a
 # small fraction of the parameter's standard uncertainty.
 _NODES = 512
-# Seed of the random selection of the nodes (weighted values of the hyper-parameters) over which the
-# moments of a campaign's parameters are averaged.
+# Seed of the random selection of nodes. A node is a weighted value of the hyper-parameters; the
+# moments of a campaign's parameters are averaged over the selected nodes.
 _SEED = 0
 
 

@@ -196,8 +196,8 @@ class Levels(NamedTuple):
     #: posterior standard deviations of the p parameters of a machine at the last campaign, in units
     #: of their prior sd, shape (p,)
     sd: Array
-    #: lower and upper ends of the credible intervals of the p parameters of a machine at the last
-    #: campaign, in units of their prior sd, shape (2, p)
+    #: credible intervals of the p parameters of a machine at the last campaign: lower and upper
+    #: ends, in units of the parameters' prior sds, shape (2, p)
     interval: Array
 
 

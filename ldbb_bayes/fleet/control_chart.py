@@ -192,9 +192,9 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
     """Return the lower and upper end of the vertical axis in one panel of a control chart.
 
     The axis covers the range of all credible intervals of the panel, with a small margin. Control
-    limits outside this range extend the axis on each side, by at most half of the range. If the
-    range is zero, because all credible intervals consist of the same single value v, the range is
-    taken to be |v|, or 1 if v is zero.
+    limits outside this range extend the axis on each side, by at most half of the range. The range
+    is zero if all credible intervals consist of the same single value v. It is then replaced with
+    |v|, or with 1 if v is zero.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())

@@ -26,8 +26,8 @@ __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 # three standard deviations of its mean.
 LIMITS = 0.997
 # The earlier campaigns predict a distribution for the estimate of a parameter from the next
-# campaign. A standard deviation of this distribution below this number is replaced by this number,
-# to prevent a division by zero.
+# campaign. If the standard deviation of this distribution is smaller than this number, this number
+# is used instead, to prevent a division by zero.
 _SMALLEST_SD = 1e-300
 
 
@@ -131,11 +131,11 @@ def chart_points(
 def _posteriors_of_earlier_campaigns(level_likelihoods: Gaussian) -> Gaussian:
     """Return, for every campaign but the first, the posterior from all campaigns before it.
 
-    ``level_likelihoods``, shape (r, n, q), holds the likelihoods of q parameters and instrument
-    errors from n campaigns in order of time, for each of r values of the machine's scatter from
-    campaign to campaign. The result has the shape (r, n − 1, q): one Gaussian posterior of the q
-    quantities for each value of the scatter and each campaign except the first. Their prior is
-    N(0, I).
+    ``level_likelihoods``, shape (r, n, q), holds likelihoods of q parameters and instrument errors.
+    There is one for each of n campaigns, in order of time, and for each of r values of the
+    machine's scatter from campaign to campaign. The result has the shape (r, n − 1, q): one
+    Gaussian posterior of the q quantities for each value of the scatter and each campaign except
+    the first. Their prior is N(0, I).
     """
     precision = np.cumsum(level_likelihoods.precision[:, :-1], axis=1)
     shift = np.cumsum(level_likelihoods.shift[:, :-1], axis=1)

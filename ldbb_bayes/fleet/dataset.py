@@ -294,8 +294,8 @@ def _read(
     """Return the rows of batches, with given columns and the columns of further quantities.
 
     ``path`` names one batch or several batches, as in `read_batch`. ``columns`` are names of
-    columns; None requests all columns. ``further`` is a pattern: if it matches the name of a
-    quantity, the columns of this quantity are returned, too.
+    columns; None requests all columns. The columns of quantities whose names match the pattern
+    ``further`` are returned, too.
     """
     check_pyarrow()
     import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
@@ -380,8 +380,7 @@ def _read_table(
 
     Raise an `InputError` if the file is not the table of a batch. ``columns`` are the names of the
     requested columns; None requests all columns. Columns that the table does not have are left out.
-    ``further`` is a pattern: if it matches the name of a quantity, the columns of this quantity are
-    requested, too.
+    The columns of quantities whose names match the pattern ``further`` are requested, too.
     """
     import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
     import pyarrow.parquet as pq

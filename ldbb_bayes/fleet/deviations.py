@@ -138,8 +138,8 @@ class Estimates(NamedTuple):
     #: posterior covariances of the c parameters, shape (n, c, c), one from each of n campaigns or
     #: machines alone. The errors of the instrument are taken as known.
     covariance: Array
-    #: derivatives of the c estimates from each of n campaigns or machines with respect to the true
-    #: parameters and the errors of the instrument, q quantities in all, shape (n, c, q)
+    #: derivatives of the c estimates from each of n campaigns or machines, shape (n, c, q), with
+    #: respect to the q true values of the parameters and of the instrument errors
     response: Array
     #: estimates of the c parameters from each of n campaigns or machines alone, computed as if the
     #: instrument had no errors, shape (n, c)
@@ -149,10 +149,10 @@ class Estimates(NamedTuple):
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:
     """Return estimates of the parameters, computed from each campaign or machine separately.
 
-    An estimate is the posterior mean of the parameters c for the likelihood of one campaign or
-    machine and the prior c ~ N(0, I), computed as if the instrument had no errors. `Estimates` also
-    holds the sensitivity of the estimate to the true parameters and to the true errors of the
-    instrument. All values are in units of the prior sds.
+    An estimate is the posterior mean of the parameters c, given the likelihood of one campaign or
+    machine and the prior c ~ N(0, I). It is computed as if the instrument had no errors.
+    `Estimates` also holds the sensitivity of the estimate to the true parameters and to the true
+    errors of the instrument. All values are in units of the prior sds.
 
     Parameters
     ----------

@@ -55,8 +55,8 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
             evidence = log_evidence(model.with_degree(degree), campaign, tolerance=tolerance)
             evidences.append(_LogEvidence(evidence.log_value, evidence.error))
         return _log_ratio(*evidences)
-    # Nodes are weighted values of the hyper-parameters. With other weights, the nodes of the model
-    # of linear compliance are also nodes of the model of constant compliance.
+    # Nodes are weighted values of the hyper-parameters. The nodes of the model of linear compliance
+    # can also be used for the model of constant compliance, but with other weights.
     related = RelatedModels(nodes, tolerance)
     constant_model = model.with_degree(0).bind(density.bound.campaign)
     constant = HyperPosterior(constant_model, truncated=True, near=without_truncation.mode)

@@ -45,8 +45,8 @@ _DRAWS_WITHOUT = 512
 # machines about the mean of their population) are made. If more machines need new draws, those with
 # the smallest p-values get them.
 _MOST_REDRAWN = 200
-# A p-value of a machine's parameter below this number is replaced by this number, so that the
-# corresponding quantile of the normal distribution is finite.
+# Smallest p-value of a machine's parameter that is used. A smaller p-value is replaced with this
+# number, so that the corresponding quantile of the normal distribution is finite.
 _SMALLEST_P = 1e-300
 
 
@@ -210,7 +210,7 @@ def _compare_with_others(m: int, likelihood: Gaussian, separate: Estimates, spre
     """Return the deviations z of the machine with the index m, shape (c, k, 1).
 
     z is the difference between the estimate of a parameter from machine m alone and the prediction
-    of this estimate from the other machines, divided by the standard deviation of the difference.
+    of this estimate from the other machines. The difference is divided by its standard deviation.
     The prediction includes the errors of the instrument, which all machines share. There are c
     parameters. ``spread``, shape (k, c), holds k draws of the spreads (standard deviations of the
     machines about the mean of their population). ``likelihood`` holds the likelihoods of all
@@ -242,8 +242,8 @@ class _Prediction(NamedTuple):
     #: (standard deviations from machine to machine).
     log_integral: Array
     #: differences between c parameters and their predictions from the other machines, divided by
-    #: the standard deviations of these differences, shape (c, k, n), for n machines and k random
-    #: draws of the spreads (standard deviations from machine to machine)
+    #: the standard deviations of these differences, shape (c, k, n). There are n machines and k
+    #: random draws of the spreads (standard deviations from machine to machine).
     z: Array
 
 
@@ -295,11 +295,12 @@ def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
     """Return two-sided p-values of c parameters of n machines, and the sides of the deviations.
 
     ``z``, shape (c, k, n), holds the deviations from the prediction, divided by their standard
-    deviations, for k random draws of the spreads (standard deviations of the machines about the
-    mean of their population). The tail probabilities above and below z are averaged over the draws;
-    ``weights``, shape (n, k), holds the weights of the draws for each machine. A p-value is twice
-    the smaller of the two averages. The side is 1 for a deviation above the prediction, and −1 for
-    a deviation below the prediction. Both arrays returned have the shape (n, c).
+    deviations. There is one prediction for each of k random draws of the spreads, which are the
+    standard deviations of the machines about the mean of their population. The tail probabilities
+    above and below z are averaged over the draws; ``weights``, shape (n, k), holds the weights of
+    the draws for each machine. A p-value is twice the smaller of the two averages. The side is 1
+    for a deviation above the prediction, and −1 for a deviation below the prediction. Both arrays
+    returned have the shape (n, c).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))
