@@ -99,8 +99,8 @@ class Judged(Forecast):
     #: those that `Design.columns` names.
     tests: Records
     #: efficiency of the compared design by the criterion of the recommended design. It is 1 if the
-    #: same number of tests, divided in the best way among the candidate tests, would be no better,
-    #: and 0 if the tests do not determine all parameters.
+    #: compared design is as good as the best division of the same number of tests among the
+    #: candidate tests, and 0 if it does not determine all parameters.
     efficiency: float
 
 
@@ -108,9 +108,10 @@ class Judged(Forecast):
 class Limits(Result):
     """Weaknesses of a design that more runs of the same tests would not remove."""
 
-    #: number of different forces of the tests. To show whether compliances are polynomials in force
-    #: of a higher degree than in the model, more forces would be needed. None if there are enough
-    #: forces, or if the tests are analysed together with tests that have already been run.
+    #: number of different forces of the tests, if there are too few of them: too few to show
+    #: whether compliances are polynomials in force of a higher degree than in the model. Otherwise
+    #: None. It is also None if the tests are analysed together with tests that have already been
+    #: run.
     levels: int | None
     #: direction of travel of each plane whose circles all run in the same direction although the
     #: model includes hysteresis; the keys are the planes
@@ -178,25 +179,25 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design by its criterion. It is 1 if the same number of tests, divided among
-    #: the candidate tests by the best shares (``shares``), would be no better, and otherwise
-    #: smaller.
+    #: efficiency of the design by its criterion. It is 1 if the design is as good as the same
+    #: number of tests divided among the candidate tests by the best shares (``shares``), and
+    #: smaller if it is worse.
     efficiency: float
-    #: optimality certificate: states whether it is proven that no other shares of the candidate
-    #: tests (numbers of runs, divided by the number of all runs) are better by the design criterion
+    #: optimality certificate, which states whether ``shares`` are proven to be the best shares of
+    #: the candidate tests by the design criterion
     certificate: Certificate
     #: best shares of the candidate tests (tests that could be run), one row per candidate with a
     #: share above 0.0001. The share is the candidate's number of runs divided by the number of all
     #: runs. The columns are force_N, the columns that `columns` names, and share.
     shares: Records
     #: expected standard deviation of each parameter for a design in equal steps of force. All tests
-    #: of this design have the first radius and the first pair of ball angles in the lists to choose
-    #: from. The keys are the names of the parameters.
+    #: of this design have the first of the radii and the first of the clockings (pairs of ball
+    #: angles) that were given to `design`. The keys are the names of the parameters.
     baseline: dict[str, Expected]
     #: designs that are compared with this one: a design in equal steps of force, and the campaigns
-    #: given in the argument ``against`` of the search
+    #: that were given to `design` as ``against``
     compared: tuple[Judged, ...]
-    #: limits of the design that more runs of the same tests would not overcome, such as too few
+    #: weaknesses of the design that more runs of the same tests would not remove, such as too few
     #: different forces
     limits: Limits
     #: root mean square of each hyper-parameter (such as the standard deviation of the noise) over

@@ -89,7 +89,7 @@ class CampaignFamily:
         return QuickForecast(objective, limits / scale)
 
     def lowest_price(self, costs: Costs, circles: int) -> float:
-        """Return the lowest price of a campaign of ``circles`` circles.
+        """Return the lowest price that a campaign of this family can have with ``circles`` circles.
 
         All campaigns of a family use the same angles of the balls, radii and certificates. The
         price includes the certificates, and the machine time with as few set-ups and turns of the
@@ -129,8 +129,8 @@ class CampaignFamily:
 
         ``circles`` is the number of all circles of the campaign. The search begins with the
         campaign that has ``start`` circles of each candidate test, and adds circles one by one. By
-        default, it begins without circles. If compliances may depend on force, but all circles of
-        the resulting campaign are at one force, one circle is replaced by the best candidate at
+        default, it begins without circles. If all circles of the resulting campaign are at one
+        force although two forces are needed, one circle is replaced by the best candidate at
         another force. ``start`` and the result have the shape (candidates,).
         """
         if start is None:

@@ -109,7 +109,7 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """The columns and rows of the tests' matrices G that are needed for the objective of a search.
+    """The columns and rows of the tests' matrices G that the search for a design needs.
 
     G has one column for each coefficient. A test adds the information GᵀG to the precision (inverse
     covariance) of the coefficients.
@@ -127,7 +127,7 @@ class _Layout(NamedTuple):
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
-    """Return which columns and rows of the tests' matrices G are needed for a search's objective.
+    """Return which columns and rows of the tests' matrices G the search for a design needs.
 
     ``blocks``, shape (tests, rows, m), holds the matrix G of each test for m coefficients, at one
     value of the hyper-parameters; GᵀG is the information of the test. The result is the same for

@@ -67,7 +67,7 @@ class CandidateCovariances:
         return np.array(results)
 
     def run(self, candidate: int) -> None:
-        """Update the covariances of the parameters as if one more circle had been run."""
+        """Update the covariances of the parameters as if the circle ``candidate`` had been run."""
         rows = self._rows[:, candidate]
         spread = rows @ self._covariance
         readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])

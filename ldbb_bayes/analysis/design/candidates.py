@@ -153,8 +153,9 @@ def _tests_by_kind(
 
     ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs. If a
     candidate and a test of another design have the same kind, the result holds the candidate. The
-    direction is left out for a test of another design, and for a candidate unless there are
-    candidates in both directions in its plane. The radius is left out if ``uses_radius`` is false.
+    kind of a candidate includes the direction only if its plane has candidates in both directions.
+    The kind of a test of another design never includes the direction. The radius is left out if
+    ``uses_radius`` is false.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -162,10 +163,9 @@ def _tests_by_kind(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((_kind_of(test, direction, uses_radius), test))
     possible += [(_kind_of(test, None, uses_radius), test) for test in compared_tests]
-    # Each entry of the list ``possible`` is a kind of test (plane, set-up, centre, radius and
-    # direction) and a test of this kind. If a dictionary gets a key several times, the last value
-    # remains. The list is therefore reversed, so that the dictionary has the first test of each
-    # kind.
+    # The list ``possible`` holds pairs of a kind and a test of this kind. If a kind occurs several
+    # times, the dictionary keeps the last test. The list is therefore reversed, so that the first
+    # test of each kind is kept.
     return dict(reversed(possible))
 
 
@@ -214,8 +214,8 @@ def bind_tests(
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
     from the pilot. The model also has the parameters that only the pilot's tests can determine,
-    even if these tests are left out. An exception is hysteresis, whose coefficients depend on the
-    directions of travel: the directions of tests of the pilot that are left out are ignored.
+    even if these tests are left out. An exception is hysteresis: whether it is in the model depends
+    only on the directions of travel of those tests to which the model is applied.
 
     Parameters
     ----------
@@ -259,12 +259,11 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan whose tests have times.
+    """Return a plan whose tests have times, which determine how a drift affects them.
 
     The pilot is the campaign that the plan starts from. The mean time of the plan's tests is that
-    of the pilot's tests. The times determine how a drift affects the tests. A plan is returned
-    unchanged if it is to be analysed together with its pilot, or if its tests are not run in the
-    order in which they are listed.
+    of the pilot's tests. A plan is returned unchanged if it is to be analysed together with its
+    pilot, or if its tests are not run in the order in which they are listed.
     """
     if plan.order is not None or plan.adds_to_pilot:
         return plan
@@ -284,13 +283,13 @@ def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
 def _bind_to_pilot(
     model: HybridModel, plan: Campaign, pilot: Campaign, *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model applied to the tests of a plan.
+    """Return the model applied to the tests of a plan, with settings of the pilot.
 
     ``pilot`` is the campaign that the plan starts from; the model takes its reference force and
     force range from this campaign. If ``keep_pilot_tests`` is true, the model is applied to the
-    tests of the pilot and of the plan together; the tests of the pilot come first. In both cases,
-    the model has the parameters that the pilot's tests would determine if they stated no direction
-    of travel.
+    tests of the pilot and of the plan together; the tests of the pilot come first. Even if it is
+    false, the model has the parameters that the pilot's tests determine, apart from effects of
+    their directions of travel.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests

@@ -18,9 +18,9 @@ from ldbb_bayes.results import Result
 
 __all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
 
-# Keys of certificates in ``CERTIFICATES``, by the word that a user writes for the certificate, such
-# as ``mount``. Certificates of balls are not included, because their names contain the grade, as in
-# "balls G10".
+# Words that a user writes for certificates, such as ``mount``, and the keys of these certificates
+# in ``CERTIFICATES``. Certificates of balls are not included, because their names contain the
+# grade, as in "balls G10".
 _STATED_BY_WORD = {
     "bar": "bar ± 1 µm",
     "mount": "mount ± 2 %",

@@ -34,33 +34,32 @@ __all__ = [
 
 # Largest number of circles that a campaign may have in the search for the cheapest campaign.
 _MOST_CIRCLES = 40
-# Number of circles of a trial campaign in each family. From the family's best campaign of this
-# size, the search estimates how many circles the family needs: it multiplies the number of circles
-# of each candidate test by the smallest factor with which the goals for uncertainties are reached.
+# Number of circles of a trial campaign in each family. The family's best campaign of this size is
+# enlarged by the smallest factor with which it reaches the goals for uncertainties. This gives an
+# estimate of how many circles the family needs.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this fraction of the estimated number of circles
 # with which the goals for uncertainties are reached.
 _BEGIN_SHARE = 0.85
-# A campaign just reaches the goals for uncertainties if all its numbers of circles are multiplied
-# by a certain factor. The factor is found by bisection; this is the number of bisection steps.
+# Number of bisection steps with which the search finds the factor by which a campaign must be
+# enlarged so that it just reaches the goals for uncertainties.
 _HALVINGS = 10
 # Before a slow, full forecast of a campaign is made, its result is estimated from a quick forecast
-# (with known hyper-parameters). The full forecast is made only if ln(u/u*) is at most this number
-# for all goals. u is the estimate of the standard uncertainty; u* is the largest standard
-# uncertainty that the goal permits.
+# (with known hyper-parameters). For each goal, let u be the estimated standard uncertainty, and u*
+# the largest that the goal permits. The full forecast is made only if ln(u/u*) is at most this
+# number for all goals.
 _NEAR = 0.03
 # Largest number of full forecasts (with unknown hyper-parameters) for campaigns with the same pairs
 # of ball angles, radii and certificates.
 _MOST_FORECASTS = 8
-# After the search has found a campaign that reaches the goals for uncertainties, it tries the
-# campaign with one circle fewer. A preliminary forecast with this number of possible machines is
-# fast, and shows whether the slower forecast with all 64 possible machines is worthwhile.
+# After the search has found a campaign that reaches the goals for uncertainties, it tries to omit a
+# circle. A fast forecast with this number of possible machines shows whether the slower forecast
+# with all 64 possible machines is worthwhile.
 _FEW_MACHINES = 16
-# Limit for the total computing effort of the slow forecasts, in which the hyper-parameters are
-# unknown. The effort of a forecast is the square of its number of circles. A forecast is not
-# counted if its campaign has the largest number of circles allowed. Once a campaign that reaches
-# the goals for uncertainties has been found, the search ends when the total effort exceeds this
-# limit.
+# The search for the cheapest campaign ends when it has found a campaign that reaches the goals and
+# its computing effort exceeds this number. The effort is the sum of n² over all full forecasts
+# (with unknown hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
+# number of circles allowed are not counted.
 _MOST_EFFORT = 700
 
 
@@ -89,15 +88,14 @@ class FoundCampaign:
 
 @dataclass(frozen=True, eq=False)
 class CheapestCampaigns:
-    """Campaigns that reach all uncertainty goals; if none does, the campaign nearest to them."""
+    """Campaigns that reach all uncertainty goals; if none does, the one that comes nearest."""
 
     #: the campaigns that reach all goals for uncertainties, the cheapest first
     campaigns: tuple[FoundCampaign, ...]
-    #: campaign that comes nearest to the goals for uncertainties, if no campaign reaches them. The
-    #: campaigns of a family have the same ball angles, radii and certificates. The largest
-    #: campaigns of all families are compared, and the one that meets all goals on the largest share
-    #: of the possible machines is chosen. None if one of these campaigns reaches the goals, or if
-    #: no forecast with unknown hyper-parameters was made.
+    #: campaign that comes nearest to the goals for uncertainties, if no campaign reaches them. Only
+    #: the largest campaign of each family (same ball angles, radii and certificates) is considered.
+    #: The nearest one meets all goals on the largest share of the possible machines. None if one of
+    #: these campaigns reaches the goals, or if no forecast with unknown hyper-parameters was made.
     nearest: FoundCampaign | None
 
 
@@ -156,8 +154,8 @@ class _Progress:
     #: (candidates,)
     counts: Array
     #: ln(u/v) for the campaign with the largest number of circles allowed. u is the uncertainty of
-    #: a goal's parameter by the full forecast, and v its uncertainty by the quick forecast (with
-    #: known hyper-parameters) of the same campaign. Zero if u is smaller than v.
+    #: a goal's parameter in the full forecast, and v its uncertainty in the quick forecast (with
+    #: known hyper-parameters). Zero if u is smaller than v.
     lasting_inflation: float = 0.0
     #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
     #: circles; u is the uncertainty of a goal's parameter in the full forecast, and v its
@@ -177,14 +175,15 @@ class _Progress:
 
 @dataclass(order=True)
 class _QueuedFamily:
-    """Entry of the queue that states which family of campaigns is searched next.
+    """A family of campaigns that waits in the queue of families to search.
 
     The queue is sorted by the price of the campaign that would be tried next in each family.
     """
 
     #: lowest price of the campaign that would be tried next in this family of campaigns
     price: float
-    #: number of the family in the list of campaign families; decides the order if prices are equal
+    #: number of the family in the list of campaign families; families with equal prices are
+    #: searched in the order of these numbers
     position: int
     #: progress of the search in this family of campaigns
     progress: _Progress = field(compare=False)
@@ -267,9 +266,9 @@ def _with_more_circles(
 ) -> list[FoundCampaign]:
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
-    They belong to the same family as ``campaign``. They cost more, but are more likely to meet the
-    goals for uncertainties. Campaigns that exceed the longest machine time are left out.
-    ``on_campaign`` is called whenever a campaign is found.
+    The result belongs to the same family as ``campaign``. These campaigns cost more, but are more
+    likely to meet the goals for uncertainties. Campaigns that exceed the longest machine time are
+    left out. ``on_campaign`` is called whenever a campaign is found.
     """
     longer = []
     for added in range(1, number + 1):
@@ -298,18 +297,17 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        # Smallest value, in all families of campaigns searched so far, of the coefficient that is
-        # stored as `_Progress.inflation`. It states by how much uncertainties are larger in a full
-        # forecast than in a quick forecast (with known hyper-parameters), and is used for a family
-        # without a full forecast.
+        # Smallest value of the coefficient `_Progress.inflation` in the families of campaigns
+        # searched so far. The coefficient states how much larger uncertainties are in a full
+        # forecast than in a quick forecast (with known hyper-parameters). The smallest value is
+        # used for a family that has no full forecast yet.
         self._inflation = np.inf
         #: whether, with the largest number of circles allowed, all goals for uncertainties are
         #: reached in at least one family of campaigns (same ball angles, radii and certificates)
         self.is_reachable = False
-        #: campaign that comes nearest to the goals for uncertainties without reaching them: it
-        #: meets all goals on a larger share of the possible machines than any other. In each family
-        #: of campaigns (same ball angles, radii and certificates), only the campaign with the
-        #: largest number of circles is considered.
+        #: campaign that comes nearest to the goals for uncertainties without reaching them: the one
+        #: that meets all goals on the largest share of the possible machines. Only the largest
+        #: campaign of each family (same ball angles, radii and certificates) is considered.
         self.nearest: FoundCampaign | None = None
         #: computing effort of the search so far: sum of n² over all full forecasts (with unknown
         #: hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
@@ -319,8 +317,8 @@ class _Search:
     def start(self, progress: _Progress) -> bool:
         """Set the number of circles at which the search in a `CampaignFamily` begins.
 
-        Return whether the goals for uncertainties are reached with the largest number of circles
-        allowed. If not, there is nothing to search for in this family.
+        Return false if the goals for uncertainties are not reached even with the largest number of
+        circles allowed. There is then nothing to search for in this family.
         """
         family = progress.family
         progress.started = True
@@ -340,14 +338,14 @@ class _Search:
         return True
 
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
-        """Return how much larger ln(u/u*) is in a full forecast than in the quick forecast.
+        """Return the difference of ln(u/u*) between the full and the quick forecast of a campaign.
 
         u is the standard uncertainty of a goal's parameter after the campaign, and u* the largest
         that the goal permits. The full forecast, stored in ``campaign``, gives ln(u/u*) of every
-        goal for many possible machines. For each machine, the largest ln(u/u*) of all goals is
-        taken; the result of the full forecast is the quantile of these numbers at the required
-        probability. The quick forecast gives a single number. It is computed from ``counts``, the
-        number of circles that the campaign has of every candidate test.
+        goal on many possible machines. The largest value of each machine is taken, and then the
+        quantile of these values at the required probability. The quick forecast gives a single
+        value, which is subtracted. It is computed from ``counts``, the campaign's number of circles
+        of every candidate test.
         """
         excess = _log_ratios_to_goals(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
@@ -356,8 +354,8 @@ class _Search:
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
         """Store a campaign as ``nearest`` if it is better than the campaign stored before.
 
-        The better campaign is the one that reaches all goals for uncertainties on a larger share of
-        the possible machines.
+        A campaign is better if it reaches all goals for uncertainties on a larger share of the
+        possible machines.
         """
         if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
             self.nearest = campaign
@@ -374,10 +372,10 @@ class _Search:
         """Return a campaign of a family that meets the uncertainty goals, or None if this fails.
 
         A family consists of all campaigns with the same clockings (pairs of ball angles), radii and
-        certificates. ``progress`` holds the family and the number of circles to try. The campaign
-        returned has this number of circles, or fewer if fewer are enough. The attempt fails if the
-        best campaign with this number of circles misses the goals, needs too much machine time, or
-        does not use all clockings and radii of the family.
+        certificates. ``progress`` holds the family and the number of circles to try. The result has
+        this number of circles, or fewer if fewer are enough. The attempt fails if the best campaign
+        with this number of circles misses the goals, needs too much machine time, or does not use
+        all clockings and radii of the family.
         """
         family = progress.family
         circles = progress.circles
@@ -403,9 +401,9 @@ class _Search:
     def _forecast_fully(self, progress: _Progress, counts: Array) -> FoundCampaign:
         """Return a campaign with its full forecast, and update ``progress``.
 
-        The function stores in ``progress`` by which factor the uncertainties of the full forecast
-        exceed those of the quick forecast, which takes the hyper-parameters as known. ``counts`` is
-        the campaign's number of circles of every candidate test.
+        The function stores in ``progress`` how much larger the uncertainties of the full forecast
+        are than those of the quick forecast, which takes the hyper-parameters as known. ``counts``
+        is the campaign's number of circles of every candidate test.
         """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
@@ -417,9 +415,8 @@ class _Search:
         """Return ``campaign``, or a campaign with fewer circles that also meets the goals.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
-        records how far the search has come in the family of ``campaign``, that is, among the
-        campaigns with the same ball angles, radii and certificates. It is updated after every full
-        forecast (with unknown hyper-parameters).
+        records the progress of the search among the campaigns with the same ball angles, radii and
+        certificates. It is updated after every full forecast (with unknown hyper-parameters).
         """
         family = progress.family
         best = campaign
@@ -437,19 +434,19 @@ class _Search:
         return best
 
     def _store_inflation(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Store by how much the uncertainties of a full forecast exceed those of a quick forecast.
+        """Store how much larger the uncertainties are in the full forecast than in the quick one.
 
-        The quick forecast takes the hyper-parameters as known. The ratio of the uncertainties is
-        computed from both forecasts of ``campaign``. The coefficient in the formula for this ratio
-        is stored as ``progress.inflation``. ``counts`` holds, for each candidate test, how many of
-        the campaign's circles are runs of this test.
+        The quick forecast takes the hyper-parameters as known. ln(u_full / u_quick), the logarithm
+        of the ratio of the uncertainties, is assumed to be a constant plus ``progress.inflation``
+        divided by the number of circles. This coefficient is computed from both forecasts of
+        ``campaign``. ``counts`` is the campaign's number of circles of every candidate test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return ln(u_full / u_quick), as expected for the next campaign.
+        """Return ln(u_full / u_quick), the ratio of uncertainties to expect for the next campaign.
 
         u_full and u_quick are the standard uncertainties in the full and in the quick forecast of a
         campaign. The quick forecast assumes that the hyper-parameters (such as the standard
@@ -465,11 +462,11 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the smallest factor by which to multiply numbers of circles so that goals are met.
+    """Return the smallest factor by which a campaign must be enlarged so that it meets the goals.
 
-    ``counts`` holds a campaign's number of circles of each candidate test. All these numbers are
-    multiplied by the factor; the products need not be whole numbers. The goals are those of
-    ``family``. They count as met if the distance from the goals in the quick forecast (with known
+    ``counts`` holds the campaign's number of circles of each candidate test. All these numbers are
+    multiplied by the factor; the products need not be whole. The goals are those of ``family``.
+    They count as met if the distance from the goals in the quick forecast (with known
     hyper-parameters) is at most ``distance``.
     """
     low = -np.log(_CIRCLES_OF_SHARES)

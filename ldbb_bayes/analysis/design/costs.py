@@ -46,7 +46,7 @@ class Costs(Result):
     hours: float | None = None  #: longest machine time of the campaign [h]; None for no limit
 
     def __post_init__(self) -> None:
-        """Raise an `InputError` for a negative time or price, or for one that must not be zero."""
+        """Raise an `InputError` if a time or price is negative, or zero where it must not be."""
         for name in (
             "minutes_per_circle",
             "minutes_per_setup",
@@ -73,7 +73,7 @@ class Costs(Result):
         )
 
     def fits(self, minutes: float) -> bool:
-        """Return whether a campaign's machine time [min] is within the limit, if there is one."""
+        """Return whether a campaign's machine time [min] is at most the longest machine time."""
         return self.hours is None or minutes <= _MINUTES_PER_HOUR * self.hours
 
 
@@ -102,9 +102,8 @@ def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
 
 
 def price_of(costs: Costs, minutes: float, certificates: float = 0.0) -> float:
-    """Return the price of a machine time, ``minutes`` [min], plus the price of certificates.
+    """Return the price of ``minutes`` of machine time plus the price of the certificates.
 
-    ``costs`` holds the price of machine time, and ``certificates`` is the price of the
-    certificates.
+    ``costs`` states the price of an hour, and ``certificates`` is the price of the certificates.
     """
     return costs.price_per_hour * minutes / _MINUTES_PER_HOUR + certificates

@@ -23,8 +23,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Criterion", "Determinant", "LogBayesFactor", "Variance"]
 
-# The design criteria A, c and I, weighted sums of variances, have a matrix W of weights. An
-# eigenvalue of W is treated as zero if it is below this share of the largest eigenvalue.
+# The design criteria A, c and I are sums of variances, weighted by a matrix W. An eigenvalue of W
+# is treated as zero if it is below this share of the largest eigenvalue.
 _NEGLIGIBLE_EIGENVALUE = 1e-14
 
 

@@ -178,7 +178,8 @@ class _LogBayesFactorDistribution:
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return the expected log Bayes factor of the model with slopes over that without [nat].
+        """Return the expected log Bayes factor [nat] of the model with slopes over that without
+        them.
 
         Slopes are changes of compliance with force. The expectation is averaged over the
         hyper-parameters. Before the tests, the posterior mean of the slopes is random, with s

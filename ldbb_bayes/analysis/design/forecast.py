@@ -11,8 +11,8 @@ hyper-parameters (such as the standard deviation of the noise). A state is one p
 values of φ and β. In every state, the size of the noise differs from circle to circle. The analysis
 of the tests does not know the true scales; its posterior of the scales is represented by several
 draws (`believed_scales`). The variance that the analysis states is the mean of the variances given
-these draws, plus the variance of the estimates over these draws. This variance accounts for the
-condition that no compliance is negative. The expected uncertainty is the median of the stated
+these draws, plus the variance of the estimates over these draws. The stated variance accounts for
+the condition that no compliance is negative. The expected uncertainty is the median of the stated
 uncertainties over all states.
 """
 
@@ -86,10 +86,10 @@ class Expected(Result):
     tests do not determine all parameters, all values except ``prior_sd`` are infinite. ``sd_error``
     is the standard error of ``sd``, computed from the differences of the uncertainty between the
     possible machines. It is somewhat too large, because the machines are spread more evenly than
-    independent random machines would be. ``floor_sd`` is the standard deviation if every test were
-    run a million times. What remains is caused by nuisance effects (effects that are modelled but
-    not of interest) that are the same in all tests. The condition that no compliance is negative
-    reduces ``floor_sd`` in the same ratio as ``sd``.
+    independent random machines would be. ``floor_sd`` is the standard deviation that would remain
+    if every test were run a million times, because of nuisance effects (modelled, but not of
+    interest) that are the same in all tests. The condition that no compliance is negative reduces
+    ``floor_sd`` in the same ratio as ``sd``.
     """
 
     unit: str
@@ -333,7 +333,8 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return a forecast with infinite uncertainties: the tests do not determine all parameters."""
+    """Return a forecast with infinite uncertainties, for tests that do not determine all
+    parameters."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(

@@ -62,7 +62,8 @@ _FORCE_LEVELS = 5
 # Largest number of campaigns in the result of a search for the cheapest campaign: the cheapest
 # campaign, and the two next cheapest.
 _SHOWN = 3
-# Number of customary campaigns with which the cheapest campaign is compared.
+# Number of customary campaigns (as they are usually run) with which the cheapest campaign is
+# compared.
 _CUSTOMARY = 2
 
 
@@ -97,7 +98,7 @@ class GoalForecast(Result):
     #: median, over the possible machines, of the expanded uncertainty (k = 2) of the goal's
     #: parameter after the campaign
     U: float
-    #: limit that the expanded uncertainty (k = 2) of the goal's parameter after the campaign does
+    #: value that the expanded uncertainty (k = 2) of the goal's parameter after the campaign does
     #: not exceed on 90 % of the possible machines
     likely_U: float
     #: share of the possible machines on which the campaign meets the goal for the parameter's
@@ -158,8 +159,8 @@ class CustomaryPlan(Result):
     name: str  #: kind of the customary campaign, such as "equal steps"
     #: the customary campaign (a campaign as it is usually run), with its costs and forecasts
     customary: GoalPlan
-    #: the campaign that comes nearest to the goals for uncertainties, among those with as many
-    #: circles as the customary campaign
+    #: the campaign with as many circles as the customary campaign that comes nearest to the goals
+    #: for uncertainties
     ours: GoalPlan
 
 
@@ -224,7 +225,8 @@ class GoalDesign(Result):
 
     @property
     def best(self) -> GoalPlan:
-        """The cheapest campaign that reaches the goals; an `InputError` if there is none."""
+        """The cheapest campaign that reaches the goals; an `InputError` is raised if there is
+        none."""
         require(
             self.plans,
             "a campaign must be found before it can be run, got none. See met_by_pilot, obstacles"
@@ -333,11 +335,10 @@ def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, Sta
 
     The pilot is the campaign or plan that the design starts from. The estimate and its uncertainty
     are the posterior mean and standard deviation given the pilot's readings. If the pilot is a plan
-    without readings, the estimate is the median of the parameter's absolute value under the prior
-    (the mean may be zero), the uncertainty is that of the prior, and the goal does not count as
-    met. The result states the expanded uncertainty U (k = 2) and the largest U that the goal
-    allows, both in the unit of the parameter. The keys of the result are the names of the
-    parameters.
+    without readings, both come from the prior, and the goal does not count as met. The estimate is
+    then the median of the parameter's absolute value, because the mean may be zero. The result
+    states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in the
+    unit of the parameter. The keys of the result are the names of the parameters.
     """
     pilot = space.pilot
     states = states_of(space.model, pilot)
@@ -451,10 +452,10 @@ def _near_misses(
 ) -> dict[str, NearMiss]:
     """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
 
-    ``nearest`` has the largest number of circles allowed and, of all such campaigns, comes nearest
-    to meeting the goals. A goal is an upper limit of a parameter's uncertainty. It is returned if
-    the share of the possible machines on which it is met is below ``probability``. If ``nearest``
-    meets each goal on enough machines, but not all goals together, all goals are returned.
+    Of all campaigns with the largest number of circles allowed, ``nearest`` comes nearest to
+    meeting the goals (upper limits of uncertainties). A goal is returned if the share of the
+    possible machines on which it is met is below ``probability``. If ``nearest`` meets each goal on
+    enough machines, but not all goals together, all goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]

@@ -62,7 +62,8 @@ class Goal(Result):
         return self.share is not None
 
     def limit_U(self, value: ArrayLike) -> Array:
-        """Return the largest expanded uncertainty U (k = 2) that the goal permits its parameter.
+        """Return the largest expanded uncertainty U (k = 2) that the goal permits for its
+        parameter.
 
         Parameters
         ----------

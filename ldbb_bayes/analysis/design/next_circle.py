@@ -59,9 +59,9 @@ __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 # Largest numerical error allowed for the log evidence of a model [nat]. The error is small compared
 # with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
 _TOLERANCE = 0.2
-# To estimate how many circles a campaign still needs, circles are added one by one until all aims
-# are expected to be reached, but at most ``_MOST_CIRCLES``. The circles are chosen from the
-# ``_CONTINUED`` best next circles; a circle may be chosen several times.
+# To estimate how many circles a campaign still needs, up to ``_MOST_CIRCLES`` circles are added one
+# by one until all aims are expected to be reached. They are chosen from the ``_CONTINUED`` best
+# next circles; a circle may be chosen several times.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
 # The uncertainty after very many circles is computed as if each of the best next circles were run
@@ -88,8 +88,8 @@ class ModelSoFar(Result):
     #: whether one of the two models, constant or linear compliance, is probable enough for a
     #: decision
     decided: bool
-    #: probability that, after the best next circle, it can be decided between constant and linear
-    #: compliance
+    #: probability that a decision between constant and linear compliance is possible after the best
+    #: next circle
     decided_next: float
 
     @property
@@ -142,9 +142,9 @@ class NextCircle(Result):
     #: None if 20 circles are not enough
     more_circles: int | None
     #: table of the best next circles, the best first. The columns are force_N, the angles of the
-    #: balls, the radius, other settings in which circles differ, and share: how much nearer the
-    #: circle is expected to bring the campaign to its aims, from 0 (no nearer) to 1 (all aims
-    #: reached)
+    #: balls, the radius, other settings in which circles differ, and share. The share states how
+    #: much nearer the circle is expected to bring the campaign to its aims, from 0 (no nearer) to 1
+    #: (all aims reached).
     table: Annotated[Records, Field(alias="next")]
     #: the best next circle, and the possible circles that it was chosen from; None if the result
     #: was read from a file
@@ -240,8 +240,8 @@ def next_circle(
         augment=True,
         seed=seed,
     )
-    # The computation of model evidences takes a long time. Read the goals for uncertainties first,
-    # so that an invalid goal is refused at once.
+    # The goals for uncertainties are read before the model evidences are computed, which takes a
+    # long time. An invalid goal is thus refused at once.
     read_goals = _read_goals(goals, space)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
@@ -344,7 +344,8 @@ def _goals_so_far(
 def _tolerances_so_far(
     tolerances: Mapping[str, ToleranceState], after: Array
 ) -> dict[str, ToleranceSoFar]:
-    """Return, for each tolerance, the present decision and whether the next circle may decide it.
+    """Return, for each tolerance, the present decision, and the chance of one after the next
+    circle.
 
     ``after`` are the covariances of the parameters that are expected after the best next circle.
     The keys of the result are the names of the quantities with tolerances.
@@ -389,9 +390,9 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
 def _objective(space: Space, known: Known) -> Objective:
     """Return the information from the circles run so far, and from each possible next circle.
 
-    The result is an objective as for a search for a design, but its criterion is not used. All
-    parameters are of interest. ``space`` holds the possible circles, and ``known`` holds equally
-    likely values of the hyper-parameters.
+    The result has the form of the objective with which a search for a design works, but its
+    criterion is not used. All parameters are of interest. ``space`` holds the possible circles, and
+    ``known`` holds equally likely values of the hyper-parameters.
     """
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     names = known.bound.names
@@ -400,7 +401,7 @@ def _objective(space: Space, known: Known) -> Objective:
 
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
-    """Return the posterior probability that all uncertainty goals are already met together."""
+    """Return the posterior probability that all uncertainty goals are already met."""
     met = np.ones(len(known.draws), bool)
     for state in states.values():
         met &= state.is_met()
@@ -514,7 +515,7 @@ class _ModelOdds:
         """Return the present and the expected decision between constant and linear compliance.
 
         The result states the odds of linear over constant compliance, given the circles run so far,
-        and the probability that it can be decided between the two after the best next circle.
+        and the probability that a decision between the two is possible after the best next circle.
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, in units of their prior standard deviations, at K values of the hyper-parameters.
         """
@@ -522,9 +523,9 @@ class _ModelOdds:
         _, present = self.known.bound.given(self.known.phi)
         slopes = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
         # ``slopes`` is the density of the slopes (changes of compliance with force) before the next
-        # circle, in internal units (mm, N). Division by ``scale`` gives units of the prior standard
-        # deviations, in which ``after`` already is. ``size`` has no effect on the fields of
-        # ``expected`` that are used here.
+        # circle. It is divided by ``scale``, so that it is in units of the prior standard
+        # deviations like ``after``. ``size`` has no effect on the fields of ``expected`` that are
+        # used here.
         expected = discrimination_of(
             after[:, self.columns][:, :, self.columns],
             tuple(self.known.bound.names[k] for k in self.columns),
