@@ -178,8 +178,7 @@ class _LogBayesFactorDistribution:
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return the expected log Bayes factor [nat] of the model with slopes over that without
-        them.
+        """Return the expected log Bayes factor [nat] of slopes over no slopes.
 
         Slopes are changes of compliance with force. The expectation is averaged over the
         hyper-parameters. Before the tests, the posterior mean of the slopes is random, with s

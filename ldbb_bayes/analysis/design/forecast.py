@@ -333,8 +333,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return a forecast with infinite uncertainties, for tests that do not determine all
-    parameters."""
+    """Return a forecast with infinite uncertainties, for tests that determine too little."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(

@@ -225,8 +225,7 @@ class GoalDesign(Result):
 
     @property
     def best(self) -> GoalPlan:
-        """The cheapest campaign that reaches the goals; an `InputError` is raised if there is
-        none."""
+        """The cheapest campaign that reaches the goals; raises an `InputError` if there is none."""
         require(
             self.plans,
             "a campaign must be found before it can be run, got none. See met_by_pilot, obstacles"

@@ -62,8 +62,7 @@ class Goal(Result):
         return self.share is not None
 
     def limit_U(self, value: ArrayLike) -> Array:
-        """Return the largest expanded uncertainty U (k = 2) that the goal permits for its
-        parameter.
+        """Return the largest expanded uncertainty U (k = 2) that the goal permits.
 
         Parameters
         ----------
