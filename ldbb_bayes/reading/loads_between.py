@@ -18,38 +18,37 @@ __all__ = ["with_loads_between"]
 
 # Smallest number of successive rows of numbers that are taken to be a table.
 _FEWEST_ROWS = 9
-# Regular expression for the words "step" and "load step". A line such as "Load step 2" must not be
-# mistaken for a line about a quantity other than the load.
+# Regular expression for the words "step" and "load step". These words are removed before a line is
+# searched for quantities other than the load.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
-# Text with which a load is written into the lines above a table, such as "Force: 100 N". The keys
-# are the two kinds of load.
+# Text that is added to a line above a table to state its load, such as "Force: 100 N". The keys are
+# the two kinds of load.
 _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value:.10g} bar"}
 
 
 @dataclass
 class _RowBlock:
-    """Successive rows of numbers, which are treated as a table, and the rows above them."""
+    """Table in a sheet (successive rows of numbers), together with the rows above it."""
 
     heading: list[Row]  # rows between the numbers of the previous table and those of this table
-    # rows of numbers of the table; empty for the rows below the last table of the sheet
+    # rows of numbers of the table; empty if no table follows the rows in ``heading``
     numbers: list[Row]
 
 
 def with_loads_between(sheet: Sheet) -> Sheet:
-    """Return a sheet in which each line of loads stands above the header of its table.
+    """Return a sheet in which a line with a load stands above the header of its table.
 
-    The first table, and at least one further table, must stand below a line with one load (force or
-    pressure), such as ``Load step 2 of 5: 200 N``. In the result, a text such as ``Force: 200 N``
-    is added to each such line. If the header is not repeated below the line, the header of the
-    first table is added. Any other sheet is returned unchanged.
+    A load is a force or pressure. A line such as ``Load step 2 of 5: 200 N`` must stand above the
+    first table and above at least one further table. If not, the sheet is returned unchanged. A
+    text such as ``Force: 200 N`` is added to each of these lines. A table that follows such a line
+    without a header gets the header of the first table.
     """
     header = first_header(sheet.rows)
     if header is None:
         return sheet
     first_header_row = sheet.rows[header]
     blocks = _blocks_of(sheet)
-    # for each block of rows, a dict with the loads that the rows above its numbers state; the keys
-    # are line numbers
+    # for each table, a dict with the loads that the rows above it state; the keys are line numbers
     loads = []
     for block in blocks:
         loads.append(_loads_by_line(sheet, block.heading) if block.numbers else {})
@@ -72,9 +71,9 @@ def with_loads_between(sheet: Sheet) -> Sheet:
 
 
 def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
-    """Return all rows of a sheet in blocks: the rows above each table, and its rows of numbers.
+    """Divide the rows of a sheet into blocks, each with one table and the rows above it.
 
-    The rows after the last table form a block without numbers.
+    The last block holds the rows below the last table and has no table.
     """
     blocks = [_RowBlock([], [])]
     successive: list[Row] = []  # rows of numbers with no row of text between them
@@ -92,9 +91,9 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
 def _store_numbers(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
     """Store successive rows of numbers as a table, if there are enough of them for a table.
 
-    A block consists of a table and the rows above it. The rows become the table of the last item in
-    ``blocks``, and a new block is begun. If there are too few rows, they are added to the rows
-    above the table of the last block. ``successive`` are the rows of numbers.
+    Each item of ``blocks`` holds a table and the rows above it. If the rows of numbers in
+    ``successive`` form a table, it is stored in the last block, and a new block is begun. If they
+    are too few, they are added to the rows above the table of the last block.
     """
     if len(successive) < _FEWEST_ROWS:
         blocks[-1].heading += successive
@@ -144,7 +143,7 @@ def _heading_with_loads(
 
 
 def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:
-    """Return a row with one cell: the text of ``row``, and a statement such as ``Force: 200 N``.
+    """Return a row with one cell: the text of ``row``, with ``Force: 200 N`` or the like added.
 
     Nothing is added if the text of ``row`` already states the load in a form that is understood.
     ``load`` is the load that ``row`` states.

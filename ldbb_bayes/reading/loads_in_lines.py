@@ -22,7 +22,7 @@ __all__ = ["LoadInLine", "load_of_lines", "loads_in_lines"]
 # Regular expression for words, such as "run", that may stand beside a load in a line. A line with a
 # load and only such words is about the load of a test.
 _BESIDE = re.compile(WORDS["loads"]["beside"], re.IGNORECASE)
-# Regular expression for a comma between a word and a number, which is no decimal mark.
+# Regular expression for a comma between a word and a number. Such a comma is no decimal mark.
 _COMMA_BEFORE_NUMBER = re.compile(r"(?<=[^\W\d]),(?=\d)")
 _WORD = re.compile(r"[^\W\d_]+")
 
@@ -34,8 +34,7 @@ class LoadInLine(NamedTuple):
     value: float  #: load in N for a force or bar for a pressure; NaN if the load is uncertain
     line: int | str  #: number of the line that states the load
     text: str  #: text of the line that states the load
-    #: whether the load is all that its line states, or the line's other texts are understood; see
-    #: `_is_clear`
+    #: whether no other text in the line can change the meaning of the load; see `_is_clear`
     is_clear: bool
 
 
@@ -64,8 +63,8 @@ def loads_in_lines(lines: Sequence[tuple[int | str, str]]) -> Iterator[LoadInLin
 def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
     """Return the load of a test from the lines above its table; None if the load is uncertain.
 
-    ``loads`` are the loads in all these lines. All lines must state the same load, and each must
-    state it clearly (see `_is_clear`).
+    ``loads`` are the loads in all these lines. The load is certain if all of them are equal, and if
+    no other text in a line can change the meaning of the load (see `_is_clear`).
     """
     values = {(load.key, load.value) for load in loads}
     if len(values) == 1 and all(load.is_clear for load in loads):
@@ -74,12 +73,12 @@ def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
 
 
 def _is_clear(text: str) -> bool:
-    """Return whether a line says nothing beside a load that could change the load's meaning.
+    """Return whether a line states a load so clearly that it is certainly the load of the test.
 
-    The load must stand alone, beside a direction of travel (clockwise or counter-clockwise), or
-    beside words such as "run". All other parts of the line must be understood, such as a statement
-    on the sign of the readings. The result is also True for a line without a load if all parts of
-    the line are understood.
+    The load may stand beside a direction of travel (clockwise or counter-clockwise) and words such
+    as "run". All other parts of the line, for example a part about the sign of the readings, must
+    be understood. The result is also True for a line without a load if all its parts are
+    understood.
     """
     for part in divide_line(text):
         has_load = LOAD_IN_NAME.search(part) is not None
@@ -92,6 +91,6 @@ def _is_clear(text: str) -> bool:
 
 
 def _is_understood(text: str) -> bool:
-    """Return whether a text states a field of a test, or the sign of the readings."""
+    """Return whether a text states a property of a test (radius, …) or the sign of the readings."""
     lines = [(0, text)]
     return bool(statements_in(lines)) or bool(directions_stated(lines)) or is_about_sign(text)

@@ -1,7 +1,7 @@
-"""Read where the circle starts, and check the feed, for tables with times instead of angles.
+"""Start of the circle, and check of the feed, for tables with times instead of angles.
 
-The lines above such a table may state where the circle starts, and a feed override, which reduces
-or increases the programmed feed.
+The lines above such a table may state where the circle starts. They may also state a feed override,
+which reduces or increases the programmed feed.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _COORDINATES = re.compile(
     rf"(?:{WORDS['angle_convention']['start']}).*?(?<![A-Za-z])[XYZ]\s*[:=]?\s*[+\-−]?\d",
     re.IGNORECASE,
 )
-# Regular expression for a line, with a number, about a run-in before the circle or a path behind
-# it.
+# Regular expression for a line with a number and a word for a run-in before the circle or a run-out
+# after it.
 _RUN_IN = re.compile(rf"(?:{WORDS['angle_convention']['run_in']})\D*\d", re.IGNORECASE)
 # Regular expression for a feed that is stated as a percentage, such as "feed override 50 %".
 _SHARE = re.compile(
@@ -70,7 +70,7 @@ def check_feed_is_whole(recording: Recording) -> None:
 def unread_run_in(recording: Recording) -> CitedLine | None:
     """Return a note on the first line that may state a run-in, such as ``Overlap 45 deg``.
 
-    An overlap may lie before the circle or behind it. Return None if there is no such line.
+    An overlap may lie before or after the circle. Return None if no line states a run-in.
     ``recording`` holds the rows of the test in its file, and all statements about the test.
     """
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
@@ -158,11 +158,11 @@ def start_of_programme(recording: Recording, plane: str, direction: str | None) 
 
 
 def _circles_in_programme(recording: Recording, direction: str | None) -> list[ProgrammedArc]:
-    """Return the arcs of the programme above the table with the radius and direction of the test.
+    """Return those arcs of a programme that have the radius and the direction of the test.
 
-    If the radius of no arc agrees with that of the test, all arcs in its direction are returned.
-    ``direction`` is CW or CCW, or None if nothing states it; arcs in both directions are then
-    returned.
+    The programme stands above the table, or in a sheet without a table. If no arc has the radius of
+    the test, all arcs in its direction are returned. ``direction`` is CW or CCW. If it is None,
+    arcs in both directions are returned.
     """
     lines = recording.heading.lines_above
     arcs = []

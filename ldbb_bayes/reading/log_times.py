@@ -17,8 +17,8 @@ from ldbb_bayes.results import Array
 __all__ = ["times_of_log"]
 
 # Earliest and latest time [s since 1970] at which readings may have been recorded: the beginning of
-# the years 2000 and 2100. If the first time in a table lies between these limits when it is read in
-# one of ``_STAMP_UNITS``, the numbers are taken to be times since 1970 in this unit.
+# the years 2000 and 2100. If the first number in a column of times lies between these limits in one
+# of ``_STAMP_UNITS``, all numbers in the column are taken to be times since 1970 in this unit.
 _FIRST_STAMP_S = 946_684_800.0
 _LAST_STAMP_S = 4_102_444_800.0
 # Units in which programs count the time since 1970.
@@ -29,23 +29,22 @@ _LARGEST_GAP_STEPS = 5.0
 # Times are evenly spaced if no step differs from the median step by more than this fraction of
 # the median step.
 _EVEN_SHARE = 0.5
-# A note lists the rows whose time is earlier than that of the row before. It lists at most this
-# number of rows.
+# A note on a clock that was set back lists at most this number of the steps back in time.
 _ROWS_SHOWN = 5
 
 
 def times_of_log(recording: Recording) -> Array:
-    """Return the times of all readings of a log over time, shape (n,) [s].
+    """Return the times of the readings in a table with times instead of angles, shape (n,) [s].
 
     The times increase from reading to reading. If the clock was set back and all other time steps
     are nearly equal, the times are corrected and the correction is noted. If there are gaps between
-    the times, the user must state whether the machine stood still or moved on during the gaps.
+    the times, the user must state whether the machine stood still or moved on in them.
 
     Raises
     ------
     InputError
-        If times do not increase and cannot be corrected, or if there are gaps and the user does not
-        state what the machine did.
+        If times do not increase and cannot be corrected, or if the user does not state what the
+        machine did in gaps.
     """
     raw = recording.numbers["time"]
     times = raw * unit_size(recording, "time", *_usual_unit(raw))
@@ -78,12 +77,12 @@ def _usual_unit(raw: Array) -> tuple[str, str]:
 
 
 def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the time steps [s] with each negative step replaced by the usual step.
+    """Return the time steps [s] with each step back in time replaced by the usual step.
 
     A step is negative if the clock was set back. ``steps`` are the differences of successive times,
     shape (n − 1,), and ``usual`` is the median of their absolute values [s]. Raise an error if many
-    steps are negative or if the positive steps are not nearly equal, unless the user states that
-    the machine stood still in gaps.
+    steps are negative or if the positive steps are not nearly equal. No error is raised if the user
+    states that the machine stood still in gaps.
     """
     is_back = steps < 0.0
     if not is_back.any():
@@ -107,13 +106,13 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
 
 
 def _without_gaps(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the time steps [s], with gaps in which the machine stood still reduced to one step.
+    """Return the time steps [s], with a usual step in place of each gap without motion.
 
     A gap is a step much longer than the usual step. If the user states that the machine stood still
     in gaps, each gap is replaced by the usual step. If the user states that the machine moved on,
-    the steps are returned unchanged. If there are gaps and the user states neither, an error is
-    raised. ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the
-    usual step [s].
+    the steps are returned unchanged. If the user states neither, an error is raised for a gap.
+    ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the median
+    of their absolute values [s].
     """
     is_gap = steps > _LARGEST_GAP_STEPS * usual
     if not is_gap.any():

@@ -1,8 +1,7 @@
 """Matrices in the form in which MATLAB shows them in its command window.
 
-Above the numbers, MATLAB may write a factor for all of them, such as ``1.0e+02 *``. A text may hold
-several displays of matrices. Each display is a table of its own; the commands above it belong to
-it.
+Above the numbers, MATLAB may write a factor for all of them, such as ``1.0e+02 *``. If a text shows
+several matrices, each of them is read as a separate table, with the commands above it.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ __all__ = ["displays_of_matlab", "is_matlab_display"]
 # Regular expression for a line such as "1.0e+03 *", which MATLAB writes above a matrix if all
 # numbers of the matrix are to be multiplied by this factor.
 _FACTOR = re.compile(r"\s*(?P<factor>\d+(?:\.\d+)?[eE][+\-]\d+)\s*\*\s*")
-# Regular expression for a line, such as "R =", with the name of a variable of MATLAB whose value is
-# shown below.
+# Regular expression for a line such as "R =". It names a variable whose value MATLAB shows below.
 _NAME = re.compile(r"[A-Za-z]\w*\s*=")
 # Regular expression for MATLAB's prompt ``>>`` in front of a command.
 _PROMPT = re.compile(r"\s*>>\s*")
@@ -47,16 +45,16 @@ _FEWEST_ROWS = 9
 
 @dataclass
 class _ShownMatrix:
-    """Rows of numbers that are shown below each other, and the lines above them."""
+    """Matrix that MATLAB shows: its rows of numbers, and all lines above them."""
 
     above: list[Row]  # lines above the numbers; each line is stored as a row of one cell
-    # rows of numbers; empty for the lines after the last matrix, which no numbers follow
+    # rows of numbers; empty if no matrix follows the lines in ``above``
     numbers: list[Row]
 
 
 @dataclass
 class _Display:
-    """A matrix as MATLAB displays it: numbers, header, and the lines above."""
+    """Matrix that MATLAB shows, with its header and the other lines above it."""
 
     # lines above the matrix and its header; each line is stored as a row of one cell
     lines: list[Row] = field(default_factory=list)
@@ -64,18 +62,18 @@ class _Display:
     header: list[Row] = field(default_factory=list)
     # rows of the matrix, after multiplication by the factor that MATLAB writes above the matrix
     numbers: list[Row] = field(default_factory=list)
-    # factor, such as 1.0e+03, that MATLAB writes above a matrix and by which all numbers of the
-    # matrix are to be multiplied; empty if there is none
+    # factor, such as 1.0e+03, by which all numbers of the matrix are to be multiplied; empty if
+    # there is none
     factor: str = ""
-    # number of the line with the factor of all numbers of the matrix; 0 if there is none
+    # number of the line that states the factor of the matrix; 0 if there is no factor
     factor_line: int = 0
 
 
 def is_matlab_display(text: str) -> bool:
     """Return whether a text was copied from the command window of MATLAB.
 
-    Such a text has a line with a common factor of numbers, as MATLAB writes it, or it has both a
-    line with MATLAB's prompt and a line that contains only the name of a variable.
+    Such a text has a line with a factor of numbers, such as ``1.0e+03 *``. If not, it has both a
+    line with MATLAB's prompt ``>>`` and a line with only the name of a variable, such as ``R =``.
     """
     lines = text.split("\n")
     if any(_FACTOR.fullmatch(line) for line in lines):
@@ -90,9 +88,9 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
     If MATLAB shows a common factor above the numbers, the numbers are multiplied by it. A comment
     after a command, such as ``% theta [rad], distance [mm]``, is the header of the table if it
     names every column. If a later display has no header, the header of the first display is used.
-    Lines above the first display also apply to a later display, unless the lines above the later
-    one state the same field. If no display has enough rows for a table, the sheet is returned
-    unchanged.
+    A line above the first display also applies to a later display, unless a line above the later
+    one states the same property, such as the force. If no display has enough rows for a table, the
+    sheet is returned unchanged.
 
     Parameters
     ----------
@@ -104,9 +102,9 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
     Raises
     ------
     InputError
-        If a matrix is shown in several parts, each with some of its columns; if a number below a
-        factor is not written as MATLAB writes it; or if a factor stands above too few rows for a
-        table.
+        If a matrix is shown in several parts, each with some of its columns. The error is also
+        raised if a number below a factor is not written as MATLAB writes it, or if too few rows for
+        a table follow a factor.
     """
     *matrices, end = _shown_matrices(sheet.rows, text.split("\n"))
     if not matrices:
@@ -158,10 +156,11 @@ def _is_row_of_numbers(row: Row) -> bool:
 
 
 def _store_numbers(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> None:
-    """Store successive rows of numbers, shown by MATLAB, as a matrix if there are enough of them.
+    """Store successive rows of numbers as a matrix, if there are enough of them for a table.
 
-    The rows become the numbers of the last item in ``matrices``, and a new item for the next matrix
-    is added. If there are too few rows, they are added to the lines above the next matrix.
+    The rows in ``successive`` become the numbers of the last item in ``matrices``, and an empty
+    item is added for the next matrix. If there are too few rows, they are added to the lines above
+    the next matrix.
     """
     if len(successive) < _FEWEST_ROWS:
         matrices[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in successive]
@@ -171,7 +170,7 @@ def _store_numbers(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> N
 
 
 def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
-    """Raise an `InputError` if lines without a table below state a factor, such as 1.0e+03.
+    """Raise an `InputError` if a line below the last matrix states a factor, such as 1.0e+03.
 
     MATLAB writes such a factor above a matrix whose numbers are to be multiplied by it.
     """
@@ -223,11 +222,11 @@ def _display_of_matrix(sheet: Sheet, shown: _ShownMatrix) -> _Display:
 
 
 def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[Row]:
-    """Return rows for a matrix that MATLAB displays: lines above it, its header and its numbers.
+    """Return the rows of a sheet for one matrix: the lines above it, its header and its numbers.
 
-    ``first`` is the first matrix in the sheet. Lines above it that apply to all matrices are added
-    to the rows of the others. A matrix without a header gets the header of the first matrix.
-    ``display`` is the matrix whose rows are returned.
+    ``display`` is the matrix whose rows are returned, and ``first`` is the first matrix in the
+    text. Lines above the first matrix that also apply to ``display`` are added. A matrix without a
+    header gets the header of the first matrix, if both have the same number of columns.
     """
     if display is first:
         return [*first.lines, *first.header, *first.numbers]
@@ -239,10 +238,10 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
 
 
 def _column_names(content: str, width: int) -> list[str]:
-    """Return the names that a line gives to a matrix's columns; empty if a column has no name.
+    """Return the names of a matrix's columns from a line; empty unless it names all columns.
 
-    The names may be in a comment, separated by commas, or they are the whole line. ``width`` is the
-    number of columns.
+    The names are the words of the line, or the parts of a comment that are separated by commas.
+    ``width`` is the number of columns.
     """
     _, mark, comment = content.partition("%")
     names = content.split()
@@ -256,9 +255,9 @@ def _column_names(content: str, width: int) -> list[str]:
 
 
 def _line_of_command(line: int, content: str) -> list[Row]:
-    """Return a line of MATLAB's command window as a row of one cell, without MATLAB's prompt.
+    """Return a line of MATLAB's command window without its prompt, as a list of one row.
 
-    The result is a list with this row; it is empty for a line with nothing but a prompt.
+    The row has one cell. The list is empty for a line with nothing but a prompt.
 
     If the comment after an assigned number is a unit of force or pressure, a statement of the load
     is added, as in ``F = 490; % N; Force: 490 N``.

@@ -1,4 +1,4 @@
-"""Words of headers and lines which say whether readings measure the radius or the diameter."""
+"""Texts in headers and lines that say whether readings measure the radius or the diameter."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _LONG_WORD = re.compile("durchmesser|diamet")
 # Regular expression for the letter D alone in a header.
 _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
-# Regular expression for words which deny what follows them, such as "not".
+# Regular expression for words, such as "not", that negate what follows them.
 _DENIED = re.compile(_WORDS["denied"])
-# Regular expression for the words up to the next mark, at the beginning of a text.
+# Regular expression for the words at the beginning of a text, up to the first mark such as a comma.
 _TO_NEXT_MARK = re.compile(r"[^,;:()|\t]*")
 # Regular expression for words which show that a line is about the readings.
 _READINGS = re.compile(_WORDS["line"])
@@ -56,10 +56,10 @@ def measured_length(text: str) -> str:
 
 
 def _without_denied_lengths(words: str) -> str:
-    """Return words without a denied length, as in ``of the diameter (not of the radius)``.
+    """Remove a negated length from words, such as ``of the diameter (not of the radius)``.
 
-    If the words in front of the denial name a length, all words behind it are left out. If they do
-    not, only the words up to the next mark are left out.
+    If the words before the negation name a length, all words after it are removed. If they do not,
+    only the words up to the next mark, such as a comma, are removed.
     """
     denial = _DENIED.search(words)
     if denial is None:
@@ -71,13 +71,12 @@ def _without_denied_lengths(words: str) -> str:
 
 
 def measured_length_stated(text: str) -> dict[str, str]:
-    """Return whether a line above the table says that the readings measure radius or diameter.
+    """Return the length, radius or diameter, that the readings measure according to a line.
 
-    An example is the line ``Values: diameter deviation``. The result is a dict with the key
-    ``measured``, whose value is "radius" or "diameter". The dict is empty if the line is not about
-    readings or contains a number other than a load. If the line as a whole does not name one of the
-    two, its segments are tried: in ``Force 238 N; diameter deviation``, the last segment names the
-    diameter.
+    For the line ``Values: diameter deviation``, the result is the dict {"measured": "diameter"}.
+    The dict is empty if the line is not about readings, or if it contains a number other than a
+    load or the number of a column. If the line as a whole does not name one length, its segments
+    are tried. In ``Force 238 N; diameter deviation``, the last segment names the diameter.
     """
     lengths = {_length_of_readings(text)}
     if lengths == {""}:
@@ -109,7 +108,7 @@ def doubles_readings(text: str) -> bool:
 
 
 def may_be_diameter(header: str) -> bool:
-    """Return whether a header may mean, without the word diameter, that the diameter is measured.
+    """Return whether a header may mean the diameter, although it does not contain this word.
 
     Such a header contains the letter D alone or says that readings are doubled. Examples are
     ``D [um]`` and ``2 x dR``. Words for the diameter are found by `measured_length`.
@@ -119,7 +118,7 @@ def may_be_diameter(header: str) -> bool:
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether a line names a diameter that may, but need not, be what readings measure.
+    """Return whether the diameter that a line names may be the length that the readings measure.
 
     Examples are ``Mode: diameter``, and a title such as ``Table 3: diameter deviation``. If the
     line as a whole names no such diameter, its segments are tried.
@@ -139,7 +138,7 @@ def _may_be_measured_diameter(text: str) -> bool:
 
 
 def _states_diameter(words: str) -> bool:
-    """Return whether a text has a number that may be the value of the diameter that it names.
+    """Return whether a text names a diameter and has a number that may be its value.
 
     Such a number stands after the word for diameter, directly before it, or before a unit of
     length. In ``table 3: diameter deviation``, the number is not the value of a diameter.

@@ -16,12 +16,12 @@ __all__ = ["with_merged_cells_filled"]
 def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
     """Return a row above the header with the text of merged cells repeated in all their columns.
 
-    The columns form several groups, and the row must have exactly one text for each group. Each
-    group begins at a column of angles. Columns before the first column of angles, such as the
-    number of the row, belong to no group. If only the first column holds angles, each filled cell
-    after the first cell of the row begins a group, and all groups must have the same number of
-    columns. The first cell of the row may also be a label, such as ``Force [N]``. Any other row is
-    returned unchanged.
+    The columns form several groups, for example one for each force, and the row must have one text
+    for each group. A group begins at each column of angles. Columns before the first column of
+    angles, such as the numbers of the rows, belong to no group. If only the first column holds
+    angles, each filled cell after the first cell of the row begins a group, and all groups must
+    have the same number of columns. The first cell of the row may also be a label, such as ``Force
+    [N]``. Any other row is returned unchanged.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def _starts_of_even_groups(cells: Sequence[str]) -> list[int]:
 
 
 def _with_groups_filled(cells: Sequence[str], starts: Sequence[int]) -> list[str] | None:
-    """Return the cells of a row after copying the text of each group of columns to all its cells.
+    """Return the cells of a row with the text of each group of columns in all cells of the group.
 
     ``starts`` are the indices of the columns at which the groups begin. Return None if a group does
     not have exactly one filled cell.

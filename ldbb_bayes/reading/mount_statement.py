@@ -26,12 +26,12 @@ _REMOVED = re.compile(_WORDS["removed"], re.IGNORECASE)
 _CONTAINED = re.compile(_WORDS["contained"], re.IGNORECASE)
 # Regular expression for a negation.
 _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
-# Regular expression for words that may say whether the deflection of the mount was removed, but in
-# a way that this package does not understand. A statement with such a word and a word for the mount
-# is reported as an error.
+# Regular expression for words such as "corrected", which may say whether the deflection of the
+# mount was removed. If a statement with such a word and a word for the mount is not understood, an
+# error is raised.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
 # Regular expressions for words for a deflection of the ball's mount, and for words, such as "not"
-# or "in the readings", which say that the readings still contain this deflection.
+# or "in the readings", with which a line may say whether the readings contain this deflection.
 _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 # Regular expression for words, such as "raw", which say that readings are uncorrected.
@@ -44,11 +44,11 @@ _LINE_SHOWN = 80
 
 
 def mount_state(statement: str) -> str:
-    """Return "raw" or "compensated" if a statement says whether readings contain the deflection.
+    """Return "raw" or "compensated" if a statement says which of the two the readings are.
 
-    Raw readings contain the deflection of the mount. The result is empty for any other statement.
-    It is also empty for a statement with unknown words, because such a statement may be about
-    another correction.
+    Raw readings contain the deflection of the work ball's mount; compensated readings do not. The
+    result is empty for any other statement. It is also empty for a statement with unknown words,
+    because such a statement may be about another correction.
     """
     if _MOUNT.search(statement) is None:
         return ""
@@ -91,13 +91,12 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
 
 
 def unread_mount(lines: Iterable[tuple[int | str, str]]) -> CitedLine | None:
-    """Return a note that a statement about the mount's deflection or raw data is not understood.
+    """Return a note on the first statement about the mount or raw data that is not understood.
 
     A statement is a part of a line, such as ``Mount deflection 2.33 µm/bar``. The mount is that of
-    the work ball. The note quotes the first statement that is not understood. Return None if there
-    is none, or if an earlier statement says whether the readings contain the deflection.
-    ``lines`` holds the number and the text of each line; the number may be a text that also names
-    the sheet.
+    the work ball. Return None if there is no such statement, or if an earlier statement says
+    whether the readings contain the deflection of the mount. ``lines`` holds the number and the
+    text of each line; the number may be a text that also names the sheet.
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):

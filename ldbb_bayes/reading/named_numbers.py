@@ -1,4 +1,4 @@
-"""Lines with a name beside each number, such as ``ang=12.5 dev=3.1 F=238``, as rows of a table."""
+"""Tables from lines with a name before each number, such as ``ang=12.5 dev=3.1 F=238``."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
 
 __all__ = ["rows_of_named_numbers"]
 
-# Regular expression for a name and its number, with the unit of the number if it has one. The word
-# behind a number is no unit if it is the next name. A time such as 12:00:05 counts as a number, and
-# so does a word directly behind the sign =, as in dir=CW.
+# Regular expression for a name and its number, with the unit of the number if it has one. A word
+# after a number is not its unit if the word is the name of the next number. A time such as 12:00:05
+# counts as a number, and so does a word directly after the sign =, as in dir=CW.
 _PAIR = re.compile(
     r"(?<![\w.])(?P<name>[^\W\d][\w.]*(?:\s?[\[(][^\])=:]*[\])])?)\s*[=:]\s*"
     r"(?P<value>[+\-−]?(?:\d+:\d\d(?::\d\d)?(?:[.,]\d+)?|\d+(?:[.,]\d+)?(?:[eE][+\-]?\d+)?)"
@@ -26,10 +26,10 @@ _ADDRESS = re.compile(r"(?P<name>[A-Z])\s*(?P<value>[+\-]?(?:\d+\.?\d*|\.\d+))(?
 # Regular expression for a line that consists of letters, each followed by its number. Such a line
 # with the letter G or M does not match, because it is a block of an NC programme.
 _ADDRESSES = re.compile(r"(?:[A-FH-LN-Z]\s*[+\-]?(?:\d+\.?\d*|\.\d+)\s*){2,}")
-# If fewer lines than this number have the same names, they are not taken for the readings of a
-# circle.
+# Lines with the same names are taken for the readings of a circle only if there are at least this
+# many lines.
 _FEWEST_LINES = 9
-# Name of the column that holds the texts of each line other than names and their numbers.
+# Name of the column for the words of each line that are neither names nor numbers nor units.
 _COLUMN_OF_TEXTS = "text"
 
 
@@ -43,7 +43,7 @@ class _NamedNumbers(NamedTuple):
 
 
 def rows_of_named_numbers(text: str) -> UnitsOfCells:
-    """Return the rows of a text in which many lines have the same names beside their numbers.
+    """Return the rows of a text in which many lines have the same names before their numbers.
 
     The names become the header, in a row above the first of these lines. Other words in these
     lines, such as the date and time of a log, become a column of texts. Each line without these
@@ -76,7 +76,7 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
 
 
 def _names_of_most_lines(parts: Sequence[_NamedNumbers]) -> tuple[str, ...]:
-    """Return the names that most lines have beside their numbers.
+    """Return the names that stand before the numbers in more lines than any other names.
 
     The result is an empty tuple if fewer than nine lines have these names. ``parts`` holds the
     names and numbers of each line.

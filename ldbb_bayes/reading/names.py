@@ -63,7 +63,8 @@ _LENGTH_IN_NAME = re.compile(
 # Regular expression for the place in a name at which a new word begins with a capital letter, as
 # before CW in "anglesCW".
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
-# Regular expression for a plane in a name, by its letters or by the word of G-code that selects it.
+# Regular expression for a plane in a name: its letters, such as XY, or its word of G-code, such as
+# G17.
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|G1[789](?!\d))(?![a-zA-Z])")
 
 
@@ -191,6 +192,6 @@ def plane_word_in_name(names: Sequence[str]) -> str | None:
 
 
 def _usual_plane(word: str) -> str:
-    """Return the usual name of the plane that a word names: ZX for XZ and for G18."""
+    """Return the usual name of a plane: ZX for the words ZX, XZ and G18."""
     plane = plane_named(word)
     return PLANE_OF_SWAPPED.get(plane, plane)

@@ -1,4 +1,4 @@
-"""Columns, such as ``run`` and ``pass``, whose cells together identify the circle of a row."""
+"""Columns, such as ``run`` and ``pass``, that together say to which circle each row belongs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def columns_that_number(
 
     Columns identify the circles if all rows with the same cells in these columns also have the same
     conditions, such as the force. Two columns are returned only if no single column identifies the
-    circles. Return an empty list if there are no such columns.
+    circles. The list is empty if no columns do.
 
     Parameters
     ----------

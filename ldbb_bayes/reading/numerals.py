@@ -75,10 +75,10 @@ _MISSING = (
     "missing",
     "fehlt",
 )
-# Several steps of an import examine whether the same cells are numbers. The results are stored for
-# at most this number of cells.
+# Several steps of an import examine whether the same cells are numbers. The results for at most
+# this number of cells are stored, so that they need not be computed again.
 KEPT_CELLS = 4096
-# Mark that may separate thousands (comma or point); the keys are the decimal marks.
+# Mark, comma or point, that may separate thousands; the keys are the decimal marks.
 OTHER_MARK = {".": ",", ",": "."}
 # Largest plausible value of a quantity; the keys are the names of the quantities. A comma or point
 # before three digits may separate thousands only if the resulting value does not exceed this limit:
@@ -88,7 +88,7 @@ _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min":
 
 @lru_cache(maxsize=KEPT_CELLS)
 def looks_like_number(cell: str) -> bool:
-    """Return whether a cell is a number, with decimal point or comma, or a time of day.
+    """Return whether a cell is a number; a time of day also counts as a number.
 
     A number with misplaced marks, such as 1,234.5,6, is accepted too: its row belongs to the table,
     and `numbers_in` raises an error that names the line.
@@ -97,7 +97,7 @@ def looks_like_number(cell: str) -> bool:
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether a cell, such as NaN or a dash, states that its number is missing.
+    """Return whether a cell says that its number is missing, as NaN and a dash do.
 
     A row with a missing number still belongs to the table. If the number is needed, later code
     raises an error that names the line.
@@ -132,7 +132,7 @@ def may_be_thousands(key: str, text: str) -> bool:
 
 
 def _is_grouped(text: str, mark: str) -> bool:
-    """Return whether a whole number has a mark before each group of three digits: 1,000,000.
+    """Return whether marks divide a whole number into groups of three digits, as in 1,000,000.
 
     ``mark`` is a regular expression for the mark. The number must not begin with a zero: in 0.310,
     the point is a decimal mark.
@@ -150,8 +150,8 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        If the text is not a number, such as nan, if the number is too large for the computer, such
-        as 1e999, or if a separator of thousands is misplaced, as in 1,23.4.
+        If the text is not a number (nan counts as none), if the number is too large for the
+        computer, such as 1e999, or if a separator of thousands is misplaced, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if not has_digit:  # Python's function float would read the word nan as a number
@@ -375,7 +375,7 @@ def _clock_time(place: str, line: int, cell: str) -> _ClockTime:
 
 
 def _zone_seconds(zone: str | None) -> float | None:
-    """Return local time minus UTC [s] for a time zone such as +02:00; None without a zone."""
+    """Return local time minus UTC [s] for a time zone such as +02:00; None for an empty text."""
     if not zone:
         return None
     if zone == "Z":

@@ -1,6 +1,6 @@
 """Variables as Octave saves them as text (``save -text``): matrices, numbers and strings.
 
-Vectors of the same length become the columns of one table; the names of the variables are its
+Vectors of the same length become the columns of one table, with the names of the variables as
 headers. If a file has matrices but no vectors, each matrix becomes a table. Numbers and strings
 become lines above the tables.
 """
@@ -52,8 +52,9 @@ def is_octave(text: str) -> bool:
 def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
     """Return one sheet for each table in a text file of Octave.
 
-    Vectors and matrices form one table, if there are vectors; otherwise each matrix is a table.
-    Strings, and variables with few numbers, become lines above the tables.
+    If the file holds vectors, they form one table together with the columns of the matrices. If
+    not, each matrix is a table. Strings, and variables with few numbers, become lines above the
+    tables.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ def _line_of_variable(variable: _Variable) -> str:
 
 
 def _table_of_vectors(sheet: Sheet, lines: list[str], variables: Sequence[_Variable]) -> EntryTable:
-    """Return one table whose columns are the vectors and the columns of matrices in a file.
+    """Return one table whose columns are the vectors in a file and the columns of its matrices.
 
     ``variables`` are these vectors and matrices, and ``lines`` are the lines above the table.
     """

@@ -1,4 +1,4 @@
-"""Error for a missing fact with only a few possible values, of which the user must choose one."""
+"""Error for a missing fact that has few possible values, one of which the user must choose."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["OpenQuestionError"]
 
 
 class OpenQuestionError(InputError):
-    """Error for files that may be read in several ways, so that the user must choose one of them.
+    """Error for a question that the user must answer, because a file can be read in several ways.
 
     Parameters
     ----------

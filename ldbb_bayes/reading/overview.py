@@ -27,16 +27,16 @@ from ldbb_bayes.reading.words import WORDS, comparable
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
 
 # Largest number of rows that are examined in a sheet without a table, or above a table. A table
-# must also begin within this number of rows.
+# that begins further down in a sheet is not found.
 LONGEST_OVERVIEW = 1000
-# A sheet with at least this number of rows of numbers may hold the readings of a circle. It is not
-# read as a list of tests.
+# A sheet is not read as a list of tests if at least this number of its rows hold numbers without
+# the name of a test. These rows may be the readings of a circle.
 _FEWEST_READINGS = 9
 
 
 @dataclass
 class OverviewLines:
-    """Texts in sheets without a table of readings: lines about all tests, cells about one test."""
+    """Texts in sheets without a table of readings: lines on all tests, and cells on one test."""
 
     #: place (line number and sheet) and text of each line that applies to all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
@@ -48,10 +48,10 @@ class OverviewLines:
 def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
     """Return whether a sheet is a list of tests, with a row for each test.
 
-    In a list of tests, one column names each test exactly once, and nearly every row with numbers
-    has a name in this column. A log of readings over time is therefore not taken for a list of
+    In a list of tests, one column names tests, each of them once. At most a few rows with numbers
+    lack a name in this column. A log of readings over time is therefore not taken for a list of
     tests, although both may have columns of times. ``names`` are the names of the other sheets and
-    files that are imported.
+    files that are imported; these names are taken as names of tests.
     """
     wanted = {_without_blanks(name) for name in names}
     rows = [sheet.cells_as_written(row) for row in sheet.rows[:LONGEST_OVERVIEW]]
@@ -119,12 +119,12 @@ def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLine
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
-    """Return whether a row in a list of tests describes the wanted test.
+    """Return whether a row in a list of tests describes a certain test.
 
-    The row describes the test if a cell of the row is among ``wanted``, the possible spellings of
-    the name of the test. There is one exception: after a label such as ``Operator:`` in the first
-    cell, a name is not the name of the test. ``filled`` are the cells of the row that are not
-    empty.
+    The row describes the test if one of its cells is the name of the test. There is one exception:
+    after a label such as ``Operator:`` in the first cell, a name is not that of a test. ``filled``
+    are the cells of the row that are not empty, and ``wanted`` are the possible spellings of the
+    name.
     """
     named = wanted & {_without_blanks(cell) for cell in filled}
     if not named:
@@ -142,9 +142,8 @@ def _labelled_cells(
 ) -> list[tuple[str, str]]:
     """Return the place and text of each filled cell of a row in a list of tests.
 
-    ``place`` holds the line number and the sheet. Each text is ``header: cell``, with the header
-    of the cell's column. If the cell is a word such as CW, "direction" takes the place of the
-    header.
+    ``place`` holds the line number and the sheet. Each text is ``header: cell``, with the header of
+    the cell's column. If the cell is a direction such as CW, the text is ``direction: CW``.
     """
     labelled = []
     for name, cell in zip(header, cells, strict=False):

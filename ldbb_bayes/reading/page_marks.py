@@ -1,4 +1,4 @@
-"""Headers of printed pages between the rows of a text, such as ``Lab 3   Page 2 of 3``."""
+"""Removal of the headers of printed pages between rows, such as ``Lab 3   Page 2 of 3``."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ class TextOfPages(NamedTuple):
 
 
 def without_page_marks(text: str, separator: str) -> TextOfPages:
-    """Return a text without page numbers; removed lines become empty, so that no line moves.
+    """Return a text without page numbers; the lines that are removed become empty.
 
-    Between the rows of numbers, the whole line with the number of a page is removed, unless it
-    names columns or states a value, such as a force. Lines next to it are also removed if they
-    repeat an earlier line, such as a title. If the separator of the cells is not a blank, only
-    lines that hold nothing but the number of a page are changed.
+    Between rows of numbers, the whole line with a page number is removed, unless it names columns
+    or states a value, such as a force. Lines next to it are also removed if they repeat an earlier
+    line, such as a title. If cells are not separated by blanks, a page number is removed only if it
+    stands alone in its line.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def without_page_marks(text: str, separator: str) -> TextOfPages:
 
 
 def _without_mark(line: str, separator: str, is_between: bool) -> str:
-    """Return a line without the number of a page; an empty text if the line is to be removed.
+    """Return a line without its page number; an empty text if the whole line is to be removed.
 
     Parameters
     ----------
@@ -107,10 +107,10 @@ def _states_something(line: str) -> bool:
 
 
 def _remove_titles(lines: list[str], marked: int, separator: str) -> int:
-    """Empty the lines next to a line with the number of a page that repeat an earlier line.
+    """Empty the lines beside a page number that repeat an earlier line, such as a title.
 
-    The number of these lines is returned. ``marked`` is the index of the line with the number of
-    the page. Lines that name columns are kept.
+    Return how many lines were emptied. Lines that name columns are kept. ``marked`` is the index of
+    the line with the page number.
     """
     earlier = {line.strip() for line in lines[:marked]}
     n_removed = 0

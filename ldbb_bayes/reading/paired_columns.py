@@ -29,13 +29,12 @@ _SMALLEST_GAP_DEG = 60.0
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
-    A new table begins at each column of angles. The first column of the sheet must hold angles, or
-    else the columns before the first column of angles must number the rows. All tables must have
-    the same number of columns. If ``layout`` names columns, every table must have columns with
-    these names. A sheet that does not meet these conditions is returned unchanged. A table is named
-    after the header of its second column without the unit, such as "100 N". Tables may differ in
-    length: if all cells of a table are empty in a row, the row is left out of this table. Columns
-    that number the rows stand at the end of each table.
+    A new table begins at each column of angles. Columns before the first column of angles must
+    number the rows; they are put at the end of each table. All tables must have the same number of
+    columns. If ``layout`` names columns, every table must have columns with these names. A sheet
+    that does not meet these conditions is returned unchanged. A table is named after the header of
+    its second column without the unit, such as "100 N". Tables may differ in length: if all cells
+    of a table are empty in a row, the row is left out of this table.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -62,12 +61,12 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
 
 
 def _columns_of_angles(names: Sequence[str]) -> list[int]:
-    """Return the indices of the columns whose headers, in ``names``, name an angle."""
+    """Return the indices of the columns of angles. ``names`` are the headers of all columns."""
     return [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
 
 
 def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
-    """Return whether the cells of a column count the rows of a table from 0 or from 1 on.
+    """Return whether the cells of a column number the rows of a table, beginning with 0 or 1.
 
     ``column`` is the index of the column, counted from 0.
     """
@@ -82,7 +81,7 @@ def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
 
 
 def _angles_of_table(table: Sheet) -> list[float]:
-    """Return the different numbers in the first column of a table, in ascending order."""
+    """Return the angles in the first column of a table, each once, in ascending order."""
     angles = set()
     for row in table.rows:
         angle = number_in_text(row.cells[0]) if looks_like_number(row.cells[0]) else None
@@ -117,7 +116,7 @@ def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float
 
 
 def _with_last_gap(names: Sequence[str]) -> list[str]:
-    """Return the headers of tables beside each other; empty ones are added at the end if needed.
+    """Return the headers of tables beside each other, with empty headers for missing last columns.
 
     Empty columns may separate tables that stand beside each other in a sheet. Files often lack the
     empty columns after the last table. An empty header is added for each missing column, so that
@@ -136,11 +135,11 @@ def _with_last_gap(names: Sequence[str]) -> list[str]:
 
 
 def _width_of_tables(names: Sequence[str]) -> int:
-    """Return the number of columns that each of several tables beside each other has.
+    """Return the number of columns in each of the tables that stand beside each other in a sheet.
 
-    The result is 0 if there is only one table, or if tables differ in their number of columns.
-    Columns before the first column of angles belong to no table. ``names`` are the headers of all
-    columns.
+    The result is 0 if there is only one table, or if the tables do not have the same number of
+    columns. Columns before the first column of angles belong to no table. ``names`` are the headers
+    of all columns.
     """
     starts = _columns_of_angles(names)
     if len(starts) < 2:
@@ -214,10 +213,9 @@ def _units_in_columns(
 def _names_of_tables(headers: Sequence[Sequence[str]]) -> list[str]:
     """Return a name for each of several tables that stand beside each other in a sheet.
 
-    The name is the header of the table's second column, the readings, without the unit. If two
-    tables have the same header there, or if one of these headers is empty, the name is the header
-    of the first column, the angles. If these do not differ either, the tables are numbered.
-    ``headers`` are the headers of each table.
+    The name is the header of the column of readings without the unit. If two of these headers are
+    equal, or if one is empty, the headers of the columns of angles are used instead. If these are
+    equal or empty too, the tables are numbered. ``headers`` are the headers of each table.
     """
     for column in (1, 0):
         titles = [BRACKET.split(of_table[column])[0].strip() for of_table in headers]

@@ -60,7 +60,8 @@ def take_plane_option(campaign: dict[str, Any]) -> None:
     Raises
     ------
     InputError
-        If the letters of the plane are swapped, as in XZ. The message says what to state instead.
+        If the letters of the plane are swapped, as in XZ. The message says which options to give
+        instead.
     """
     if not isinstance(campaign.get("plane"), str):
         return
@@ -122,7 +123,7 @@ def _swapped_error(place: str, plane: str, source: str) -> InputError:
 
 
 def unread_plane(lines: Sequence[tuple[int | str, str]]) -> CitedLine | None:
-    """Return a note on the first line that has a label for the plane, but no known plane.
+    """Return a note on the first line that has a label such as "Plane:", but no known plane.
 
     The result is None if there is no such line. ``lines`` holds the line number and the text of
     each line.

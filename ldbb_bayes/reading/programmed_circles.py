@@ -1,8 +1,9 @@
 """Circles that are programmed in lines above a table: radius, direction, start and feed.
 
-The lines are blocks of G-code, such as ``G2 X100 Y0 I-100 J0 F2000``, a clockwise circle of radius
-100 mm that starts at +X, or blocks for a Heidenhain control, such as ``C X+100 Y+0 DR-``. For a
-Heidenhain control, the centre of an arc is called the pole and is in an earlier block.
+The lines are blocks of G-code or blocks for a Heidenhain control. An example of G-code is ``G2 X100
+Y0 I-100 J0 F2000``, which programs a clockwise circle of radius 100 mm that starts at +X. A block
+such as ``C X+100 Y+0 DR-`` is for a Heidenhain control; an earlier block then states the centre of
+the arc, which is called the pole.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ _ARC = re.compile(
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 # Regular expression for a coordinate of the centre of an arc, relative to the arc's starting point.
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# G-code states the coordinates of the centre of an arc after the letters I, J and K. The values are
-# the axes along which these coordinates are counted.
+# Letters of G-code for the coordinates of the centre of an arc, with the axes of these coordinates:
+# the number after I is counted along X.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
 # Regular expression for a coordinate, such as X100, of the point to which a block (line) of an NC
 # programme moves the machine.
@@ -51,8 +52,8 @@ _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNOR
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
 # Regular expression for the words G20 and G70, after which lengths are in inches.
 _INCHES = re.compile(r"(?<![A-Za-z\d])G(?:20|70)(?![\d.])", re.IGNORECASE)
-# Regular expression for the words DR+ and DR- of a Heidenhain control, which state the sense of an
-# arc about its centre.
+# Regular expression for the words DR+ and DR- of a Heidenhain control, which say whether an arc
+# runs counter-clockwise or clockwise.
 _ARC_AROUND_POLE = re.compile(r"(?<![A-Za-z])DR\s?(?P<sense>[+\-])(?!\d)")
 _MM_PER_INCH = 25.4
 # Directions of travel that the words G2, G3, DR- and DR+ select; the keys are the last characters
@@ -138,10 +139,10 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 
 
 def _read_block(programme: _Programme, line: int | str, text: str) -> ProgrammedArc | None:
-    """Return the arc that one block of a programme describes; None if it describes no arc.
+    """Return the arc that a block (line) of a programme describes; None if it describes no arc.
 
-    ``text`` is the block. Its feed, the end of its motion and its pole are stored in ``programme``
-    for later blocks.
+    ``text`` is the block. If it states a feed, a motion or a pole (the centre of an arc), the feed,
+    the end of the motion or the pole is stored in ``programme`` for later blocks.
     """
     path = _ARC.search(text) or _ARC_AROUND_POLE.search(text)
     is_motion = path is not None or _STRAIGHT.search(text) is not None
@@ -216,9 +217,9 @@ def _start_of_arc(programme: _Programme, block: str) -> dict[str, float] | None:
 def _radius_of_arc(
     programme: _Programme, block: str, start_mm: Mapping[str, float] | None
 ) -> float | None:
-    """Return the radius of an arc [mm]; None if the blocks do not state it.
+    """Return the radius of an arc [mm]; None if it does not follow from the programme.
 
-    The radius is stated in the block, or is the distance of the start of the arc from its centre.
+    The block states the radius, or it is computed as the distance of the start from the centre.
     ``block`` is the line of the programme that describes the arc, and ``start_mm`` is the start of
     the arc relative to its centre [mm], or None.
     """

@@ -41,9 +41,9 @@ def without_quote_marks(text: str) -> str:
 def with_names_of_dump(text: str) -> str:
     """Return the dump of a PostgreSQL database with the names of columns above each table.
 
-    In a dump, the names stand in the command ``COPY … FROM stdin;`` above the rows. All other
-    commands below the first of these commands become empty lines. Any other text is returned
-    unchanged.
+    A dump is the content of a database as text. The names stand in a command ``COPY … FROM stdin;``
+    above the rows of each table. All other commands below the first command of this kind become
+    empty lines. Any other text is returned unchanged.
     """
     if "FROM stdin;" not in text:
         return text

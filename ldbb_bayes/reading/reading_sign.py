@@ -49,7 +49,7 @@ _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
 # Regular expression for the label "Sign" with a text after it, such as "Sign: as drawn", which may
 # state the sign of readings.
 _LABEL = re.compile(_WORDS["label"], re.IGNORECASE)
-# Regular expression for a mention of positive or negative readings, such as "positive values".
+# Regular expression for words for positive or negative readings, such as "positive values".
 _NAMED = re.compile(_WORDS["named"], re.IGNORECASE)
 # Regular expression for a word such as "means", which shows that a text defines something.
 _MEANS = re.compile(_WORDS["means"], re.IGNORECASE)
@@ -126,12 +126,12 @@ def sign_of_readings(recording: Recording) -> int:
 
 
 def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
-    """Return the signs of readings that header and lines state, and the place of each statement.
+    """Return the signs of readings that the header or lines state, and the places that state them.
 
-    The signs are the keys of the returned dict; each value is the first place that states the sign.
-    The header is the header of the readings. The lines are the lines above the table and the lines
-    that concern all tests. Raise an `OpenQuestionError` if the user states no sign and a text
-    states the sign in ambiguous words.
+    The signs, 1 and −1, are the keys of the returned dict; each value is the first place that
+    states the sign. The header is that of the column of readings. The lines are those outside the
+    table. Raise an `OpenQuestionError` if the user states no sign and a text states the sign in
+    ambiguous words.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
     sources: dict[int, str | CitedLine] = {}
@@ -144,10 +144,10 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
         if sign_of_definition is not None:
             sources.setdefault(sign_of_definition, source)
             continue
-        words = _kinds_of_sign_words(text)
+        words = _meanings_of_sign_words(text)
         sign = None
         if words:
-            sign = _sign_from_kinds(words)
+            sign = _sign_from_meanings(words)
         elif not _leaves_sign_open(source, text):
             unread.append((source, text))
             continue
@@ -170,10 +170,10 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
 
 
 def _words_on_sign(text: str) -> str:
-    """Return a text as a message shows it; a long text is shortened to the words on the sign.
+    """Return a text for a message. A long text is shortened to its words on the sign of readings.
 
-    The shortened text begins at the first word for a sign, or for a shorter or longer bar, if
-    enough text follows this word.
+    The shortened text begins at the first word for a sign or for a shorter or longer bar. It begins
+    earlier if this word is near the end of the text.
     """
     text = text.strip()
     first = _WORD.search(text)
@@ -200,7 +200,7 @@ def _sign_of_difference(text: str) -> int | None:
 
 
 def _sign_of_name(source: str | CitedLine, text: str) -> int | None:
-    """Return the sign of readings that their name shows: −1 for ``Shortening [um]``.
+    """Return the sign of readings that follows from their name: −1 for ``Shortening [um]``.
 
     The text is the header of the readings, or a line that consists of the name alone or of the name
     after words such as "Readings:". The result is None for any other text. ``source`` tells where
@@ -221,7 +221,7 @@ def _sign_of_name(source: str | CitedLine, text: str) -> int | None:
 
 
 def _texts_about_sign(recording: Recording, header: str) -> list[tuple[str | CitedLine, str]]:
-    """Return the texts that may state the sign of a test's readings, each after its source.
+    """Return the sources and the texts that may state the sign of a test's readings, as pairs.
 
     The texts are ``header``, the header of the readings, and the statements in lines outside the
     table. A source says where the text is, such as "line 3".
@@ -245,7 +245,7 @@ def _leaves_sign_open(source: str | CitedLine, text: str) -> bool:
 
 
 def _statements_in_line(text: str) -> list[str]:
-    """Divide a line into statements, not all of which need be about the sign of readings.
+    """Divide a line into statements, so that those about the sign of readings can be found.
 
     In ``Angles from Y, clockwise; positive: bar shorter``, only the last statement is about the
     sign of readings. A line is not divided if the whole line states one sign, or if none of its
@@ -253,13 +253,13 @@ def _statements_in_line(text: str) -> list[str]:
     """
     text = text[:LONGEST_TEXT]
     is_about_signs_alone = _OTHER_SUBJECT.search(text) is None
-    if is_about_signs_alone and _sign_from_kinds(_kinds_of_sign_words(text)) is not None:
+    if is_about_signs_alone and _sign_from_meanings(_meanings_of_sign_words(text)) is not None:
         return [text]
     statements = divide_line(text)
-    if any(_kinds_of_sign_words(statement) for statement in statements):
+    if any(_meanings_of_sign_words(statement) for statement in statements):
         return statements
     for parts in finer_divisions(text):
-        if any(_sign_from_kinds(_kinds_of_sign_words(part)) is not None for part in parts):
+        if any(_sign_from_meanings(_meanings_of_sign_words(part)) is not None for part in parts):
             return parts
     if is_about_sign(text):
         return [text]
@@ -288,8 +288,8 @@ def is_about_sign(text: str) -> bool:
     """
     if _sign_of_difference(text) is not None or _sign_of_name(cited_line(0), text) is not None:
         return True
-    words = _kinds_of_sign_words(text)
-    if words and _sign_from_kinds(words) is not None:
+    words = _meanings_of_sign_words(text)
+    if words and _sign_from_meanings(words) is not None:
         return True
     return _leaves_sign_open(cited_line(0), text) or _explains_sign(text)
 
@@ -318,16 +318,16 @@ def _explains_sign_unclearly(source: str | CitedLine, text: str) -> bool:
         return _LABEL.search(text) is not None and not _OTHER_SUBJECT.search(text)
     is_named = _NAMED.search(text) is not None and _MEANS.search(text) is not None
     if _OTHER_SUBJECT.search(text):
-        return is_named and _has_sign_and_length(_kinds_of_words(text))
+        return is_named and _has_sign_and_length(_meanings_of_words(text))
     return is_named or _LABEL.search(text) is not None
 
 
 def _words_of_header(header: str) -> str:
-    """Return a header, or the text of a line, in a form in which such texts can be compared.
+    """Return the words of a header or line in a form in which words for signs can be found.
 
     Capitals become small letters, and underscores become blanks. A unit in brackets in front of the
-    name is left out. So is a load in front of a minus sign, as in ``36 N -dR``. Characters beyond
-    the longest text that is read are cut off.
+    name is left out. So is a load in front of a minus sign, as in ``36 N -dR``. Very long texts are
+    cut off.
     """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
     return _LOAD_IN_FRONT.sub("", _UNIT_IN_FRONT.sub("", words))
@@ -358,7 +358,8 @@ def _note_unread(recording: Recording, source: str | CitedLine, text: str) -> No
 def _explains_sign(text: str) -> bool:
     """Return whether a text may explain the sign of readings, such as ``Positive: see drawing``.
 
-    A text with a word such as clockwise explains the sense of angles or the direction of travel.
+    The result is False if the text has a word such as clockwise, because it then explains the sense
+    of angles or the direction of travel.
     """
     if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or senses_in(text):
         return False
@@ -379,7 +380,7 @@ def _is_header_of_reversed_sign(source: str | CitedLine, text: str) -> bool:
 
 
 def _says_sign_is_reversed(text: str) -> bool:
-    """Return whether a text says that the sign of readings is reversed: ``Readings inverted``.
+    """Return whether a text, such as ``Readings inverted``, says that the sign is reversed.
 
     Such a text is not about angles or loads, and contains no number other than −1.
     """
@@ -389,22 +390,22 @@ def _says_sign_is_reversed(text: str) -> bool:
     return _SUBJECT.search(text) is not None and _TURNED.search(text) is not None
 
 
-def _kinds_of_sign_words(text: str) -> list[str]:
-    """Return the kinds of the words for signs and bar lengths in a text, in the order of the text.
+def _meanings_of_sign_words(text: str) -> list[str]:
+    """Return the meanings of the words for signs and bar lengths in a text, in their order.
 
-    The kinds are positive, negative, shorter and longer. The list is empty unless the text has a
+    The meanings are positive, negative, shorter and longer. The list is empty unless the text has a
     word for a sign and a word for a longer or shorter bar.
     """
     text = text[:LONGEST_TEXT]
     if _OTHER_SUBJECT.search(text) or names_extension(text):
         return []
-    words = _kinds_of_words(text)
+    words = _meanings_of_words(text)
     if not _has_sign_and_length(words):
         return []
     return words
 
 
-def _kinds_of_words(text: str) -> list[str]:
+def _meanings_of_words(text: str) -> list[str]:
     """Return what each word about the sign of readings in a text means.
 
     The meanings are positive, negative, shorter and longer; all other words are left out.
@@ -415,22 +416,21 @@ def _kinds_of_words(text: str) -> list[str]:
 
 
 def _has_sign_and_length(words: list[str]) -> bool:
-    """Return whether a text says whether positive readings mean a shorter or a longer bar.
+    """Return whether a text has both a word for a sign and a word for a shorter or longer bar.
 
-    ``words`` lists the meanings of the words in the text. The text must have both a word for
-    positive or negative and a word for shorter or longer.
+    ``words`` lists the meanings of the words: positive, negative, shorter or longer.
     """
     has_sign = "positive" in words or "negative" in words
     has_length = "shorter" in words or "longer" in words
     return has_sign and has_length
 
 
-def _sign_from_kinds(words: list[str]) -> int | None:
+def _sign_from_meanings(words: list[str]) -> int | None:
     """Return the sign of readings that the words of a text mean; None if they are ambiguous.
 
-    ``words`` lists the kind of each word: positive, negative, shorter or longer. The first and the
-    second word form a pair, such as positive and longer, and so do the third and the fourth word.
-    Each pair states a sign, and all pairs must state the same sign.
+    ``words`` lists the meaning of each word: positive, negative, shorter or longer. The first and
+    the second word form a pair, such as positive and longer, and so do the third and the fourth
+    word. Each pair states a sign, and all pairs must state the same sign.
     """
     signs = set()
     for first, second in zip(words[::2], words[1::2], strict=False):

@@ -25,11 +25,11 @@ __all__ = [
     "option_for",
 ]
 
-# Roles of columns with forces or pressures. The keys are the names of the fields in which a test
-# stores these quantities.
+# Words by which this package denotes columns of forces and of pressures. The keys are the fields of
+# a test that hold these quantities.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
 # Fields of the layout that list the forces or the pressures of all tests. The keys are the fields
-# that state the same quantities for one test.
+# for the force or the pressure of one test.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
 # Units in which messages show the values of fields; the keys are the names of the fields.
 UNITS_SHOWN = {
@@ -55,11 +55,11 @@ def option_for(key: str) -> str:
 
 
 class RowUnits(NamedTuple):
-    """Units of the numbers in a column, row by row, as one place in the file states them."""
+    """Units of the numbers in a column, row by row, from one place in the file that states them."""
 
     #: unit of the column's number in each row, as the file writes it; empty if a row has no unit
     units: Sequence[str]
-    source: str  #: what states the units, as messages name it, such as "a column of units"
+    source: str  #: place that states the units, as messages name it, such as "a column of units"
 
 
 class AssumedUnit(NamedTuple):
@@ -92,7 +92,8 @@ class Recording:
     direction_words: Mapping[str, int]
     #: values that lines above the table state; the keys are fields of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
-    layout: Layout  #: layout (roles and units of columns and so on) that the user states for tables
+    #: layout that the user states, for example which columns hold what, in which units
+    layout: Layout
     stated: dict[str, Any]  #: fields that the entry [[test]] of the layout states for this test
     #: fields of the campaign that the user's options set; the keys are the names of the fields
     campaign: Mapping[str, Any]
@@ -104,18 +105,17 @@ class Recording:
     #: line (line number and sheet) and the text of the line
     lines_of_all_tests: Sequence[tuple[str, str]]
     #: lines below the table, each with its line number. Parts of a line with a number are left out.
-    #: These lines may say whether readings measure the radius or the diameter, and whether they
+    #: These lines may say whether readings measure the radius or the diameter, and whether readings
     #: contain the deflection of the ball's mount. They may also state the sign of readings, the
-    #: direction of travel, the axis at which angles begin, and the direction in which angles
-    #: increase
+    #: direction of travel, and how angles are counted
     lines_below: Sequence[tuple[int | str, str]] = ()
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
     #: headers of two columns that only together identify the tests; empty if there are none
     numbering_headers: Sequence[str] = ()
-    #: headers of the columns of the sheet that are not used; some of these columns may still turn
-    #: out to state start times
+    #: headers of the columns of the sheet that are not used; start times of tests may be read from
+    #: some of these columns later
     unused_columns: Sequence[str] = ()
     #: units that are assumed for columns without a unit; the keys are the roles (angle, reading, …)
     #: of the columns
@@ -137,7 +137,7 @@ class Recording:
     def lines_outside(self) -> list[tuple[int | str, str]]:
         """Lines above and below the table of the test, and lines of sheets without a table.
 
-        Of sheets without a table, only lines that apply to all tests are included.
+        A line of a sheet without a table is included only if it applies to all tests.
         """
         return [*self.lines_of_all_tests, *self.heading.lines_above, *self.lines_below]
 
@@ -145,7 +145,8 @@ class Recording:
     def radius_mm(self) -> float:
         """Radius of the test's circle [mm].
 
-        The radius is the field ``radius_mm`` of the test, or else of the campaign, or else 150 mm.
+        If the test does not state its radius, it is that of the campaign. If the campaign does not
+        state one either, it is 150 mm.
         """
         radius = self.fields.get("radius_mm") or self.campaign.get("radius_mm")
         return float(radius or _USUAL_RADIUS_MM)
@@ -172,17 +173,16 @@ class Recording:
     def note(self, subject: str, value: str, reason: str | CitedLine, option: str) -> None:
         """Add an assumption about this test to the log.
 
-        ``subject`` is what was assumed, such as "direction"; ``value`` and ``reason`` are the
-        assumed value and the reason for it; ``option`` is the command-line option that changes the
-        value.
+        ``subject`` says what was assumed, such as "direction". ``value`` is the assumed value,
+        ``reason`` the reason for it, and ``option`` the command-line option that changes it.
         """
         self.log.add(self.place, subject, value, reason, option)
 
     def stated_value(self, key: str) -> Any:
         """Return the user's value for the field ``key`` of the test; None if the user states none.
 
-        The entry [[test]] of the layout for this test takes precedence over the other fields of the
-        layout. The other fields of the layout take precedence over the options for the campaign.
+        The value is taken from the first of three sources that states it: the entry [[test]] of the
+        layout for this test, the other fields of the layout, and the options for the campaign.
         """
         value = self.stated.get(key)
         if value is None:
@@ -192,7 +192,7 @@ class Recording:
         return value
 
     def name_of_file(self, title: str) -> str:
-        """Return a name for the test that can be the name of a file, made from ``title``.
+        """Return the name of the test, ``title``, in a form that can be the name of a file.
 
         Characters other than letters, digits, blanks and ``_+-.`` are replaced by underscores, and
         only the first 100 characters are kept. If the name differs from ``title``, it is noted as

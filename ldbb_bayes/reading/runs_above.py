@@ -14,17 +14,18 @@ from ldbb_bayes.reading.words import unit_named
 
 __all__ = ["with_runs_in_header"]
 
-# Numbers of a table stand at most this number of rows below its header; a row of units may be
-# between them.
+# The first numbers of a table stand at most this number of rows below its header, because a row of
+# units may lie between them.
 _ROWS_TO_NUMBERS = 2
 
 
 def with_runs_in_header(sheet: Sheet) -> Sheet:
-    """Return a sheet in which the names of runs, from the row above the header, are in the header.
+    """Return a sheet in which the names of runs above the header have been added to the header.
 
     The header ``Deviation [um]`` below the cell ``Run 1`` is changed to ``Deviation Run 1 [um]``. A
     text in merged cells applies to all columns below. If the first cell of the header is empty or
-    only a unit, the name above it is put there. A sheet without such a row is returned unchanged.
+    only a unit, the name above it is put there. A sheet without names of runs above the header is
+    returned unchanged.
     """
     rows = sheet.rows
     for k in range(min(len(rows) - 2, LONGEST_OVERVIEW)):
@@ -72,11 +73,11 @@ def _with_run(name: str, run: str) -> str:
 
 
 def _names_with_units(above: Row, header: Sequence[str]) -> list[str]:
-    """Return the headers of a table whose columns of readings are headed by loads or runs.
+    """Return the headers of a table whose header names only the loads or runs of the readings.
 
-    The names and units of the columns are in the row ``above``, in merged cells. An example is the
-    row ``Angle, Deviation [um]`` above the cells ``100 N`` and ``300 N``. The result is an empty
-    list if the row above names something else, or if a header is missing.
+    The row ``above`` names the columns in merged cells, with their units. An example is the row
+    ``Angle, Deviation [um]`` above the cells ``100 N`` and ``300 N``. The result is an empty list
+    if the row above names something else, or if a header is missing.
     """
     texts = [cell for cell in above.cells[1:] if cell]
     names = [above.cells[0], *header[1:]]

@@ -40,7 +40,7 @@ def names_sexagesimal(header: str) -> bool:
 def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
     """Return the indices of the columns whose angles are in degrees, minutes and seconds.
 
-    A column is included if its header, or any of its cells, names these units.
+    A column is included if one of its cells says so, such as the header ``Angle [dms]``.
     """
     columns = set()
     for cells in rows:
@@ -49,9 +49,9 @@ def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
 
 
 def seconds_in(cell: str, *, is_named: bool = False) -> str:
-    """Return the number of arcseconds of an angle as a string: "45015" for 12° 30' 15".
+    """Return the size of an angle in arcseconds as a text: "45015" for 12° 30' 15".
 
-    The decimal mark of the seconds is kept. The string is empty if the cell is not an angle in
+    The decimal mark of the seconds is kept. The text is empty if the cell is not an angle in
     degrees, minutes and seconds.
 
     Parameters

@@ -22,10 +22,10 @@ class Sheet:
     rows: list[Row]  #: rows of the sheet's cells with their line numbers; empty lines are left out
     encoding: str = ""  #: encoding of a text file; empty for a workbook
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
-    #: whether this is the only table of readings in the file; tests are then named after the file
+    #: whether this is the only table of readings in the file; if so, tests are named after the file
     is_only_table: bool = False
-    #: format of a text file that is not written in rows, such as JSON; empty for any other file. If
-    #: it is not empty, line numbers count the statements and rows in the file, and not its lines
+    #: format of a text file that is not written in rows, such as JSON; empty for any other file. In
+    #: a file with such a format, line numbers count statements and rows instead of lines
     format: str = ""
     #: units that were removed from cells because they stood after a number; each key holds the line
     #: number and the column index of a cell
@@ -39,15 +39,16 @@ class Sheet:
     #: certain; false for a text file
     stores_numbers: bool = False
     n_headers: int = 0  #: number of repeated headers inside the table, which are left out
-    #: whether number formats and hidden rows of the workbook could be read
+    #: whether the number formats and the hidden rows of the workbook could be read
     is_examined: bool = False
     hidden_rows: int = 0  #: number of hidden rows of the sheet, which are left out
-    #: factor by which all numbers of the table were multiplied, as written; empty if there is none
+    #: factor, as the file writes it, by which all numbers of the table were multiplied; empty if
+    #: there is none
     factor: str = ""
     #: number of the line that states the factor of all numbers of the table; 0 if there is none
     factor_line: int = 0
-    #: number of the line with the angles of all circles, if each circle has a row in the file; 0 if
-    #: each circle has a column. The rows of the sheet are then the columns of the file
+    #: if each circle has a row in the file, the number of the line with the angles; the rows of the
+    #: sheet are then the columns of the file. The number is 0 if each circle has a column
     line_of_angles: int = 0
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
     #: names of the sheets of the file that are left out because the user names other sheets

@@ -139,9 +139,9 @@ def note_left_out(left_out: Sequence[Sheet], lists: Collection[str], log: Assump
 def _lists_of_tests(sheets: Sequence[Sheet], optional: Collection[Path]) -> list[Sheet]:
     """Return the sheets with a list of tests whose readings are on other sheets.
 
-    ``optional`` are the files in which a missing table causes no error; only they may have such
-    sheets. If every sheet seems to be a list, the result is empty, because each sheet is then
-    assumed to have a table of readings below the list.
+    ``optional`` are the files that need not hold a table of readings; sheets of other files are not
+    returned. If every sheet seems to be a list, the result is empty, because each sheet is then
+    assumed to have a table of readings below its list.
     """
     lists = []
     for sheet in sheets:
@@ -162,7 +162,7 @@ def _files_of_text_only(
 ) -> set[Path]:
     """Return the files that hold only text, if other files hold tables of readings.
 
-    ``optional`` are the files in which a missing table causes no error.
+    ``optional`` are the files that need not hold a table of readings.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _files_of_text_only(
 
 
 def _heading_of(sheet: Sheet, layout: Layout, is_optional: bool) -> Heading:
-    """Return the heading of a sheet's table.
+    """Return the heading of a sheet's table: its header, and what its columns hold.
 
     Raise an `InputError` if the sheet has no table. If ``is_optional`` is false, the sheet must
     have readings, and the error is also raised if its angles stand in a row instead of a column.
@@ -223,7 +223,7 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add notes to the log on sheets and rows left out because they are hidden or not wanted.
+    """Add notes to the log on sheets and rows that are left out, for example hidden ones.
 
     Further notes are added if all numbers of a table are multiplied by a factor that the file
     states, or if a workbook is not in the format XLSX, so that its hidden rows and number formats
@@ -265,7 +265,7 @@ def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
 
 
 def _note_other_sheets(sheet: Sheet, log: AssumptionLog) -> None:
-    """Add the format of a file, and the names of its sheets that are left out, to the log.
+    """Add notes to the log on the format of a file, and on those of its sheets that are left out.
 
     A further note is added if hidden rows and number formats of the file cannot be examined.
     """
@@ -295,10 +295,10 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a sheet whose header caused an error holds no readings.
+    """Return whether a sheet holds no readings; reading its header has raised an error.
 
-    ``error`` is the error that the header caused. A sheet holds no readings if it has no table of
-    numbers, or if no row names both a column of readings and a column of angles or times.
+    ``error`` is this error. A sheet holds no readings if it has no table of numbers, or if no row
+    names both a column of readings and a column of angles or times.
     """
     if isinstance(error, NoTableError):
         return True
@@ -329,8 +329,8 @@ def _holds_readings(table: HeadedSheet, layout: Layout) -> bool:
 def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:
     """Return whether the columns that the user states hold angles and readings in this sheet.
 
-    The user may state columns by their numbers. If the sheet is a list of tests, a column with a
-    stated number may hold texts, forces or pressures instead; the result is then False.
+    The user may state columns by their numbers. In a list of tests, the column with such a number
+    may hold texts, forces or pressures instead; the result is then False.
     """
     heading = table.heading
     rows = table.sheet.rows[heading.first_row : heading.first_row + _FIRST_ROWS]
@@ -349,11 +349,10 @@ def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
-    """Return a selection in which a table is marked if it is the only table of its file.
+    """Return a selection of ``tables`` in which a table that is alone in its file is marked.
 
-    The mark is the field ``is_only_table`` of its sheet. ``tables`` are the sheets with a table.
-    They become the tables of the returned selection; the sheets without a table are taken from
-    ``selection``.
+    A table is marked by setting the field ``is_only_table`` of its sheet. The sheets without a
+    table are taken from ``selection``.
     """
     paths = [table.sheet.path for table in tables]
     marked = []

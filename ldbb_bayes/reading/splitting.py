@@ -59,13 +59,13 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Roles of columns that do not hold numbers for all tests of a sheet. The columns that name tests
-# and directions hold words. A column of readings may hold the readings of just one test.
+# Columns that do not hold numbers for all tests of a sheet. The columns of test names and
+# directions hold words. A column of readings may hold the readings of just one test.
 _NOT_SHARED = ("test", "direction", "reading")
 # Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
-# Commas or points in the numbers of a column may be decimal marks or separate thousands. Columns
-# are checked for this only if at least this many of their numbers have a comma or a point.
+# Commas or points in a column may be decimal marks or separate thousands. A column is checked for
+# this only if at least this many of its numbers have the assumed decimal mark.
 _FEWEST_MARKED = 5
 # Regular expression for the beginning of a line with a telephone number, or with a number that
 # identifies a company or its bank account.
@@ -74,7 +74,8 @@ _CONTACT = re.compile(
     r"(?![^\W_])",
     re.IGNORECASE,
 )
-# Smallest number of rows of a test whose name stands in its first row only.
+# If the name of a test stands only in its first row, the test must have at least this number of
+# rows.
 _FEWEST_ROWS = 9
 # Fields of a test that may also stand in a column of the table, with the same value in all rows of
 # the test.
@@ -82,8 +83,8 @@ _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_de
 # Regular expression for a number that may be a result of a measurement, such as 12 µm. It does not
 # match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
-# Lines below a table may state only these fields: the length that the readings measure, and the
-# treatment of the mount's deflection. Other values in these lines may be results.
+# Lines below a table may state only whether readings measure the radius or the diameter, and
+# whether they contain the deflection of the mount. Other values in these lines may be results.
 _STATED_BELOW = ("measured", "mount")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {
@@ -150,8 +151,8 @@ class _SheetColumns:
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
         """Return the cells of a column in the given rows, with the units that stood after numbers.
 
-        An example is "0.1 µm", the unit of a reading with a factor, in a column of units.
-        ``column`` and ``rows`` are the indices of the column and of the rows.
+        For example, a cell of a column of units may be "0.1 µm", a unit with a factor. ``column``
+        and ``rows`` are the indices of the column and of the rows.
         """
         cells = self.cells[column]
         if not self.sheet.cell_units:
@@ -165,10 +166,9 @@ class _SheetColumns:
     def numbers(self, role: str, column: int) -> Array:
         """Return the numbers in a column as an array, one for each of the n rows, shape (n,).
 
-        In a row without a reading, a number may be missing: its cell is empty or holds a word such
-        as NaN, and the result is NaN for this row. Raise an `InputError` for any other cell that is
-        not a number. ``column`` is the index of the column from 0; ``role`` is the role of the
-        column, such as angle.
+        The result is NaN for a row without a reading if its cell is empty or holds a word such as
+        NaN. Raise an `InputError` for any other cell that is not a number. ``column`` is the index
+        of the column from 0; ``role`` is the role of the column, such as angle.
         """
         title = self.heading.column_title(role, column)
         place = self.sheet.place
@@ -189,11 +189,11 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return, for each of the n rows of a table, whether its reading is missing, shape (n,).
+        """Return, for each of the n rows of a table, whether it has no reading, shape (n,).
 
-        If ``role`` is reading, ``column`` is the index of a column of readings, and only the
-        readings in this column are examined. For any other role, the result is True for the rows in
-        which the readings of all columns are missing.
+        If ``role`` is reading, only the readings in the column with the index ``column`` are
+        examined. For any other role, a row has no reading if its readings in all columns of
+        readings are missing.
         """
         if role == "reading":
             return missing_in(self.cells[column])
@@ -237,12 +237,12 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return a line of text for each column without a role whose cells are all equal.
+        """Return a line such as ``R [mm]: 100`` for each otherwise unused column with equal cells.
 
-        Only the rows of one test are compared; ``rows`` are their indices. Columns without a role
-        hold no angle, reading or other quantity that the package reads. A line is a pair: a string
-        that names the column, and the text. For a column ``R [mm]`` or ``R_mm`` whose cells are all
-        100, the text is ``R [mm]: 100``.
+        Only the rows of one test are compared; ``rows`` are their indices. Columns that the package
+        uses otherwise, such as angles and readings, are left out. Each line is returned with a text
+        that names the column. The example is the line for a column ``R [mm]`` or ``R_mm`` whose
+        cells are all 100.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
@@ -266,12 +266,11 @@ class _SheetColumns:
         return f"{self.heading.line}, column {self.heading.headers[column]!r}"
 
     def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
-        """Return a dict with the fields of a test that columns without a role state.
+        """Return a dict with the fields of a test, such as the radius, that constant columns state.
 
-        The keys are the names of the fields. Columns without a role hold no angle, reading or other
-        quantity that the package reads. Such a column states a field only if the cells are equal in
-        all rows of the test. For example, a column ``R [mm]`` whose cells are all 100 states the
-        radius. Only radius, feed, start angle and overshoot can be stated in this way
+        The keys are the names of the fields. In a constant column, the cells are equal in all rows
+        of the test. For example, a column ``R [mm]`` whose cells are all 100 states the radius.
+        Only radius, feed, start angle and overshoot can be stated in this way
         (``_FIELDS_OF_COLUMNS``). ``rows`` are the indices of the rows of the test.
         """
         statements = {}
@@ -281,12 +280,13 @@ class _SheetColumns:
         return statements
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return a dict with the different words in the column of directions of travel as keys.
+        """Return the different words in the column of directions of travel, with their first lines.
 
-        The values are the line numbers at which the words first appear. An empty cell counts as the
-        word "". If the column holds both letters R and L and no other word, the letters are
-        replaced by "right" and "left". The dict is empty if the table has no such column. ``rows``
-        are the indices (from 0) of the rows that are considered.
+        The keys of the returned dict are the words; the values are the numbers of the lines in
+        which they first appear. An empty cell counts as the word "". If the column holds both
+        letters R and L and no other word, the letters are replaced by "right" and "left". The dict
+        is empty if the table has no such column. ``rows`` are the indices (from 0) of the rows that
+        are considered.
         """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
@@ -398,7 +398,7 @@ def split_sheet(
 
 
 def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
-    """Return the line number and the text of each line below a table, without numerical results.
+    """Return the lines below a table without results: the line number and the text of each line.
 
     A segment of a line that holds a number is left out, because it may be a result of the test, as
     in ``Circularity CW: 12 µm``. ``lines_of_table`` are the numbers of the lines of the table.
@@ -431,7 +431,7 @@ def _add_statements_below(statements: dict[str, list[LineStatement]], lines: Lin
 
 
 def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) -> None:
-    """Add a note to the log that some columns of a list of tests are not used.
+    """Add a note to the log on the columns of a list of tests that are not used.
 
     ``headers`` are the headers of these columns. ``sheet`` is the sheet with the table of the test.
     """
@@ -453,9 +453,9 @@ def _with_readings(
     title: str,
     log: AssumptionLog,
 ) -> list[int]:
-    """Return the indices of those rows of a test whose reading is not missing.
+    """Return the indices of the rows of a test that have a reading.
 
-    The number of rows without a reading is noted. All arguments have the same meaning as those of
+    The number of rows without a reading is noted. The parameters are explained in
     `_without_placeholders`.
     """
     if "reading" not in numbers or not heading.readings:
@@ -488,9 +488,10 @@ def _check_start_of_log(
 ) -> None:
     """Raise an error if the first readings of a table with times instead of angles are missing.
 
-    The angle of every reading follows from the time since the first row. ``all_rows`` are all rows
-    of the test, and ``rows`` those with a reading. ``title`` is the name of the test; it is empty
-    if the table holds one test. ``columns`` is the table of the sheet.
+    The first row is needed, because the angle of every reading is computed from the time since the
+    first row. ``all_rows`` are all rows of the test, and ``rows`` those with a reading. ``title``
+    is the name of the test; it is empty if the table holds one test. ``columns`` is the table of
+    the sheet.
     """
     is_log = "time" in heading.roles and "angle" not in heading.roles
     if is_log and rows[0] != all_rows[0]:
@@ -582,7 +583,7 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
 def _cells_with_units(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> list[list[str]]:
-    """Return the cells of each column of a table, with the units that stand after their numbers.
+    """Return the cells of each column of a table, with the units after numbers as in the file.
 
     These units have been removed from ``cells``, the cells of each column, and are stored in the
     sheet. ``lines`` are the line numbers of the rows.
@@ -599,7 +600,7 @@ def _cells_with_units(
 def _read_columns(
     sheet: Sheet, heading: Heading, layout: Layout, stated_plane: str | None, log: AssumptionLog
 ) -> _SheetColumns:
-    """Return the table of a sheet as columns of cells.
+    """Return the table of a sheet, with the cells of each column in a list.
 
     Assumptions about the header and the decimal mark of the table are added to the log.
     ``stated_plane`` is the plane that the user states for all tests, or None.
@@ -718,11 +719,10 @@ def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> S
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
-    """Return the rows of a table up to the last row with numbers, without texts below the table.
+    """Return the rows of a table, without the texts that may stand below it.
 
-    A row of numbers with unknown units also counts as a row with numbers. The texts below a table,
-    such as the end of a letter, begin with a row of words; they may hold numbers, such as a
-    telephone number.
+    The texts below a table, such as the end of a letter, begin with a row of words; they may hold
+    numbers, such as a telephone number. A row of numbers with unknown units belongs to the table.
     """
     rows = sheet.rows[heading.first_row :]
     while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):
@@ -762,8 +762,8 @@ def _is_remark(row: Row) -> bool:
 def _holds_quantities(row: Row, heading: Heading) -> bool:
     """Return whether a row fills all columns and every cell begins with a number.
 
-    Such a row, for example of cells like ``0.9 x 10 um``, belongs to the table and is not a remark
-    below it. Its units cannot be read; later code raises an error for them.
+    A row with cells such as ``0.9 x 10 um`` belongs to the table, although its units cannot be
+    read. Later code raises an error for these units.
     """
     if len(row.cells) != len(heading.headers):
         return False
@@ -778,12 +778,12 @@ def _has_number(row: Row) -> bool:
 def _decimal_mark_of(
     sheet: Sheet, cells: Sequence[tuple[int, str]], layout: Layout, log: AssumptionLog
 ) -> str | None:
-    """Return the decimal mark that the layout states, or else the decimal mark of the cells.
+    """Return the decimal mark that the layout states or, if it states none, that of the cells.
 
-    Return None if the layout states no mark and no cell has one. The decimal mark of the cells is
-    noted as an assumption if it is a comma, or if it may just as well separate thousands. Numbers
-    that a workbook stores as numbers always have a decimal point. ``cells`` holds the line number
-    and the text of every cell with a number.
+    Return None if neither the layout nor a cell has one. The decimal mark of the cells is noted as
+    an assumption if it is a comma, or if it may also separate thousands. Numbers that a workbook
+    stores as numbers always have a decimal point. ``cells`` holds the line number and the text of
+    every cell with a number.
     """
     if sheet.stores_numbers:
         return "."
@@ -870,11 +870,11 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return a dict with the numbers of the columns with a role; the keys are the roles.
+    """Return a dict with the numbers of the columns of angles, times and so on.
 
-    A role is what a column holds, such as angle or time. Columns of readings, and columns of words
-    (test, direction), are left out. Times of day are converted to seconds. ``columns`` is the table
-    of the sheet.
+    The keys are the roles of the columns: a role says what a column holds, such as angle. Columns
+    of readings, and columns of words (test, direction), are left out. Times of day are converted to
+    seconds. ``columns`` is the table of the sheet.
     """
     numbers = {}
     for role, column in columns.heading.roles.items():
@@ -909,14 +909,14 @@ def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> 
 
 
 def _without_test_column(heading: Heading) -> Heading:
-    """Return a copy of a table's heading in which no column is said to name the tests."""
+    """Return a copy of a table's heading in which no column is marked as naming the tests."""
     roles = dict(heading.roles)
     roles.pop("test", None)
     return replace(heading, roles=roles)
 
 
 def _labels_of_two_columns(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
-    """Return, for each row, the name of its test, which is made from the cells of two columns.
+    """Return, for each row, the name of its test, made from the cells of two columns.
 
     The use of these columns is noted. ``columns`` is the table of the sheet.
     """
@@ -933,17 +933,17 @@ def _labels_of_two_columns(columns: _SheetColumns, log: AssumptionLog) -> list[s
 def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     """Return the name of the test to which each row of a table belongs.
 
-    If no single column names tests, but two columns together do, the names are made from both. The
-    names are empty if the table has no such columns. Raise an `InputError` if the single column has
-    an empty cell. ``columns`` is the table of the sheet.
+    If only two columns together name the tests, the names are made from both. If no columns name
+    them, the names are empty. Raise an `InputError` if a single column names the tests, but has an
+    empty cell that cannot be filled from above. ``columns`` is the table of the sheet.
     """
     if columns.numbering and "test" not in columns.heading.roles:
         return _labels_of_two_columns(columns, log)
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
-    # The stored cells of the table have lost the units after their numbers. A cell that is the name
-    # of a test, such as 100 N, gets its unit back.
+    # The units after numbers are not stored in the cells of the table. They are added here, because
+    # 100 N may be the name of a test.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels and _names_tests_once(labels):
         header = columns.heading.headers[columns.heading.roles["test"]][:LONGEST_NAME]
@@ -992,12 +992,11 @@ def layout_names(sheet: Sheet, label: str) -> list[str]:
 
 
 def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool) -> dict[str, Any]:
-    """Return the values that tables [[test]] of the layout give for the fields of one test.
+    """Return the values that entries [[test]] of the layout state for one test.
 
-    A table names the test by its entry ``file``: the label of the test, or the name of its sheet or
-    file. If several tables give a value for the same field, the table with the most specific name
-    is used. Raise an `InputError` if a table for a file with several tests states a force or
-    pressure.
+    The field ``file`` of an entry names the test, its sheet or its file. If several entries state a
+    value for the same field, the entry with the most specific name is used. Raise an `InputError`
+    if an entry for a file with several tests states a force or pressure.
 
     Parameters
     ----------
@@ -1006,7 +1005,7 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     label
         Name of the test in its sheet.
     layout
-        Layout with these tables.
+        Layout with these entries.
     holds_several
         Whether the file holds several tests.
     """
@@ -1032,11 +1031,10 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
 
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
     the radius, for every test. Two columns that together identify the tests also count as used. An
-    unused column may have the same header as a used column: it is left out if its cells are equal
-    to those of the used column; if not, its number is added to its header. A column of times may be
-    in the result, although later code may take the start times of the tests from it.
-    ``rows_of_tests`` holds the indices of the rows of each test. ``columns`` is the table of the
-    sheet.
+    unused column may have the same header as a used column. If their cells are equal, the unused
+    column is left out. If not, its number is added to its header. The result may contain a column
+    of times, although later code may take the start times of the tests from it. ``rows_of_tests``
+    holds the indices of the rows of each test. ``columns`` is the table of the sheet.
     """
     all_columns = range(len(columns.heading.headers))
     used_in_all_tests = {columns.place_of_column(column) for column in all_columns}
@@ -1075,7 +1073,7 @@ def _field_columns(
     """Return a dict with the indices of the columns that state a field of each test, such as setup.
 
     The keys are the fields. ``labels`` holds the name of the test for each row. A column of times
-    or temperatures is left out if its values change within a test; this is noted in the log.
+    or temperatures whose values change within a test is left out, and this is noted in the log.
     ``columns`` is the table of the sheet.
     """
     heading = columns.heading
