@@ -71,12 +71,12 @@ def _null_unless_finite(value: float) -> float | None:
 
 
 def _infinite_if_null(value: float | None) -> float:
-    """Return a result's number that was read from JSON; null (None) becomes infinity."""
+    """Return a result's number that was read from JSON. The value null (None) becomes infinity."""
     return np.inf if value is None else value
 
 
 def _nan_if_null(value: float | None) -> float:
-    """Return a result's number that was read from JSON; null (None) becomes NaN."""
+    """Return a result's number that was read from JSON. The value null (None) becomes NaN."""
     return np.nan if value is None else value
 
 
@@ -99,12 +99,12 @@ def _to_frame(rows: Any) -> pd.DataFrame:
 
 
 def _to_rows_by_name(frame: pd.DataFrame) -> dict[Any, Any]:
-    """Return the rows of a data frame as dictionaries; the keys are the names of the rows."""
+    """Return the rows of a data frame as dictionaries. The keys are the names of the rows."""
     return frame.to_dict(orient="index")
 
 
 def _to_records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
-    """Return the rows of a data frame as a list of dictionaries; missing values become None."""
+    """Return the rows of a data frame as a list of dictionaries. Missing values become None."""
     with_nulls = frame.astype(object).where(frame.notna(), None)
     return with_nulls.to_dict(orient="records")
 
@@ -221,9 +221,9 @@ def _is_default(kind: type, name: str, entry: Any) -> bool:
 
 
 class Shown:
-    """Base class of the objects that users see; it defines how these objects are displayed.
+    """Base class of the objects that users see. It defines how these objects are displayed.
 
-    The ``repr`` is one line. ``print`` shows the most important parts on one screen; `details`
+    The ``repr`` is one line. ``print`` shows the most important parts on one screen. `details`
     returns all tables and sentences, which notebooks show too.
     """
 
@@ -333,7 +333,7 @@ def register_when_displayed(register: Callable[[], object]) -> None:
 
 
 def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | None:
-    """Return the function that is registered for the class of ``result``; None if there is none.
+    """Return the function that is registered for the class of ``result``, or None.
 
     ``general`` is a function made by `functools.singledispatch`, for which other modules register
     one function per class of results. Before the function is looked up, the functions that
@@ -481,6 +481,6 @@ def _reason_of(error: Exception) -> str:
 
 
 def json_text(result: Mapping[str, Any]) -> str:
-    """Return the dictionary of a result as JSON text; NaN and infinite numbers become null."""
+    """Return the dictionary of a result as JSON text. NaN and infinite numbers become null."""
     text = to_json(result, indent=2, inf_nan_mode="null", fallback=_to_list)
     return text.decode() + "\n"

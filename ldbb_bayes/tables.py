@@ -151,7 +151,7 @@ class Table:
         return _TextLayout(self, width).text()
 
     def screen(self, width: int = 100) -> str:
-        """Return the table as text for a screen; if the text is long, some columns are left out.
+        """Return the table as text for a screen. If the text is long, some columns are left out.
 
         Lines have at most ``width`` characters, as in `text`. If the text has more than 45 lines,
         the columns that `text` moves to lines beneath the rows are left out, and the last line
@@ -165,7 +165,7 @@ class Table:
         return layout.text_without_columns_beneath()
 
     def html(self) -> str:
-        """Return the table as HTML; special characters in its texts are escaped."""
+        """Return the table as HTML. Special characters in its texts are escaped."""
         heads = [typeset(head) for head in self.heads]
         head_tags = ['th scope="col"'] * len(heads)
         # On narrow screens, the page of the report shows each cell of a table after the heading of
@@ -422,9 +422,9 @@ def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
 
     `with_rows_instead` states which rows are replaced, which rows are their substitutes, and above
     which row the substitutes stand. If ``all_rows`` is true, the substitutes are added, and the
-    replaced rows stay. The data frame is returned unchanged if it has no substitutes. The same
-    holds if the number of rows has changed since `with_rows_instead` was called, because the user
-    has then selected rows.
+    replaced rows stay. The data frame is returned unchanged if it has no substitutes. It is also
+    returned unchanged if its number of rows has changed since `with_rows_instead` was called,
+    because the user has then selected rows.
     """
     instead: _RowsInstead | None = frame.attrs.get("rows_instead")
     if instead is None or len(frame) != instead.length:
@@ -518,7 +518,7 @@ def terminal_width() -> int:
 
 
 def table_of(frame: pd.DataFrame) -> Table:
-    """Return a data frame as a `Table`, with the numbers of each row in its display unit.
+    """Return a data frame as a `Table`, with the numbers of each row in the row's display unit.
 
     A data frame of more than 60 rows is shortened to its first 30 and last 30 rows.
     """
@@ -557,7 +557,7 @@ def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _heads_with_units(frame: pd.DataFrame) -> list[str]:
-    """Return the headings of a data frame's columns, each with its unit in brackets, if any."""
+    """Return the headings of a data frame's columns, with the units of columns in brackets."""
     units = frame.attrs.get("units", {})
     heads = []
     for name in frame.columns:
@@ -567,7 +567,10 @@ def _heads_with_units(frame: pd.DataFrame) -> list[str]:
 
 
 def _row_label(label: Hashable) -> Hashable:
-    """Return the name of a data frame's row; slashes separate the parts of the name, if any."""
+    """Return the name of a data frame's row.
+
+    If the name has several parts, slashes separate them.
+    """
     if isinstance(label, tuple):
         return " / ".join(map(str, label))
     return label

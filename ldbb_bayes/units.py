@@ -100,10 +100,10 @@ _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
 def _units_to_write() -> dict[str, _Size]:
-    """Return the conversions of the units that a user may write; the keys are names such as kN.
+    """Return the conversions of the units that a user may write. The keys are names such as kN.
 
-    A conversion consists of the value of the unit in mm, N and rad (1000 for kN), the power of
-    length in its dimension (0 for kN), and the power of force (1 for kN). A user may also write
+    A conversion has three numbers: the value of the unit in mm, N and rad, the power of length in
+    its dimension, and the power of force. For kN, they are 1000, 0 and 1. A user may also write
     quotients and squares of these units.
     """
     sizes = {
@@ -157,8 +157,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     """Convert a quantity that a text states with a unit to a number in an internal unit.
 
     For the text "0.5 nm/N" and the internal unit mm/N, the result is 5e-7. Any unit of the same
-    kind as the internal unit may be used: nm/N, µm/kN or um/kN for a compliance; nm/N per kN or
-    nm/N/kN for the change of a compliance with force; µrad/(N m) or µrad/N/m for a rotation.
+    kind as the internal unit may be used. Examples are nm/N, µm/kN or um/kN for a compliance,
+    nm/N/kN or "nm/N per kN" for its change with force, and µrad/(N m) for a rotation.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def _size_of(unit: str) -> _Size | None:
 
 
 def _as_quotients(match: re.Match[str]) -> str:
-    """Return units in a bracket, which form a product, with slashes between them.
+    """Return the units of a product in a bracket as a text with slashes between them.
 
     ``match`` is the match of a regular expression, whose group 1 is the text in the bracket. For (N
     m) the result is N/m, because µrad/(N m) equals µrad/N/m.
@@ -318,7 +318,7 @@ def is_slope(name: str) -> bool:
 
 
 def without_slopes(names: Iterable[str]) -> list[str]:
-    """Return ``names`` without the names of slopes; if no name would be left, return all ``names``.
+    """Return ``names`` without the names of slopes, or all ``names`` if they are all slopes.
 
     Slopes are parameters that state how a compliance changes with force (`is_slope`).
     """
@@ -421,7 +421,10 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
 
 
 def three_digits(value: float) -> str:
-    """Return ``value`` with three significant digits as text; from 1000 on, as a whole number."""
+    """Return ``value`` as text with three significant digits.
+
+    A value of 1000 or more is written as a whole number.
+    """
     return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"
 
 

@@ -1,8 +1,7 @@
 """Notes on conventions that files do not state, and on texts that are read but not used.
 
-If nothing states the sign of readings, the convention of angles or the direction of travel, the
-convention of this package is assumed. The notes show these assumptions, so that the user can
-correct them.
+If nothing states the sign of readings or where angles begin, this package assumes its own
+convention. The notes show these assumptions, so that the user can correct them.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from ldbb_bayes.reading.unused_segments import states_correction, unused_segment
 __all__ = ["note_unstated"]
 
 # Each unused text on a convention, such as the sign of readings, gets a note. Other unused texts
-# get notes only until there are this many notes; one further note counts the texts without a note.
+# get a note only until there are this many notes. One more note states how many texts have no note.
 _MOST_TEXTS = 6
 # A note quotes at most this many characters of an unused text.
 _TEXT_SHOWN = 160
@@ -138,8 +137,8 @@ def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_
 def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
     """Add notes on texts outside the tables from which nothing was taken.
 
-    The most important texts in ``unused`` get a note each; one further note says how many more
-    there are.
+    Each of the most important texts in ``unused`` gets a note. One more note says how many other
+    texts there are.
     """
     option = "the option for what they state"
     shown = _most_important(unused)

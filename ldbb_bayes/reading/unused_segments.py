@@ -78,8 +78,8 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
     """Return the unused parts of a segment of which another part was used.
 
     The segment is divided at dashes and slashes. In ``Force 36 N - gauge turned over``, the last
-    part is unused. A part counts as used if the segment would state less without it. A part that a
-    note quotes is left out; ``quoted`` are the quoted words of the line.
+    part is unused. A part counts as used if the segment would state less without it. ``quoted`` are
+    the words of the line that notes quote. A part that is quoted is left out.
     """
     parts = next(finer_divisions(segment))
     unused = []

@@ -66,7 +66,7 @@ WORDS: Mapping[str, Any] = tomllib.loads(
 def _role_words() -> dict[str, list[str]]:
     """Return a dict with the words that headers use for each role of a column.
 
-    The keys are the roles, such as angle and reading.
+    A role is what a column holds, such as angle or reading. The keys of the dict are the roles.
     """
     role_words = {}
     for role, words in WORDS["roles"].items():

@@ -102,7 +102,7 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
 
 
 def _unreadable(path: Path, state: str) -> InputError:
-    """Return the error for a workbook that cannot be read; ``state`` says what is wrong with it."""
+    """Return the error for a workbook that cannot be read. ``state`` says what is wrong with it."""
     return InputError(
         f"{path} must hold a workbook that can be read, got {state}. Open and save it again."
     )
@@ -117,9 +117,9 @@ def _wanted_sheets(
     """Return the wanted sheets of a workbook. Hidden rows and empty sheets are left out.
 
     ``wanted`` are the names of the wanted sheets. If no names are given, all sheets that are not
-    hidden are returned, or all sheets if every sheet is hidden. ``parts`` holds, for each sheet,
-    the hidden rows, the units in number formats, and the formulas without a value. The keys of
-    ``parts`` are the names of the sheets. ``book`` is the open workbook.
+    hidden are returned, or all sheets if every sheet is hidden. ``parts`` holds the hidden rows of
+    each sheet, its units in number formats, and its formulas without a value. The keys of ``parts``
+    are the names of the sheets. ``book`` is the open workbook.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)
@@ -163,7 +163,7 @@ def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
 
 
 def _visible_rows(values: Sequence[Sequence[object]], hidden_lines: Collection[int]) -> list[Row]:
-    """Return the rows of a sheet with their line numbers; hidden and empty rows are left out.
+    """Return the rows of a sheet with their line numbers. Hidden and empty rows are left out.
 
     ``values`` are the values of the cells in each row, and ``hidden_lines`` the line numbers of
     hidden rows.

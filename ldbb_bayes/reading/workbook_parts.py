@@ -43,7 +43,7 @@ class SheetParts:
 
 
 def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
-    """Return, for each sheet, its hidden rows, its units, and its formulas without a stored value.
+    """Return the hidden rows of each sheet, its units, and its formulas without a stored value.
 
     The keys of the result are the names of the sheets. ``raw`` is the content of the file. The
     result is empty if the file is not in the format XLSX or cannot be read.
@@ -61,7 +61,7 @@ def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
 
 
 def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
-    """Return the root element of an XML file; ``path`` is its path inside the workbook.
+    """Return the root element of an XML file. ``path`` is its path inside the workbook.
 
     Raise a ValueError if the XML file is too large to be examined. ``archive`` is the open
     workbook.
@@ -72,7 +72,7 @@ def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
 
 
 def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return a dict with the paths of the sheets inside the workbook; the keys are sheet names.
+    """Return a dict with the paths of the sheets inside the workbook. The keys are sheet names.
 
     ``archive`` is the open workbook.
     """
@@ -154,7 +154,7 @@ def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
 
 
 def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
-    """Yield the XML elements of the cells and rows of a sheet; each row follows its cells.
+    """Yield the XML elements of the cells and rows of a sheet. Each row follows its cells.
 
     ``stream`` is the XML of the sheet.
     """

@@ -36,7 +36,7 @@ _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
 # of a version number, such as ``0.3`` in ``0.3.0``.
 _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?!\d|\.\d)")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
-# key of the section that lists technical terms in alphabetical order, in the annex of a report
+# key of the section of a report's annex that lists technical terms in alphabetical order
 _GLOSSARY = "glossary"
 # A text that is not in the catalogue of translations is split at one of these separators, and its
 # pieces are translated separately. The separators are tried in this order: those that usually leave
@@ -122,8 +122,7 @@ class AnnexTranslation:
     kept
         Texts that are not translated: names of campaigns and tests.
     missing
-        English texts for which no translation was found. A text is added when the search for its
-        translation fails for the first time.
+        English texts for which no translation was found so far.
     """
 
     words: Words
@@ -171,7 +170,7 @@ class AnnexTranslation:
         return replace(table, caption=self.text(table.caption), heads=heads, rows=tuple(rows))
 
     def _translated_cell(self, cell: Any) -> Any:
-        """Return a cell of a table, translated if it is a text; a number is returned unchanged."""
+        """Return a cell of a table. A text is translated, and a number is returned unchanged."""
         return self.text(cell) if isinstance(cell, str) else cell
 
     def _translated_picture(self, picture: Picture) -> Picture:

@@ -29,7 +29,7 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
         Comparison of models.
     rmse
         Whether the table shows the RMSE of each model. The RMSE is the root mean square of the
-        residuals, which are the readings minus the posterior mean of the predicted readings.
+        residuals. A residual is a reading minus the posterior mean of the predicted reading.
     least_squares
         Whether the table also shows the RMSE of a fit by least squares, the method of the article
         on which the model is based.
@@ -135,8 +135,8 @@ def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
 def left_out_tests_table(comparison: Comparison) -> Table:
     """Return a table that compares every test with a prediction made from the other tests.
 
-    The table has one row for each test. The columns are the force, the p-value of the test's
-    readings, this p-value adjusted for the number of tests, and a flag for a test that does not
+    The table has one row for each test. The columns include the force, the p-value of the test's
+    readings, and this p-value adjusted for the number of tests. A flag marks a test that does not
     agree with the other tests. The last column is the log predictive density of the test under the
     second model minus the log predictive density under the first model [nat].
 

@@ -83,11 +83,11 @@ def dsi_unit(*units: str) -> str:
 def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: float = 0.95) -> Path:
     """Write the results of a fit to an XML file in the format of a digital calibration certificate.
 
-    The file holds the mean, U (k = 2), the credible interval and the covariance of every parameter
-    of the machine, in internal units (mm, N, rad). It also holds the change of each compliance over
-    the tested forces. Slopes, which are coefficients of this change, appear only in the covariance
-    matrix. The stiffness by direction at the reference force is included if the readings determine
-    it. The file states that it is unsigned and is not a calibration certificate.
+    For every parameter of the machine, the file holds the mean, U (k = 2), the credible interval
+    and the covariance. They are in internal units (mm, N, rad). It also holds the change of each
+    compliance over the tested forces. Slopes, which are coefficients of this change, appear only in
+    the covariance matrix. The stiffness by direction at the reference force is included if the
+    readings determine it. The file states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------

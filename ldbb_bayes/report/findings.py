@@ -189,7 +189,7 @@ class Findings:
         return predict_circularity(self.posterior, prob=self.prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
-        """Return the decisions on conformity with the tolerances; the keys are names of quantities.
+        """Return the decisions on conformity with the tolerances. The keys are names of quantities.
 
         Compliances and circular deviations are assessed at the force ``force_N`` [N], or at the
         model's reference force if ``force_N`` is None.

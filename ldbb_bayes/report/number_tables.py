@@ -158,8 +158,8 @@ def _changes_table(findings: Findings) -> pd.DataFrame:
 def _stiffness_table(findings: Findings, force_N: float | None) -> pd.DataFrame:
     """Return a table of the stiffness by direction, with a row for each plane, force and quantity.
 
-    The forces are the smallest force tested, the reference force, the largest force tested, and
-    ``force_N``, the force [N] for which the test certificate states the stiffness.
+    The forces are the smallest and the largest force tested, the reference force, and ``force_N``.
+    The test certificate states the stiffness at ``force_N`` [N].
     """
     numbers = findings.posterior_of_certificate
     table = stiffness(numbers, prob=findings.prob).table()
@@ -209,8 +209,8 @@ def _averaged_table(findings: Findings) -> pd.DataFrame:
     """Return a table of the parameters' estimates on the test certificate.
 
     These estimates are averages over several models. The table has no slopes (coefficients of the
-    change of compliance with force): a slope is exactly zero in some of the models, so that mean
-    and U would not describe its distribution.
+    change of compliance with force). A slope is exactly zero in some of the models. Its mean and U
+    would therefore not describe its distribution.
     """
     averaged = findings.posterior_of_certificate
     summary = summarize(averaged, prob=findings.prob)

@@ -137,7 +137,7 @@ def _power_of_height(height_ratio: float, size_ratio: float) -> float:
 
 @contextmanager
 def _document() -> Iterator[FPDF]:
-    """Yield an empty PDF document with margins and fonts; its font files are closed after use."""
+    """Yield an empty PDF document with margins and fonts. Its font files are closed after use."""
     pdf = FPDF()
     pdf.set_auto_page_break(False)
     pdf.set_margins(_LEFT, _TOP, _LEFT)
@@ -227,7 +227,7 @@ def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
 
 
 def _draw_items(pdf: FPDF, items: Items, scale: float) -> None:
-    """Draw a heading and a list of sentences on a page; ``scale`` is the relative font size."""
+    """Draw a heading and a list of sentences on a page. ``scale`` is the relative font size."""
     _write(pdf, items.heading, 9.0 * scale, bold=True)
     for item in items.items:
         pdf.set_xy(_LEFT, pdf.y + 0.8 * scale)

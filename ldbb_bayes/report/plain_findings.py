@@ -243,9 +243,9 @@ def _change_findings(numbers: SheetNumbers) -> Iterator[Finding]:
 def _reversal_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each plane in which circles were run in both directions.
 
-    The finding states how much the readings of the two directions differ: the amplitude of sin 2θ
-    in the difference of the readings [µm], where θ is the angle of the bar. Servo mismatch, or
-    unequal backlash of the two axes, causes this difference.
+    The finding states how much the readings of the two directions differ. It states the amplitude
+    of sin 2θ in this difference [µm], where θ is the angle of the bar. Servo mismatch, or unequal
+    backlash of the two axes, causes this difference.
     """
     words = numbers.words
     for plane, coefficient in numbers.reversal_coefficients.items():

@@ -126,9 +126,9 @@ def limits(findings: Findings) -> Iterator[Part]:
 def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
-    The section states the evidence for each model, and how the evidence depends on assumptions. It
-    also states two further results, if the comparison of models includes them: the probability that
-    each slope (change of a compliance with force) differs from zero, and a comparison of each test
+    The section states the evidence for each model, and how the evidence depends on assumptions. If
+    the comparison of models includes them, two further results follow. One is the probability that
+    each slope (change of a compliance with force) differs from zero. The other compares each test
     with a prediction made from the other tests.
     """
     comparison = findings.comparison
@@ -296,7 +296,7 @@ def fit(findings: Findings) -> Iterator[Part]:
 
 
 def _p_value_cell(value: float | None) -> str | None:
-    """Return a p-value as a string with two significant digits; None if there is none."""
+    """Return a p-value as a string with two significant digits, or None if there is none."""
     return None if value is None else f"{value:.2g}"
 
 

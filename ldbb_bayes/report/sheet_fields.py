@@ -110,10 +110,10 @@ def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], 
 def _stated_entries(
     campaign: Campaign, keys: tuple[str, ...], words: Words
 ) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of one form field for each of the campaign's entries ``keys``.
+    """Yield the name and the text of a form field for each of the entries ``keys``.
 
-    An example of an entry is the operator. The text is empty if the campaign does not state the
-    entry.
+    An entry, such as the operator, is something that a campaign can state. The text is empty if the
+    campaign does not state the entry.
     """
     for key in keys:
         yield words(f"fields.{key}"), shorten(str(getattr(campaign, key) or ""))

@@ -46,8 +46,8 @@ __all__ = ["SheetNumbers", "remark"]
 # A remark states that a compliance increases with force if the probability of an increase is at
 # least this value. The same limit applies to a decrease.
 _SURE = 0.95
-# The test certificate states only a lower limit of the stiffness 1 / C if the lower end of the
-# credible interval of the compliance C is below this fraction of the median of C.
+# The credible interval of a compliance C may begin below this fraction of the median of C. The test
+# certificate then states only a lower limit of the stiffness 1 / C.
 _HARDLY_POSITIVE = 0.2
 # Table for ``str.translate`` that replaces the letter of a rotation (A, B or C) by the letter of
 # the axis about which it turns (X, Y or Z).
@@ -75,7 +75,7 @@ class SheetNumbers:
 
     @cached_property
     def parameters(self) -> dict[str, StatedQuantity]:
-        """Compliances at the force ``force_N``, and geometric errors; the keys are their names.
+        """Compliances at the force ``force_N``, and geometric errors. The keys are their names.
 
         Offsets of the tool ball are left out. Slopes (coefficients of the change with force) are
         left out, too; `changes` holds the changes themselves.
@@ -156,7 +156,7 @@ class SheetNumbers:
 
     @cached_property
     def reversal_coefficients(self) -> dict[str, Mapping[str, float]]:
-        """Coefficients of sin 2θ in the model term `Hysteresis`; the keys are the planes.
+        """Coefficients of sin 2θ in the model term `Hysteresis`. The keys are the planes.
 
         θ is the angle of the bar. Each coefficient is half the amplitude of sin 2θ in the
         difference between the readings of two circles that are run in opposite directions. Planes
@@ -219,9 +219,8 @@ class SheetNumbers:
         """Return the name of a parameter in words, in the language of the test certificate.
 
         ``name`` is an object whose attributes are the parts of the name of a compliance or
-        geometric error, such as the axis. ``degree`` is 0 for the name of the parameter itself, 1
-        for the name of the slope of its change with force, and 2 for the name of the curvature of
-        this change.
+        geometric error, such as the axis. If ``degree`` is 0, the parameter itself is named. If it
+        is 1 or 2, the slope or the curvature of the parameter's change with force is named.
         """
         key = str(name.kind)
         if degree == 1:
@@ -244,9 +243,9 @@ class SheetNumbers:
     def stiffnesses(self) -> dict[str, StatedQuantity]:
         """Stiffness 1 / C of every axis, where C is the median of the axis's direct compliance.
 
-        The keys are the labels of the compliances, such as ``C_XXX``. If the lower end of the
-        credible interval of a compliance is below a fifth of its median, only a lower limit of the
-        stiffness is stated.
+        The keys are the labels of the compliances, such as ``C_XXX``. If the credible interval of a
+        compliance begins below a fifth of its median, only a lower limit of the stiffness is
+        stated.
         """
         stated = {}
         for compliance in bound_of(self.findings.posterior_of_certificate).compliances:
@@ -257,10 +256,9 @@ class SheetNumbers:
     def _stiffness(self, compliance: Any) -> StatedQuantity:
         """Return the stiffness 1 / C for a direct compliance C.
 
-        The stiffness has a value and an uncertainty if the lower end of the credible interval of C
-        is above a fifth of the median of C. Otherwise only a lower limit is stated, which is the
-        stiffness at the upper end of the interval. If the upper end is not positive, no stiffness
-        is stated.
+        The stiffness has a value and an uncertainty if the credible interval of C begins above a
+        fifth of the median of C. Otherwise only a lower limit is stated, which is the stiffness at
+        the upper end of the interval. If the upper end is not positive, no stiffness is stated.
         """
         summary = self._summaries[compliance.label]
         median = summary["median"]
@@ -347,8 +345,8 @@ class SheetNumbers:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
         ``names`` are the names of the quantities, such as ``G``. The keys of the result are these
-        names, followed by ``_no_load`` if the force is 0 N, and by the plane, as in ``G_YZ``, if
-        several planes were tested. At 0 N, the symbol of a quantity ends in _0.
+        names with endings. The ending ``_no_load`` is added if the force is 0 N. The plane is added
+        if several planes were tested, as in ``G_YZ``. At 0 N, the symbol of a quantity ends in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.posterior_of_certificate, [force_N], prob=prob)

@@ -258,9 +258,9 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 def _passages_of_results_by_name(results: ByName[Any]) -> tuple[Passage, ...]:
     """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
-    All ``results`` are of the same kind, which is one of these three. The keys of budgets are names
-    of parameters, the keys of decisions are names of quantities, and the keys of changes with force
-    are names of compliances. The table has one row for each result.
+    All ``results`` are of the same kind, which is one of these three. The keys are names of
+    parameters for budgets, names of quantities for decisions, and names of compliances for changes
+    with force. The table has one row for each result.
     """
     if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:
         return (change_table({name: change.as_dict() for name, change in results.items()}),)
@@ -311,7 +311,7 @@ def _passages_of_change_with_force(change: ChangeWithForce) -> tuple[Passage, ..
 
 @parts_of.register
 def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
-    """Return the table of one uncertainty budget; one row states the sum of small contributions."""
+    """Return the table of one uncertainty budget. One row states the sum of small contributions."""
     factor, unit = display_unit(budget.unit)
     rows: list[tuple[str, ...]] = []
     small_share = 0.0

@@ -168,9 +168,9 @@ _MOST_CHECKS = 3
 # below this limit, sentences say that the readings contradict non-negative compliances. The limit
 # is ln 1e-6.
 _CONTRADICTED = -13.815510557964274
-# Smallest probability at which sentences state something as a fact: that a compliance increases
-# with force, that it decreases with force, or that a slope (a coefficient of this change) differs
-# from zero.
+# If a change has at least this probability, sentences state it as a fact. The change may be that a
+# compliance increases or decreases with force, or that a slope (a coefficient of this change)
+# differs from zero.
 _SURE = 0.95
 # A difference of probabilities that is at most this value counts as zero, because it may be a
 # rounding error.
@@ -184,9 +184,9 @@ _UNLIKELY = 5e-4
 # sentence states that the campaigns disagree about an error if the p-value of the difference of its
 # two estimates is below this value.
 _CONFLICT = 0.01
-# In a table of certificates of the instrument, the row of a certificate names a parameter only if
-# the certificate would reduce the parameter's standard uncertainty u to less than this fraction of
-# the present u.
+# A row of the table of certificates names the parameters that the certificate would make less
+# uncertain. A parameter is named only if its standard uncertainty would fall below this fraction of
+# the present value.
 _NARROWER = 0.9
 _STRENGTHS = (
     # Words for the strength of evidence expressed by a Bayes factor B. Each entry has an upper
@@ -570,7 +570,7 @@ def check_notes(fit: Fit) -> tuple[str, ...]:
 
 
 def model_words(model: Mapping[str, Any]) -> str:
-    """Return a description of the fitted model; ``model`` is the JSON record of the model."""
+    """Return a description of the fitted model. ``model`` is the JSON record of the model."""
     return _sentence("model_words", model)
 
 
@@ -770,9 +770,9 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
     ``hyper_um`` holds the values: scales of the noise and of other effects [µm], and decay, a pure
     number. The keys are the names of the hyper-parameters. Hyper-parameters whose names begin with
-    ``lambda_`` are left out; each is the factor by which the random shift and the unexplained
-    deviations of one circle are larger than those of the other circles. ``equals`` is the string
-    between a name and its value.
+    ``lambda_`` are left out. Each of them is a factor for one circle: its random shift and
+    unexplained deviations are larger by this factor than those of other circles. ``equals`` is the
+    string between a name and its value.
     """
     sizes = []
     for name, value in hyper_um.items():
@@ -916,9 +916,9 @@ def verdict_words(
     entry
         Verdict on the parameter, or on the change of a compliance with force.
     shares
-        Whether the string states, for each named effect, the share of the variance that is due to
-        the effect. The string names the effects with which the parameter is confounded or, if
-        the parameter is identified, the effect with the largest share of its variance.
+        Whether the string states the share of the variance that is due to each named effect. The
+        string names the effects with which the parameter is confounded or, if the parameter is
+        identified, the effect with the largest share of its variance.
 
     Returns
     -------
@@ -1097,7 +1097,7 @@ def design_sentences(design: Design) -> tuple[str, ...]:
 
 
 def design_screen(design: Design) -> tuple[str, ...]:
-    """Return the most important sentences on a design of tests; the first lists the tests."""
+    """Return the most important sentences on a design of tests. The first lists the tests."""
     return _sentences("design_screen", design, _tests_to_run(design, most=len(design.table)))
 
 

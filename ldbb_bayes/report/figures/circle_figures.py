@@ -114,7 +114,10 @@ class _TraceData:
 
     @property
     def line_width(self) -> float:
-        """Line width of the traces in a polar plot [points]; smaller if there are many tests."""
+        """Line width of the traces in a polar plot [points].
+
+        The lines are thinner if there are many tests.
+        """
         return float(np.clip(_MOST_BANDS / len(self.bound.campaign.tests), 0.35, 1.0))
 
     @property
@@ -218,8 +221,8 @@ def _draw_trace(axes: Any, trace_data: _TraceData, r: int) -> None:
 def _draw_rings(axes: Any, trace_data: _TraceData, plane: str) -> None:
     """Draw the scale of the polar panel of one plane.
 
-    The scale consists of rings labelled in µm, of angles, and of the names of the machine axes. The
-    circle of zero readings is drawn if it lies in the panel.
+    The scale has rings labelled in µm, angles, and the names of the machine axes. The circle of
+    zero readings is drawn if it lies in the panel.
     """
     zero = trace_data.zero_radius
     if trace_data.has_nominal_circle:
@@ -348,9 +351,9 @@ def residuals(posterior: xr.DataTree) -> Figure:
     """Draw the residuals, reading minus prediction, against angle for up to ten tests.
 
     If there are more than ten tests, ten are chosen evenly, including the first and the last. The
-    prediction includes the effects of machine, bar and balls. Two effects that differ from
-    circle to circle are not part of the prediction, and are therefore still in the residuals: the
-    set-up shift, and the discrepancy (a deviation that no other effect explains).
+    prediction includes the effects of machine, bar and balls. Two effects that differ from circle
+    to circle are not predicted, so they remain in the residuals. They are the set-up shift and the
+    discrepancy (a deviation that no other effect explains).
 
     Parameters
     ----------

@@ -58,10 +58,10 @@ def evidence(comparison: Comparison) -> Figure:
     assumption. Some assumptions are about the width of the prior of the slopes (changes of
     compliance with force), others about the differences between circles. The bar through each dot
     is the 95 % interval of ln B that results from the numerical error. A number at the right of a
-    row shows how well the readings support an assumption about circles: it is the log evidence
-    under this assumption minus the log evidence under the assumption that the compared models make.
-    The scale is linear. It is broken if assumptions that the readings reject give values far from
-    all other values.
+    row shows how well the readings support an assumption about circles. The number is the log
+    evidence under this assumption minus the log evidence under the assumption that the compared
+    models make. The scale is linear. It is broken if assumptions that the readings reject give
+    values far from all other values.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _axis_sections(value: Array, allowed: Array) -> list[_AxisSection]:
 
 
 def _axis_section(low: float, high: float, *, is_outer: bool) -> _AxisSection:
-    """Return a section, from ``low`` to ``high`` [nat], of the axis for log Bayes factors.
+    """Return one section of the axis for log Bayes factors, from ``low`` to ``high`` [nat].
 
     The axis may be broken into up to three sections. Both ends of a section have a margin.
     ``is_outer`` states whether the section lies to the left or to the right of the middle section.

@@ -20,8 +20,8 @@ from ldbb_bayes.units import display_name, display_unit, is_slope, round_uncerta
 __all__ = ["expected_widths"]
 
 _COLUMNS = 3  # number of parameters in one row of the figure of expected uncertainties
-# Length of the longest bar in the bar chart of expected uncertainties, as a fraction of the width
-# of a column of bars.
+# Length of the longest bar in the chart of expected uncertainties. The unit is the width of one
+# column of the chart.
 _LONGEST_BAR = 0.72
 
 

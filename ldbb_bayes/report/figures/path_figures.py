@@ -234,10 +234,10 @@ def _paths(
     """Return the contributions of several sources to the tool path on a circle [µm].
 
     The circle is the first circle in the plane ``plane``, run with the force ``force_N`` [N].
-    ``sources`` are names of parameters, or of groups of parameters; they are the keys of the
-    result. Each array has the shape (draws, 360): one row for each random draw from the posterior,
-    and one column for each of the angles 0° … 359°. The random draws are those that
-    `decompose_deviation` uses. ``bound`` is the model applied to the campaign.
+    ``sources`` are names of parameters or of groups of parameters. They are the keys of the result.
+    Each array has the shape (draws, 360): one row for each random draw from the posterior, and one
+    column for each of the angles 0° … 359°. The random draws are those that `decompose_deviation`
+    uses. ``bound`` is the model applied to the campaign.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)

@@ -1,7 +1,7 @@
 """Atlases: figures with the patterns of all compliances or geometric errors of a machine.
 
-The pattern of a compliance, or of a geometric error, is its effect on the reading of a circular
-test as a function of the angle on the circle.
+The pattern of a compliance or geometric error shows how it changes the reading of a circular test
+at each angle on the circle.
 """
 
 from __future__ import annotations

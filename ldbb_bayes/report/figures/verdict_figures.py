@@ -27,8 +27,8 @@ __all__ = ["budget_bars", "prior_and_posterior"]
 # A source of uncertainty is drawn only if its share of the variance of at least one parameter
 # reaches this value [%].
 _SMALLEST_SHARE = 0.5
-# The name of a source of uncertainty is written on its bar if the length of the bar [% of the
-# variance] exceeds this value times the number of letters in the name.
+# The name of a source of uncertainty is written on its bar only if the bar is long enough. This
+# value is the length that one letter needs [% of the variance].
 _SHARE_PER_LETTER = 1.75
 # Weights of red, green and blue in the brightness (luminance) of a colour.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
