@@ -24,7 +24,7 @@ __all__ = ["Objective"]
 # design is said not to determine parameter i if L_ii is below this share of √M_ii.
 _SINGULAR_SHARE = 1e-6
 # Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
-# time, to limit memory.
+# time, so that little memory is needed.
 _CHUNK_SIZE = 1 << 22
 
 
@@ -84,10 +84,10 @@ class Objective(Shown):
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
-        """Return the criterion Φ of a design after one more test, for each chosen candidate.
+        """Return the criterion Φ of a design with one more test, for each of several candidates.
 
         ``counts`` holds the number of tests of each candidate in the design. ``chosen`` holds the
-        indices of the chosen candidates. For each of them, a single test is added to the same
+        indices of the candidates that are tried. For each of them, one test is added to the same
         design. The result has the shape (chosen,).
         """
         total = np.zeros(len(chosen))
@@ -104,10 +104,10 @@ class Objective(Shown):
         """Return the criterion Φ of a design, and its derivatives with respect to the counts n_i.
 
         ``counts`` holds the number n_i of tests of each candidate i, shape (candidates,); the
-        derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the derivative with respect
-        to the precision matrix M of the parameters at the k-th value of the hyper-parameters, and
-        G_ki the derivatives of candidate i's readings with respect to the parameters. Then ∂Φ/∂n_i
-        is the mean of ‖G_ki D_k‖² over k.
+        derivatives ∂Φ/∂n_i have the same shape. They are the means of ‖G_ki D_k‖² over the values k
+        of the hyper-parameters. Here G_ki are the derivatives of candidate i's readings with
+        respect to the parameters, and D_k is defined by ∂Φ/∂M = D_k D_kᵀ, where M is the precision
+        matrix of the parameters.
         """
         s = self.interest
         precision = self._precision(counts)
@@ -152,8 +152,8 @@ class Objective(Shown):
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._has_undetermined_prior:
             # Because of rounding errors, the Cholesky factorisation of a singular matrix may
-            # succeed. Such a matrix is recognised by a very small diagonal element of its Cholesky
-            # factor.
+            # succeed. Its factor then has a very small diagonal element, by which the matrix is
+            # recognised.
             root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
             remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
             values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)

@@ -1,4 +1,4 @@
-"""Goals that no campaign can reach, however long: the causes, and certificates that would help.
+"""Goals that no number of circles can reach: the causes, and certificates that would help.
 
 An uncertainty may remain above its goal even if every possible circle is run very many times. The
 cause is then an effect that is the same in all circles and that the circles cannot measure.
@@ -61,14 +61,14 @@ class NearMiss(Result):
     """A goal that could be reached with very many circles, but not with 40 circles or fewer.
 
     With few circles, the hyper-parameters, such as the standard deviation of the noise, are less
-    well known than with very many circles. A goal may therefore be out of reach for up to 40
-    circles, although it is just above the uncertainty that remains after very many circles.
+    well known than with very many circles. A campaign of 40 circles may therefore miss a goal that
+    is only slightly larger than the uncertainty after very many circles.
     """
 
     #: number of circles of the largest campaign that was tried in the search for a campaign that
     #: reaches the goals
     circles: int
-    #: limit that the expanded uncertainty (k = 2) of the goal's parameter after the largest
+    #: value that the expanded uncertainty (k = 2) of the goal's parameter after the largest
     #: campaign tried does not exceed on 90 % of the possible machines, in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the campaign with the largest number of circles
@@ -112,7 +112,7 @@ def near_miss_of(
 
 
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
-    """Return the reason for each goal that cannot be reached with any number of circles.
+    """Return the reasons why goals cannot be reached with any number of circles.
 
     The keys are the names of the goals' parameters. Goals that can be reached are left out.
     ``family`` is the family of campaigns whose goals are examined. The family has all ball angles
@@ -195,7 +195,7 @@ def _most_helpful_certificate(
 
 
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
-    """Return, for every goal, the largest expanded uncertainty it permits on a typical machine.
+    """Return the largest expanded uncertainty that each goal permits on a typical machine.
 
     A goal in percent of a parameter permits different uncertainties on different machines. The
     result is the geometric mean of these uncertainties over the possible machines. The keys are the

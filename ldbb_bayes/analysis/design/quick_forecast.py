@@ -1,13 +1,13 @@
 """Quick forecast of how far campaigns are from their goals.
 
-β are the parameters and φ the hyper-parameters, such as the standard deviation of the noise. A
-candidate is a test that could be run. Let G be the derivatives of its readings with respect to all
-coefficients, divided by the standard deviation of the noise. The test adds the information GᵀG to
-the precision matrix of the coefficients. G is computed once for every candidate, at K values of φ
-that are likely before the campaign. A search can therefore compare thousands of campaigns, each
-within milliseconds. The forecast assumes that φ is known, and that the noise has the same size in
-all circles; compliances may be negative. The best campaigns are examined with `forecast_plan`,
-which does not make these simplifications.
+φ are the hyper-parameters, such as the standard deviation of the noise. A candidate is a test that
+could be run. Let G be the derivatives of its readings with respect to all coefficients, divided by
+the standard deviation of the noise. The test adds the information GᵀG to the precision matrix of
+the coefficients. G is computed once for every candidate, at K values of φ that are likely before
+the campaign. A search can therefore compare thousands of campaigns, each within milliseconds. The
+forecast assumes that φ is known, and that the noise has the same size in all circles; compliances
+may be negative. The best campaigns are examined with `forecast_plan`, which does not make these
+simplifications.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
 largest standard uncertainty that the goal permits. The distance of a campaign from its goals is the
@@ -47,7 +47,7 @@ _VERY_MANY = 1e6
 
 
 def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[str]) -> Array:
-    """Return, for every goal, the largest standard uncertainty it permits, shape (K, goals).
+    """Return the largest standard uncertainty that each goal permits, shape (K, goals).
 
     A goal may be a percentage of the parameter, so that its limit depends on the machine.
     ``states`` holds the parameters of K possible machines, and ``names`` the names of these
@@ -89,14 +89,14 @@ class QuickForecast:
         self.candidates = objective.candidates
 
     def distance(self, counts: Array) -> float:
-        """Return the distance of a campaign from the goals; it is about zero if they are just met.
+        """Return the distance of a campaign from its goals: about zero if the goals are just met.
 
         For each goal, u is the standard uncertainty of its parameter, and u* the largest standard
         uncertainty that the goal permits. First, a smooth maximum of ln(u/u*) over all goals is
-        computed at each value of the hyper-parameters; it slightly exceeds the largest ln(u/u*) if
-        there are several goals. The distance is the mean of the smooth maxima over the values.
-        ``counts``, shape (candidates,), holds the number of circles that the campaign has of every
-        candidate test.
+        computed at each value of the hyper-parameters. It is slightly larger than the true maximum
+        if there are several goals. The distance is the mean of the smooth maxima over the values of
+        the hyper-parameters. ``counts``, shape (candidates,), is the campaign's number of circles
+        of every candidate test.
         """
         covariance = self._covariance(counts)
         return float(self._distance(self._variances_of_goals(covariance)))
@@ -121,7 +121,7 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Return the best number of circles of each candidate test, for ``circles`` in all.
+        """Return the best campaign with ``circles`` circles: the number of each candidate test.
 
         The best campaign is the one that comes closest to the goals for uncertainties.
 
@@ -221,8 +221,8 @@ class QuickForecast:
         The distance from one goal is ln(u/u*): u is the standard uncertainty of the goal's
         parameter, and u* the largest standard uncertainty that the goal permits. The result is a
         smooth maximum of the distances from all goals, averaged over the hyper-parameters φ.
-        ``variances`` are the variances u² at K values of φ, shape (..., K, goals). The dimensions
-        (...), if there are any, run over campaigns.
+        ``variances`` are the variances u² at K values of φ, shape (..., K, goals). Further
+        dimensions, written (...), stand for campaigns.
         """
         soft = logsumexp(_SHARPNESS * self._log_ratio(variances), axis=-1) / _SHARPNESS
         return np.asarray(soft.mean(axis=-1))

@@ -61,9 +61,9 @@ _STARTS = 6
 # sensitivities, weighted by the shares, by at most this fraction of the mean.
 _SHARES_TOLERANCE = 1e-5
 # Largest number of restarts of the search from randomly changed designs. There are fewer restarts
-# if their cost would otherwise exceed ``_RESTART_COST``. The cost is the product of the number of
-# restarts, the number of tests, the number of candidates that are tried as replacements for each
-# test, and the number of elements of the precision matrices.
+# if their computing cost would otherwise exceed ``_RESTART_COST``. The cost is a product of four
+# numbers: restarts, tests, candidates that are tried as replacements for each test, and elements of
+# the precision matrices.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from randomly changed
@@ -135,7 +135,7 @@ def exchange(
         Criterion as a function of the number of tests of each candidate.
     start
         Number of tests of each candidate in the design to start from, shape (candidates,). The
-        design must be feasible.
+        design must be allowed by ``feasible``.
     rng
         Random generator for the order in which tests are replaced, and for the candidates that are
         tried.
@@ -167,8 +167,8 @@ def exchange(
             likely = _likely_candidates(objective, base, size, rng)
             replacements = np.array([j for j in likely if feasible(_with_tests(base, j))], int)
             values = objective.after_adding(base.astype(float), replacements)
-            # This loop, which replaces one test of a design, runs at most once: there is one best
-            # replacement for the test, or none if no replacement is allowed.
+            # There is one best replacement for the test, or none if no replacement is allowed. The
+            # loop therefore runs at most once.
             for best in largest_positions(values):
                 if is_better(values[best], value):
                     counts = _with_tests(base, replacements[best])
@@ -223,11 +223,10 @@ class ExactDesign:
     #: number of tests of each candidate in the design, a whole number, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
-    #: best design with the same total number of tests, if the candidate tests may be run any number
-    #: of times, not only a whole number of times
+    #: best design with the same total number of tests, if fractions of tests are permitted
     optimum: Optimum
-    #: efficiency of the design, which compares ``value`` with the value of the criterion for
-    #: ``optimum``: 1 if the two values are equal, and smaller if the design is worse
+    #: efficiency of the design: 1 if its ``value`` equals the value of the criterion for
+    #: ``optimum``, and smaller if the design is worse
     efficiency: float
 
 
@@ -396,10 +395,11 @@ def _merge_tests(counts: Array, source: int, target: int) -> Array:
 
 
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
-    """Return the numbers of tests of a design in which random tests replace a third of the tests.
+    """Return a design in which a third of the tests are replaced by random tests.
 
-    ``counts`` is the number of tests of each candidate in the design, shape (candidates,). At least
-    one test is replaced. Every replacement is drawn from all candidates.
+    Designs are described by the number of tests of each candidate, shape (candidates,); ``counts``
+    is the original design. At least one test is replaced. Every replacement is drawn from all
+    candidates.
     """
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)
