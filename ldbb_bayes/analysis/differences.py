@@ -44,12 +44,12 @@ class _Differences(NamedTuple):
     #: lower and upper ends of the equal-tailed credible intervals of the differences of n
     #: parameters between two campaigns, shape (2, n)
     interval: Array
-    #: probability, for each of n parameters, that it is larger in the second campaign than in the
-    #: first, shape (n,)
+    #: for each of n parameters, the probability that the parameter is larger in the second campaign
+    #: than in the first, shape (n,)
     increase: Array
     #: error of the common instrument about which the two campaigns disagree most. None if the
-    #: instruments are different, or if there is no error that the readings of both campaigns help
-    #: to determine.
+    #: instruments are different, or if the readings of both campaigns do not help to determine any
+    #: error of the instrument.
     conflict: Conflict | None = None
 
 
@@ -82,13 +82,13 @@ def compare_posteriors(
     -------
     DataFrame
         One row for each parameter that occurs in both posteriors; offsets of the tool ball are left
-        out. Units are mm, N and rad. The columns are unit, first and second (posterior means, both
-        at the reference force of the first campaign), difference, sd (of the difference), ci_low,
-        ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` names
-        the error of the instrument about which the campaigns disagree most, and gives the p-value
-        of the disagreement (with Bonferroni correction). It is None for different instruments, and
-        if there is no error of the instrument that the readings of both campaigns help to
-        determine.
+        out. Units are mm, N and rad. The columns ``first`` and ``second`` hold the posterior means,
+        both at the reference force of the first campaign. The other columns are unit, difference,
+        sd (of the difference), ci_low, ci_high and probability_of_increase. With the same
+        instrument, ``attrs["conflict"]`` names the error of the instrument about which the
+        campaigns disagree most, and gives the p-value of the disagreement (with Bonferroni
+        correction). It is None for different instruments, and if the readings of both campaigns do
+        not help to determine any error of the instrument.
 
     Raises
     ------

@@ -56,21 +56,21 @@ _DRAWS = 2000
 # Step [°] between the angles at which the compliance along the bar and its credible intervals are
 # stated.
 _STEP_DEG = 5
-# If the lower end of the credible interval of a compliance is at most this share of the median of
-# the compliance, only a lower limit of the stiffness is stated.
+# Only a lower limit of the stiffness is stated if the readings hardly determine the compliance.
+# This is the case if the lower end of its credible interval is at most this share of its median.
 _HARDLY_POSITIVE = 0.2
 # Lower limit for draws of a compliance, as a fraction of the median of their absolute values.
 # Smaller draws are replaced by this limit before they are inverted to stiffnesses. Otherwise, the
 # few draws near zero would dominate the standard deviation of the stiffness.
 _SMALLEST_SHARE = 0.1
-# A direction counts as not determined if its credible interval is at least this wide [°], because
-# an interval of this width may contain both axes of the plane.
+# A direction counts as not determined if its credible interval is at least this wide [°]. An
+# interval of this width may contain both axes of the plane.
 _WIDEST_DEG = 90.0
 # Radius [mm] of a circle so small that the compliance on it practically equals the compliance at
 # its centre.
 _CENTRE_RADIUS_MM = 1e-6
-# Angles of the three directions in which compliance is needed to compute the compliance tensor of a
-# plane [rad]: the first axis of the plane, its second axis, and midway between both axes.
+# Angles of three directions in a plane [rad]: its first axis, its second axis, and midway between
+# both axes. The compliance tensor is computed from the compliances in these directions.
 _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 
 
@@ -196,8 +196,9 @@ class PrincipalAxis(Result):
     #: half angle [°] of a cone about ``direction``, the estimated direction of a principal axis.
     #: The true axis lies inside the cone with the probability ``DirectionalStiffness.prob``.
     cone_deg: float
-    #: whether the readings determine the direction of a principal axis: ``cone_deg``, the half
-    #: angle of the cone in which the true axis lies with a given probability, is below 45°
+    #: whether the readings determine the direction of a principal axis. This is the case if
+    #: ``cone_deg`` is below 45°; it is the half angle of the cone in which the true axis lies with
+    #: a given probability.
     is_determined: bool
 
 
@@ -227,8 +228,8 @@ class DirectionalStiffness(Result):
     """
 
     prob: float  #: probability of the credible intervals of stiffnesses and directions
-    #: stiffness by direction of every plane at every force; all forces of the first plane come
-    #: first, then those of the next plane
+    #: stiffness by direction in every plane at every force: the first plane at all forces, then the
+    #: next plane at all forces
     planes: tuple[PlaneStiffness, ...]
     #: principal stiffnesses of the machine in space at every force; empty unless three planes were
     #: tested

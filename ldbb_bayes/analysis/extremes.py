@@ -2,9 +2,9 @@
 
 Each posterior draw of the curve is the mean curve plus an error, here called noise. Noise raises
 some points of the curve and lowers others, and the largest value is often one of the raised points.
-The largest values of the draws are therefore too large on average: their mean exceeds the largest
-value of the mean curve, by about the size of the noise. In the same way, the smallest values are
-too small.
+The largest values of the draws are therefore too large on average. Their mean exceeds the largest
+value of the mean curve by about the size of the noise. In the same way, the smallest values are too
+small.
 """
 
 from __future__ import annotations

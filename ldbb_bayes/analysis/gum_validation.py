@@ -82,15 +82,14 @@ class GumComparison(Result):
     low: float
     #: upper endpoint of the equal-tailed interval of the parameter's posterior distribution
     high: float
-    #: numerical error of ``low`` and ``high``, the endpoints of the posterior interval, which are
-    #: computed from random draws: twice the larger of the standard errors of the two endpoints
+    #: numerical error of ``low`` and ``high``, the endpoints of the posterior interval. They are
+    #: computed from random draws; the error is twice the larger of their two standard errors.
     error: float
     #: largest difference between the endpoints of the two intervals that counts as agreement: the
     #: numerical tolerance δ of JCGM 101, computed from ``GumValidation.digits`` and ``sd``
     tolerance: float
-    #: largest number of significant digits of the standard uncertainty ``sd``, from 0 to 2, for
-    #: which the coverage intervals by the GUM and by the posterior agree within the numerical
-    #: tolerance
+    #: largest number of significant digits, from 0 to 2, for which the coverage intervals by the
+    #: GUM and by the posterior agree. The digits are those of the standard uncertainty ``sd``.
     digits: int
 
     @property

@@ -1,7 +1,8 @@
 """Description of a machine by the parameters that its circular tests can determine.
 
-Each parameter is described by its name, unit, meaning and pattern. The pattern of a parameter is
-the change of the readings per unit of the parameter, as a formula of the angle θ and the radius R.
+Each parameter is described by its name, unit, meaning and pattern. The pattern is a formula that
+gives the change of the readings per unit of the parameter. It contains the angle θ and the radius R
+of the circle.
 """
 
 from __future__ import annotations
@@ -90,13 +91,14 @@ class DescribedMachine(Result):
     compliances: tuple[VisibleParameter, ...]
     geometric_errors: tuple[VisibleParameter, ...]
     null: tuple[str, ...]  #: names of the machine's compliances that have no effect on any reading
-    #: names of the compliances that are left out of ``compliances``, because their effect on the
-    #: readings is a combination of the effects of other compliances
+    #: names of the compliances that are not in ``compliances``, because other compliances together
+    #: have the same effect on the readings
     dependent: tuple[str, ...]
     #: number of linearly independent effects that the machine's compliances have on the readings;
-    #: this is the rank of the matrix of derivatives of the readings with respect to all compliances
+    #: this is the rank of the matrix that holds the derivatives of the readings with respect to all
+    #: compliances
     rank: int
-    #: condition number of the matrix of derivatives of the readings with respect to
+    #: condition number of the matrix that holds the derivatives of the readings with respect to
     #: ``compliances``, for full circles with evenly spaced angles. The derivatives are in mm and N;
     #: the columns of the matrix are not scaled.
     condition_number: float
@@ -181,9 +183,9 @@ def _describe_compliances(
     """Return a description of each compliance that circular tests can determine.
 
     ``visible`` holds the names of these compliances. If the readings determine only a weighted sum
-    of several compliances, one compliance represents this sum, and ``visible`` also holds the names
-    and weights of the compliances in the sum. A description also states how the compliance changes
-    the readings of the first of ``circles`` in each plane.
+    of several compliances, one compliance represents this sum. ``visible`` then also holds the
+    names and weights of the compliances in the sum. A description also states how the compliance
+    changes the readings of the first of ``circles`` in each plane.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():

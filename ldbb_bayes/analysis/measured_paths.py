@@ -48,14 +48,14 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         deviation from the least-squares circle [µm]. G_minimum_zone is the circular deviation about
         the centre of the minimum zone [µm]. F_max_nominal and F_min_nominal are the largest and the
         smallest deviation from a circle with the least-squares centre and the nominal radius [µm].
-        The columns squareness and scale_mismatch [µm/m] are NaN for an arc of less than 350°, for a
-        test of at most 25 readings, and for readings at too few different angles to tell the
-        Fourier orders apart.
+        The columns squareness and scale_mismatch [µm/m] are NaN for an arc of less than 350° and
+        for a test of at most 25 readings. They are also NaN if the readings are at too few
+        different angles to tell the Fourier orders apart.
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. The columns
         force_N and plane describe the pair. G_b is the bidirectional deviation about the
-        least-squares centre, and G_b_minimum_zone the one about the centre of the minimum zone
-        [µm]. D is the mean radial deviation from the nominal radius [µm].
+        least-squares centre [µm], and G_b_minimum_zone the bidirectional deviation about the centre
+        of the minimum zone [µm]. D is the mean radial deviation from the nominal radius [µm].
 
     Raises
     ------

@@ -1,15 +1,15 @@
 """Local fits of constant compliance and geometry to each pair of neighbouring force levels.
 
 If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
-fitted twice: by the least-squares method of the published article (Tables 7 and 8 there), and by
-the posterior of the model with its nuisances (effects that are modelled but not of interest).
-Neighbouring pairs have a force level in common, and all pairs are affected by the same ball form,
-bar length and mount. The errors of the estimates are therefore correlated, and the estimates
-scatter less than their uncertainties suggest.
+fitted twice. The first fit is the least-squares method of the published article (Tables 7 and 8
+there). The second fit is the posterior of the model with its nuisances (effects that are modelled
+but not of interest). Neighbouring pairs have a force level in common, and all pairs are affected by
+the same ball form, bar length and mount. The errors of the estimates are therefore correlated, and
+the estimates scatter less than their uncertainties suggest.
 
 Geometric errors are fitted separately in every pair. Only the change of the readings between the
 two forces therefore determines the compliance. At the force F, a compliance C(F) causes the
-deflection F · C(F), so that a pair estimates the derivative d(F C)/dF = C + F dC/dF. This
+deflection F · C(F). A pair therefore estimates the derivative d(F C)/dF = C + F dC/dF. This
 derivative equals the compliance only if the compliance does not change with force.
 """
 

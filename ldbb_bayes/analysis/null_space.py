@@ -16,8 +16,8 @@ from ldbb_bayes.results import Array
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
 # In a combination of a model's coefficients, one coefficient, the pivot, has the value one. The
-# effects of the coefficients are said to cancel only if the combination changes no reading by more
-# than this share of the largest change that the pivot alone would cause.
+# combination must not change any reading by more than this share of the largest change that the
+# pivot alone would cause. Only then do the effects of its coefficients count as cancelling.
 EXACT_SHARE = 0.05
 # Limits that decide which coefficients of the model are dropped from a combination whose effects
 # cancel. A coefficient is dropped if its effect on the readings is at most this share of the
@@ -25,16 +25,15 @@ EXACT_SHARE = 0.05
 # the remaining combination changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # Coefficients with small effects are dropped from a combination only if the remaining combination
-# changes no reading by more than this share of ``NullSpace.limit``, the largest change of a reading
-# that is too small to be seen.
+# changes each reading by at most this share of ``NullSpace.limit``. This limit is the largest
+# change of a reading that is too small to be seen.
 _SPARSE_LIMIT_SHARE = 0.5
 # Rows of a matrix are chosen as pivots, one after the other. In each step, only the part of a row
 # that is orthogonal to the rows chosen before is considered. A preferred row is chosen before all
 # other rows if the length of this part is above this number.
 _LEAST_PIVOT_LENGTH = 0.05
-# Relative cut-off for singular values when the effect of one coefficient of the model on the
-# readings is fitted by the effects of others: singular values below this share of the largest count
-# as zero.
+# The effect of one coefficient of the model on the readings is fitted by the effects of others. In
+# this fit, singular values below this share of the largest singular value count as zero.
 _RANK_TOLERANCE = 1e-12
 # Rows of the null space's basis are compared by their lengths, rounded to this number of decimals.
 # Rounding errors then do not decide which coefficient becomes a pivot (a coefficient whose effect
@@ -167,11 +166,11 @@ class NullSpace:
     def _checked_imitation(self, target: int, solved: Array) -> Array | None:
         """Return a combination in which few coefficients cancel the effect of a target coefficient.
 
-        ``target`` is the index of the target coefficient. ``solved``, shape (m,), is the
-        combination of the m coefficients in which all other coefficients (the imitators) help to
-        cancel the effect of the target on the readings. The result is the same combination without
-        the imitators that have the smallest effects, if the remaining imitators suffice. Return
-        None if ``solved`` does not cancel the effect of the target.
+        ``target`` is the index of the target coefficient. ``solved``, shape (m,), is a combination
+        of the m coefficients. In it, all other coefficients (the imitators) help to cancel the
+        effect of the target on the readings. In the result, imitators with small effects are left
+        out if the remaining imitators suffice. Return None if ``solved`` does not cancel the effect
+        of the target.
         """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]

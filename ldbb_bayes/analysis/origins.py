@@ -6,7 +6,7 @@ Every source in the uncertainty budget of a parameter has one of three origins:
   source;
 - *measured here*, if the readings of this campaign alone determine the effect of the source well
   enough: the standard uncertainty of the effect, computed with a flat prior, is less than half of
-  the effect's prior standard deviation;
+  the standard deviation of the model's prior;
 - *assumed*, if neither is the case.
 
 The origin is determined for each coefficient separately, at the Fourier order of the coefficient.
@@ -52,9 +52,9 @@ __all__ = [
 # more than this share of it. If these sources were removed, the standard uncertainty of the
 # parameter would be smaller by about 30 % or more.
 MAJORITY = 0.5
-# The readings of a campaign are said to measure an effect if its standard uncertainty from the
-# readings alone (with a flat prior of the effect) is below this share of the effect's prior
-# standard deviation.
+# The readings of a campaign are said to measure an effect if they alone determine it well enough:
+# its standard uncertainty, computed with a flat prior of the effect, is below this share of the
+# standard deviation of the model's prior.
 MEASURED_SD_RATIO = 0.5
 
 
@@ -143,7 +143,7 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
     The defaults are those of the preset from which the model was made; a preset is a ready-made
     model, such as ``HybridModel.first``. If the preset does not have the term, they are the
     defaults of the term's class. Settings that are strings, such as the covariate of a drift, are
-    kept, because they state which effect is modelled, and not how large the effect is.
+    kept. They state which effect is modelled, and not how large the effect is.
     """
     usual = ready_made_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
@@ -186,8 +186,8 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
     """Return whether the user gave the prior of a parameter of interest.
 
     The prior counts as given by the user in two cases. Either the user has stated a mean or an sd
-    for this parameter, or the user has changed a setting of the model's `Prior` from which the sd
-    of this parameter is computed.
+    for this parameter, or the user has changed a setting of the model's `Prior` on which the sd
+    depends.
     """
     prior = bound.model.prior
     if parameter in prior.overrides or parameter in prior.means:

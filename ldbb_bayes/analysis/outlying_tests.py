@@ -99,8 +99,8 @@ def find_outlying_tests(
 
     Each test is compared with circles that are simulated from the posterior given the other tests.
     The p-value of the test is the probability that another circle of the same machine would deviate
-    from the prediction at least as much as the test, in any Fourier order. A test is flagged if its
-    family-wise p-value (Holm) is below 2 % and more than half of the tests remain unflagged.
+    from the prediction, in any Fourier order, at least as much as the test. A test is flagged if
+    its family-wise p-value (Holm) is below 2 % and more than half of the tests remain unflagged.
 
     Parameters
     ----------

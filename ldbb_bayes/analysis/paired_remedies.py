@@ -46,7 +46,7 @@ class PairedRemedy(Result):
     #: plan), in mm, N and rad
     sd: float
     #: standard uncertainty of the parameter after both remedies (certificates or changes of the
-    #: plan), divided by that without any remedy
+    #: plan), divided by its standard uncertainty without any remedy
     ratio: float
     #: whether the parameter remains confounded after both remedies (certificates or changes of the
     #: plan)

@@ -126,7 +126,7 @@ def contribution_paths(
 ) -> Mapping[str, Array]:
     """Return contributions of the sources, such as ``C_XXX``, to the readings on one circle.
 
-    The circle is that of the test with index ``r``, and the force is ``force_N``. Each contribution
+    The circle is that of the test with index ``r``; the force is ``force_N`` [N]. Each contribution
     has the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are
     posterior draws of the p parameters. The sources are the same as in `decompose_deviation`. If
     ``only`` is not empty, the result contains only the sources named in ``only``. Sources that do
@@ -144,7 +144,7 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return, for each source, the effects of its parameters on a circle, shape (25, p).
+    """Return the effects of each source on a circle, in columns by parameter, shape (25, p).
 
     A source is a single effect of the machine, such as a compliance, or a sum of effects, such as
     the sum of all compliances. There is one column for each of the p parameters: the change of the

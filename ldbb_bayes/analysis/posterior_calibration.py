@@ -206,9 +206,9 @@ def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) ->
     """
     plan = campaign.plan()
     tests = list(campaign.tests)
-    # The readings must be simulated by the same model that analyses them. The factor by which the
-    # noise of each simulated circle is larger or smaller than average is therefore drawn from the
-    # model's prior, and not from the factors of the measured circles.
+    # The readings must be simulated by the same model that analyses them. Each circle has a factor
+    # by which its noise is larger or smaller than average. The factors of the simulated circles are
+    # therefore drawn from the model's prior, and not taken from the measured circles.
     circles = new_circles(truth, plan, rng, learn_spread=False)
     for test, readings_mm in zip(plan.tests, circles, strict=True):
         simulated = test.with_reading_um(readings_mm[0] * 1e3)

@@ -58,8 +58,7 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     Returns
     -------
     lower, upper : Array
-        Lower and upper limits of the share of ranks that are at most k, for k = 0 … draws − 1,
-        shape (draws,) each.
+        Limits of the share of ranks that are at most k, for k = 0 … draws − 1, shape (draws,) each.
     """
     level = np.arange(1, draws + 1) / (draws + 1)
     counts = np.arange(replicates + 1.0)[:, None]

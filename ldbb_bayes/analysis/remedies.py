@@ -7,12 +7,12 @@ campaign with the certificate (`Information`). The hyper-parameters φ, such as 
 deviation of the noise, keep their values (`HyperPrior.carried`).
 
 A change of a plan that adds circles adds up to as many circles as the plan has. The uncertainty
-would also decrease if all readings were taken twice under the same conditions. Circles in another
-order, in the other direction of travel, with turned balls or at another radius are therefore a
-remedy only if they reduce the uncertainty more than taking all readings twice does. More circles
-under the same conditions are recommended only if most of the variance comes from scatter whose
-standard deviation the readings determine, such as the scatter between readings and between circles.
-Other effects are modelled as the same in every circle, and do not average out.
+would also decrease if all readings were taken twice under the same conditions. Circles under other
+conditions (order, direction of travel, angles of the balls or radius) are therefore a remedy only
+if they reduce the uncertainty more than taking all readings twice does. More circles under the same
+conditions are recommended only if most of the variance comes from scatter between readings or
+between circles, whose standard deviation the readings determine. Other effects are modelled as the
+same in every circle, and do not average out.
 """
 
 from __future__ import annotations
@@ -31,17 +31,16 @@ from ldbb_bayes.units import ranked
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
 # A remedy (a certificate or a change of the plan) is sufficient if it removes at least half of the
-# variance: the standard uncertainty with the remedy, divided by the standard uncertainty without
-# the remedy, is at most this number.
+# variance. The standard uncertainty with the remedy, divided by the standard uncertainty without
+# it, is then at most this number.
 CURED_RATIO = 0.5**0.5
-# A change of the plan, or a certificate, counts as a remedy for a large uncertainty only if the
-# standard uncertainty after it, divided by the present standard uncertainty, is less than this
-# number.
+# A certificate or a change of the plan counts as a remedy only if it reduces the standard
+# uncertainty enough: the standard uncertainty after it, divided by the present one, is less than
+# this number.
 NARROWER = 0.9
-# A change of the plan that adds circles under other conditions counts as a remedy for a large
-# uncertainty only if it is clearly better than taking all readings twice. The standard uncertainty
-# after the change, divided by the standard uncertainty from all readings taken twice, must be less
-# than this number.
+# A change of the plan that adds circles under other conditions must be clearly better than taking
+# all readings twice. It counts as a remedy only if the standard uncertainty after the change,
+# divided by the standard uncertainty from all readings taken twice, is less than this number.
 _BETTER_THAN_REPETITION = 0.9
 
 
@@ -58,7 +57,7 @@ class Remedy(Result):
     #: plan), in mm, N and rad
     sd: float
     #: standard uncertainty of the parameter with the remedy (a certificate or a change of the
-    #: plan), divided by that without the remedy
+    #: plan), divided by its standard uncertainty without the remedy
     ratio: float
 
 
@@ -147,10 +146,10 @@ def _choose_remedy(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | Non
     """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
     A remedy is a certificate or a change of the plan. A remedy is sufficient if it removes at least
-    half of the parameter's variance. The best remedy is the one with the smallest remaining
-    standard uncertainty. ``helpful`` are the remedies that reduce the standard uncertainty
-    noticeably, the cheapest first. Return None if ``helpful`` is empty. ``sd`` is the standard
-    uncertainty of the parameter without any remedy.
+    half of the parameter's variance. The best remedy leaves the smallest standard uncertainty.
+    ``helpful`` are the remedies that reduce the standard uncertainty noticeably, the cheapest
+    first. Return None if ``helpful`` is empty. ``sd`` is the standard uncertainty of the parameter
+    without any remedy.
     """
     if not helpful:
         return None

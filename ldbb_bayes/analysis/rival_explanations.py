@@ -1,9 +1,10 @@
 """Comparison of explanations of why compliance seems to change with force.
 
-Readings that do not grow in proportion to force can have several causes: compliances do change with
-force (they have slopes), the deflection of the joints is nonlinear, or the mount or the force
-device is nonlinear. Every combination of these explanations is a model. All models have the same
-prior probability, and the evidences of the models determine their posterior probabilities.
+Readings that do not grow in proportion to force can have several causes: compliances may really
+change with force (they have slopes), the deflection of the joints may be nonlinear, or the mount or
+the force device may be nonlinear. Every combination of these explanations is a model. All models
+have the same prior probability, and the evidences of the models determine their posterior
+probabilities.
 """
 
 from __future__ import annotations
@@ -70,10 +71,10 @@ class Explanations:
         """Names of the alternative explanations that make slopes unnecessary, or an empty tuple.
 
         Slopes are changes of compliance with force. Alternative explanations make slopes
-        unnecessary under two conditions: the readings support slopes in the models without
-        alternative explanations, and they do not support slopes on average over all combinations of
-        alternative explanations. The names are those of the alternative explanations in the most
-        probable combination without slopes.
+        unnecessary under two conditions. The readings support slopes if there are no alternative
+        explanations, and they do not support slopes on average over all combinations of alternative
+        explanations. The result names the alternative explanations in the most probable combination
+        without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)

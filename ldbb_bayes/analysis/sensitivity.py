@@ -25,7 +25,7 @@ __all__ = [
 # example about the random differences between circles.
 Change = Callable[[HybridModel], HybridModel]
 # Label of the comparison in which all nuisance terms of the models (effects not of interest) are
-# left out, so that the readings scatter by white noise only, and compliances may be negative.
+# left out. The readings then scatter by white noise only, and compliances may be negative.
 WHITE_NOISE = "white noise only, no truncation"
 # Label of the comparison in which the models keep their assumptions about the random differences
 # between circles.

@@ -50,7 +50,7 @@ _NEVER_NEGATIVE = re.compile(
 # smallest force tested and ``_LARGEST_FORCE_SHARE`` times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
-# Meaning of the sign before the number of a tolerance: the number is the upper limit (≤), the lower
+# Meaning of a sign before the number of a tolerance: the number is the upper limit (≤), the lower
 # limit (≥) or both limits (±).
 _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
 _SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")

@@ -5,8 +5,8 @@ instrument. The plan is changed by another order of the circles, circles in the 
 travel, circles with turned balls, more circles, or circles of a second radius. The uncertainties
 are computed for the changed plan, or for the campaign with the certificate. The hyper-parameters φ,
 such as the standard deviation of the noise, keep their values (`HyperPrior.carried`). Some effects
-in the model depend on an estimate of the machine's compliances. The estimate used is the one from
-the unchanged campaign or from its pilot (the campaign from which it was planned).
+in the model depend on an estimate of the machine's compliances. This estimate comes from the
+unchanged campaign, or from its pilot (the campaign from which it was planned).
 """
 
 from __future__ import annotations
@@ -226,10 +226,10 @@ def sd_by_name(
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     """Return the changed plan for each change that may reduce uncertainties, the cheapest first.
 
-    The keys are the kinds of change. Two changes are left out if the campaign does not need them:
-    another order of the circles if the model has no drift, and the other direction of travel if
-    every plane is already run in both directions. With another order, the circles of a plan are
-    reordered. If the campaign has already been run, its circles are repeated in the new order.
+    The keys are the kinds of change. Another order of the circles is left out if the model has no
+    drift. The other direction of travel is left out if every plane is already run in both
+    directions. With another order, the circles of a plan are reordered. If the campaign has already
+    been run, its circles are repeated in the new order.
     """
     plan = bound.campaign.plan()
     tests = _with_drift_times(plan)
@@ -284,9 +284,9 @@ def _with_added_circles(
 def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that is nearly uncorrelated with their forces.
 
-    Among 200 random orders with a fixed seed, the chosen order has the smallest correlation between
-    the position of a test in the order and the test's force. The times of all tests are sorted, and
-    the k-th test of the new order gets the k-th time.
+    Of 200 random orders with a fixed seed, the one is chosen in which the positions of the tests
+    are least correlated with their forces. The times of all tests are sorted, and the k-th test of
+    the new order gets the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     centred_positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)

@@ -47,10 +47,10 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
     The hyper-parameters φ are, for example, the standard deviations of the noise and of random
-    effects. The variance of each parameter is the sum of two parts: the average, over values of φ,
-    of the parameter's variance given φ, and the variance, over the same values, of the parameter's
-    mean given φ. ``phi`` holds values for the present instrument, which are also used for the model
-    with ``instrument`` (`HyperPrior.carried`).
+    effects. The results account for the uncertainty of φ. The variance of each parameter is the
+    mean of its variances given the values of φ, plus the variance of its means given these values.
+    ``phi`` holds values for the present instrument, which are also used for the model with
+    ``instrument`` (`HyperPrior.carried`).
 
     Parameters
     ----------
@@ -90,8 +90,8 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """Return the means and standard uncertainties of linear combinations of coefficients.
 
     The results are averaged over the hyper-parameters φ, such as the standard deviation of the
-    noise. As in `uncertainty_with`, the variance of a combination is the sum of two parts: the
-    average, over φ, of the variance given φ, and the variance, over φ, of the mean given φ.
+    noise. As in `uncertainty_with`, the variance of a combination is the mean of its variances
+    given φ, plus the variance of its means given φ.
 
     Parameters
     ----------
@@ -186,8 +186,9 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
     """Return the certificates in `CERTIFICATES` that the instrument does not have yet.
 
     The keys are names of certificates. Each value holds the fields of the instrument for which the
-    certificate gives values. Two certificates in the result never give values for the same field:
-    the certificate of a single ball is included only if the other ball already has a certificate.
+    certificate gives values. The certificate of a single ball is included only if the other ball
+    already has a certificate. Two certificates in the result therefore never give values for the
+    same field.
     """
     uncertified = Instrument()
     missing = {}

@@ -138,10 +138,9 @@ class ModelVariance:
                 errors[source] = errors.get(source, 0.0) + scale * covariance
         if information.flat:
             return errors
-        # Coefficients are in units of their prior sds. If the true value of a parameter differs
-        # from the prior mean by one prior sd, the estimate of each quantity (such as another
-        # parameter) has an error. The size of the error is the posterior covariance of quantity and
-        # parameter.
+        # Coefficients are in units of their prior sds. If the true value of a parameter is one
+        # prior sd above the prior mean, the estimate of each quantity has an error. The size of
+        # this error is the posterior covariance of the quantity and the parameter.
         error_by_prior = self.weights @ information.covariance()[:, information.interest]
         for j, name in enumerate(self.bound.names):
             origin = Origin.ASSUMED
@@ -205,9 +204,8 @@ class AveragedVariance:
 
     The quantities are parameters, and changes of compliances with force.
 
-    ``models`` are the models of the average, or a single model. The first
-    ``number_of_parameters`` quantities are the parameters: all parameters that at least one of the
-    models has.
+    ``models`` are the models of the average, or a single model. The first ``number_of_parameters``
+    quantities are the parameters that at least one of the models has.
     """
 
     models: tuple[ModelVariance, ...]

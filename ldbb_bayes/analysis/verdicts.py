@@ -171,8 +171,8 @@ class ParameterIdentifiability(Result):
     remedy: Remedy | None
     #: the cheapest remedy (a change of the plan or a certificate) together with a second remedy, if
     #: the parameter is still confounded after the first remedy alone. None if there is no first
-    #: remedy, if the parameter is no longer confounded after it, or if no second remedy reduces the
-    #: remaining standard uncertainty by more than 10 %.
+    #: remedy, if the first remedy alone is enough, or if no second remedy reduces the remaining
+    #: standard uncertainty by more than 10 %.
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter, composed of mm, N and rad
     prior_mean: Number  #: prior mean of the parameter; NaN for a flat prior
@@ -286,9 +286,9 @@ class Identifiability(Result):
     #: nuisances (effects not of interest) that act in several tests
     correlation: ByRow
     #: standard uncertainties to expect with further certificates of the instrument. The outer keys
-    #: are the cases, and the inner keys are names of parameters. There is one case without any
-    #: further certificate, one case for each certificate that the instrument does not have yet, and
-    #: one case with all these certificates together. For a flat prior, there are no entries.
+    #: are the cases, and the inner keys are names of parameters. The cases are no further
+    #: certificate, each certificate that the instrument does not have yet, and all these
+    #: certificates together. For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
     #: values of the hyper-parameters, such as the standard deviation of the noise, at which the
     #: verdicts on the parameters are computed; the keys are names of hyper-parameters. Lengths are
@@ -493,9 +493,9 @@ def _weights_of_quantities(information: Information, changes: Mapping[str, Curve
 def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveChange]) -> Array:
     """Return prior standard deviations of the compliances' changes with force, shape (changes,).
 
-    A change is the compliance at the largest force tested minus that at the smallest. ``changes``
-    holds the effect of every coefficient of the model on each change. For a flat prior, the
-    standard deviations are infinite.
+    A change is the compliance at the largest force tested minus the compliance at the smallest.
+    ``changes`` holds the effect of every coefficient of the model on each change. For a flat prior,
+    the standard deviations are infinite.
     """
     if information.flat:
         return np.full(len(changes), np.inf)
@@ -512,10 +512,10 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     uncertainties.
 
     If the posterior is an average over models (`average`), the variance of a parameter is the sum
-    of two parts: the average, over the models, of the parameter's variance under each model, and
-    the variance of the parameter's means under the models. The second part is a separate source of
-    uncertainty, ``ModelChoice``. The share of every other source in the first part is averaged over
-    the models. In this average, the weight of a model is its probability times the parameter's
+    of two parts. The first part is the mean of the parameter's variances under the models, and the
+    second part is the variance of its means under the models. The second part is a separate source
+    of uncertainty, ``ModelChoice``. The share of every other source in the first part is averaged
+    over the models. In this average, the weight of a model is its probability times the parameter's
     variance under this model.
 
     Parameters
@@ -711,7 +711,7 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
 def variance_share_removed(information: Information, names: Sequence[str]) -> Array:
     """Return the share of each parameter's variance that would vanish if some effects were known.
 
-    The variance is that of the posterior. ``names`` are the names of the effects: class names of
+    The variances are posterior variances. ``names`` are the names of the effects: class names of
     model terms, or names of single coefficients. The result has the shape (p,) for p parameters.
     """
     return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
@@ -755,10 +755,10 @@ def judge(
     contraction
         One minus the posterior variance divided by the prior variance; NaN for a flat prior.
     likeness
-        For each pair of sources whose standard uncertainties are assumed, the squared cosine of the
-        angle between the vectors of parameter errors that the two sources cause; a key consists of
-        the names of the sources. Default: all sources are taken to act on the same combination of
-        parameters.
+        Each source causes errors of all parameters, which form a vector. For each pair of sources
+        whose standard uncertainties are assumed, this is the squared cosine of the angle between
+        their vectors. A key consists of the names of the two sources. Default: all sources are
+        taken to act on the same combination of parameters.
     """
     partners = confounding_sources(sources, likeness)
     if partners:
@@ -942,7 +942,7 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
     """Return the errors that ignored nuisances cause in least-squares estimates of parameters.
 
     The fit ignores the nuisances (effects not of interest). Rows are parameters, and columns are
-    nuisance coefficients. Each entry is the error of the parameter's estimate, in internal units
+    nuisance coefficients. Each entry is the error of the parameter's estimate in internal units
     (mm, N, rad), if the nuisance coefficient is equal to its prior standard deviation.
     """
     interest = information.interest

@@ -50,8 +50,8 @@ _TOLERANCE = 1e-2
 # number. It is the p-value of the hypothesis that the circles scatter as predicted from one
 # another.
 _UNIFORM = 0.05
-# Number of steps of the EM algorithm that computes the stacking weights: the weights of the mixture
-# of models that is best at predicting circles that were left out.
+# Number of steps of the EM algorithm that computes the stacking weights. These are the weights of
+# the mixture of models that best predicts circles that were left out.
 _STACKING_STEPS = 500
 
 
@@ -210,8 +210,8 @@ def check_workflow(
 
     The checks are prior prediction, convergence of the sampler, sensitivity to the prior,
     prediction of each circle from the other circles, calibration for machines like this one, and
-    stacking of two models, one with constant compliance and one with compliance that changes with
-    force.
+    stacking. Stacking combines two models: one with constant compliance, and one with compliance
+    that changes with force.
 
     Parameters
     ----------
@@ -300,10 +300,10 @@ def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
 def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
     """Return the measured range of every circle, with the prior predictive interval of the range.
 
-    The range is the largest minus the smallest reading of a circle. The interval is computed from
-    n circles drawn from the prior; ``seed`` is the seed of these circles. The result also states
-    the p-value (m + 1) / (n + 1), where m of the n circles have at least the measured range. It
-    estimates the prior predictive probability of such a range. The keys are names of tests.
+    The range is the largest minus the smallest reading of a circle. The interval is computed from n
+    circles drawn from the prior; ``seed`` is the seed of these circles. The result also states the
+    p-value (m + 1) / (n + 1), where m of the n circles have at least the measured range. The
+    p-value estimates how probable such a range is under the prior. The keys are names of tests.
     """
     bound = bound_of(posterior)
     rng = np.random.default_rng(seed)

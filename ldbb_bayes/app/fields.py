@@ -213,9 +213,9 @@ def _typed_lines(name: str, text: str) -> list[str]:
 def _typed_number(field_option: Option, flag: str, text: str) -> float:
     """Return the number that the user typed into a field.
 
-    A decimal comma is accepted. Raise an `InputError` if the text is no number or has marks between
-    thousands, or if the number is outside the limits of the command-line option that the field
-    sets. ``flag`` is the flag of this option on the command line, such as ``--radius-mm``.
+    A decimal comma is accepted. The field sets a command-line option; ``flag`` is its flag, such as
+    ``--radius-mm``. Raise an `InputError` if the text is no number, if it has marks between
+    thousands, or if the number is outside the limits of the option.
     """
     typed = _type_of_entry(field_option)
     has_thousands = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text) or "_" in text

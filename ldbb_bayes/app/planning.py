@@ -349,10 +349,10 @@ def _best_counts(candidates: Space, number: int) -> Array:
     """Return how often to run each candidate test.
 
     ``number`` is the number of all runs (circles), and ``candidates`` the space of the tests that
-    may be chosen. If there are at most 12 runs and at most 180 candidate tests, the search is that
-    of the command ``design``: it is started several times, each time from another design. If there
-    are more, the search is started only once. For this start, the best fraction of the runs is
-    computed for each test, and the fractions are converted to whole numbers of runs.
+    may be chosen. If there are at most 12 runs and at most 180 candidate tests, the search is the
+    same as in the command ``design``. It is started several times, each time from another design.
+    If there are more, the search is started only once. For this start, the best fraction of the
+    runs is computed for each test, and the fractions are converted to whole numbers of runs.
     """
     search = candidates.search
     if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:

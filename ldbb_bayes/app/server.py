@@ -266,7 +266,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         def end(signal_number: int, frame: FrameType | None) -> None:
             """End the server because its process has received a signal.
 
-            The arguments are those with which Python calls a signal handler.
+            Python passes these arguments to every signal handler.
             """
             server.should_exit = True
 

@@ -69,9 +69,9 @@ def main() -> None:
     """Run the fit or the search for one browser tab, in a process that the server has started.
 
     The three arguments of the process are a folder, the id of the server's process and the kind of
-    computation: fit or search. The folder holds a copy of the files of the browser tab. The
-    results, the progress (``progress.json``) and the outcome (``outcome.json``) are written into
-    the same folder.
+    computation: fit or search. The folder holds a copy of the files of the browser tab. The process
+    writes into the same folder: the results, the progress (``progress.json``) and the outcome
+    (``outcome.json``).
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])

@@ -115,9 +115,9 @@ def uncertainty_change(name: str, sd_before: float, sd_after: float, unit: str) 
     Returns
     -------
     dict
-        Name, display unit such as nm/N, U before and after the change with two digits, and
-        the ratio: U after the change divided by U before it. The ratio is at most 2. It is 1 if U
-        before the change is zero or infinite.
+        Name, display unit such as nm/N, U before and after the change with two digits, and a ratio.
+        The ratio is U after the change divided by U before it, but at most 2. It is 1 if U before
+        the change is zero or infinite.
     """
     factor, label = display_unit(unit)
     share = 1.0

@@ -27,26 +27,26 @@ __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_
 # values, the first is chosen.
 _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in the optimization of the candidates' shares. A candidate is a test that
-# could be run; its share is its number of runs divided by the number of all runs. Each round adds a
-# few candidates to those with a share above zero, and then optimizes the shares of all these
-# candidates.
+# could be run; its share is its number of runs divided by the number of all runs. Each round takes
+# the candidates with a share above zero, adds a few others, and optimizes the shares of all of
+# them.
 _MAX_ROUNDS = 400
-# Largest number of iterations of the solver SLSQP in each round of the optimization of the shares
-# of the candidate tests in a design.
+# The best shares of the candidate tests in a design are computed in rounds. This is the largest
+# number of iterations of the solver SLSQP in each round.
 _SOLVER_ITERATIONS = 40
-# The best shares of the candidate tests in a design are computed in rounds. At the beginning of a
-# round, at most this number of candidates join those of the previous round.
+# The best shares of the candidate tests in a design are computed in rounds. Each round adds at most
+# this number of candidates to the candidates of the previous round.
 _JOINING_CANDIDATES = 3
 # Number of candidate tests whose shares are optimized in the first round. They are evenly spread
 # over the list of all candidate tests. The share of a test is its number of runs divided by the
 # number of all runs.
 _FIRST_CANDIDATES = 32
-# A candidate test whose share (number of runs divided by the number of all runs) is below this
-# number is left out: its share is treated as zero.
+# A candidate test is left out if its share is below this number. The share of a test is its number
+# of runs divided by the number of all runs.
 _ZERO_SHARE = 1e-10
-# Before the solver starts, the share of each candidate test (number of runs divided by the number
-# of all runs) is raised to at least this number divided by the number of candidates whose shares
-# are optimized. All shares are then divided by their sum.
+# The share of a candidate test is its number of runs divided by the number of all runs. Before the
+# solver starts, each share is raised to at least this number divided by the number of candidates
+# whose shares are optimized. All shares are then divided by their sum.
 _STARTING_SHARE = 0.02
 # If the candidate tests, run in the given shares, do not determine all parameters, the solver SLSQP
 # gets this value in place of the negative design criterion.
@@ -101,8 +101,8 @@ class Optimum(Shown):
     share: Array
     #: value Φ of the design criterion (figure of merit) for the shares ``share``
     value: float
-    #: derivative of the design criterion with respect to the number of tests of each candidate
-    #: test, times the number of all tests, shape (candidates,)
+    #: sensitivity of each candidate test: derivative of the design criterion with respect to its
+    #: number of tests, times the number of all tests, shape (candidates,)
     sensitivity: Array
     #: mean of the derivatives ``sensitivity`` of the design criterion, weighted by ``share``; if
     #: the shares are the best, no derivative exceeds this mean
@@ -114,8 +114,8 @@ class Optimum(Shown):
 
         The sensitivity of a candidate test is the derivative of the design criterion with respect
         to its share; ``bound`` is the mean of the sensitivities, weighted by the shares. If the
-        criterion is concave, its value for the best design with the same number of tests is larger
-        than its value for these shares by at most ``bound`` times ``excess``.
+        criterion is concave, the best design with as many tests improves it by at most ``bound``
+        times ``excess``.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 
