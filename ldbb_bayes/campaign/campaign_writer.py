@@ -16,8 +16,8 @@ from ldbb_bayes.errors import require
 __all__ = ["PILOT_NAME", "TOML_NAME", "write_campaign_into"]
 
 TOML_NAME = "campaign.toml"
-# Name of the folder for the pilot of a plan; this folder is inside the folder of the plan. The
-# pilot is the campaign or plan from which the plan was designed.
+# Name of the folder, inside the folder of a plan, that holds the pilot. The pilot is the campaign
+# or plan from which the plan was designed.
 PILOT_NAME = "pilot"
 # Version of the format of campaign.toml. It is written under the key ``schema``.
 _SCHEMA = 1

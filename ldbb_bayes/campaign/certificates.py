@@ -108,8 +108,8 @@ class CertifiedQuantity:
         Parameters
         ----------
         factor
-            Unit of the value and of U in the result, expressed in SI units (pressures in bar). For
-            example, 1e-6 returns both in µm, because 1 µm is 1e-6 m.
+            Size, in SI units, of the unit in which the value and U are returned (in bar for
+            pressures). For example, 1e-6 returns both in µm, because 1 µm is 1e-6 m.
 
         Raises
         ------

@@ -50,9 +50,8 @@ class Ball(Shown):
     Raises
     ------
     InputError
-        For an unknown grade; for a grade together with a deviation from sphericity; for harmonics
-        without ``U_um``, and for ``U_um`` without harmonics; and for an order of a harmonic that is
-        outside 2 to 12 or given twice.
+        If the grade is unknown or is given together with a deviation from sphericity; if only one
+        of ``harmonics_um`` and ``U_um`` is given; or if an order is outside 2 to 12 or given twice.
 
     Examples
     --------

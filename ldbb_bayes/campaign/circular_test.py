@@ -119,10 +119,13 @@ class CircularTest(TestFields):
     Raises
     ------
     InputError
-        For a test without angles, with fewer than nine angles, or with angles that cover less than
-        180°; for angles or readings that are not finite, or are given in two units; if the numbers
-        of angles and readings differ; for readings of more than 100 mm; for a test without force
-        and pressure; and for a force that is not positive.
+        For any of these faults:
+
+        - The test has neither a force nor a pressure, or the force is not positive.
+        - There are fewer than nine angles, or the angles cover less than 180°.
+        - The numbers of angles and readings differ.
+        - Angles or readings are not finite, or are given in two units.
+        - A reading exceeds 100 mm.
 
     Examples
     --------

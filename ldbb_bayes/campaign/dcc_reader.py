@@ -126,8 +126,8 @@ def _quantities_in(
 def _number_elements(quantity: ElementTree.Element) -> Iterator[ElementTree.Element]:
     """Yield the XML elements that hold the numbers of a quantity of a certificate.
 
-    An element ``hybrid`` states one quantity in several units. Only the number in the first known
-    unit is then yielded. If no unit is known, the first number is yielded.
+    An element ``hybrid`` states one quantity in several units. Only one of its numbers is yielded:
+    the first one with a known unit, or the first of all if no unit is known.
     """
     for tag in _NUMBER_ELEMENTS:
         yield from quantity.iterfind(_SI + tag)

@@ -177,9 +177,13 @@ def write_campaign(
     Raises
     ------
     InputError
-        For a folder that exists, unless ``force`` is true and the folder holds nothing but a
-        campaign; for the working directory, and for folders that contain the working directory; for
-        a folder that cannot be written; and for a plan whose angles are not evenly spaced.
+        In any of these cases:
+
+        - The folder exists, and ``force`` is false.
+        - The folder holds files that do not belong to a campaign.
+        - The folder is the working directory, or contains the working directory.
+        - The folder cannot be written.
+        - The angles of a plan are not evenly spaced.
 
     Examples
     --------

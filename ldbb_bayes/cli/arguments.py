@@ -312,8 +312,8 @@ def model_from(
     Parameters
     ----------
     degree
-        Degree of the compliance as a polynomial in force. Default: the degree of the model that the
-        model file states; without a model file, 1.
+        Degree of the compliance as a polynomial in force. Default: the degree in the model file, or
+        1 if there is no model file.
     preset
         Name of a set of terms and priors: ``default``, ``first`` or ``paper``. Default:
         ``default``.
@@ -375,7 +375,8 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
     return tolerances or {}
 
 
-# Options that describe a tidy CSV, and labels of the measurement, such as its date.
+# Options that describe a tidy CSV, which has one reading in each row, and options for labels of the
+# measurement, such as its date.
 _TABLE_OPTIONS = options_of("table", "labels")
 # Command-line options for values that calibration certificates state.
 _CERTIFICATE_OPTIONS = options_of("certificates")

@@ -22,8 +22,8 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
 def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
     """Return the directions of travel, such as CW (clockwise), that the user typed.
 
-    The string ``both`` means CW and CCW (counter-clockwise). ``flag`` is the flag of the option; it
-    is not used.
+    The string ``both`` means CW and CCW (counter-clockwise). ``flag``, the flag of the option, is
+    not used.
     """
     if entry.strip().lower() == "both":
         return ("CW", "CCW")

@@ -75,8 +75,8 @@ class Batch(Result):
     #: at most 10 000 campaigns. The key ``campaign`` holds the file path of the campaign. The key
     #: ``verdict`` holds a sentence on how far the fit can be trusted.
     doubts: tuple[dict[str, str], ...]
-    #: number of campaigns that were fitted, or failed, in this run of the batch; the other
-    #: campaigns were fitted, or failed, in earlier runs
+    #: number of campaigns that were fitted, or could not be fitted, in this run of the batch. The
+    #: other campaigns belong to earlier runs.
     fitted: int
     seconds: float  #: duration of this run of the batch [s]
     resumed: bool  #: whether this run continued an earlier run of the same batch
