@@ -47,8 +47,9 @@ def integrate(
     log_density : callable
         Function that returns ln f, shape (n,), at n points in h dimensions, shape (n, h).
     modes : sequence of pairs
-        One pair for each mode (maximum) of f, the highest mode first: the mode, shape (h,), and a
-        square root, shape (h, h), of the inverse of minus the Hessian of ln f at the mode.
+        One pair for each mode (maximum) of f, the highest mode first. A pair holds the mode, shape
+        (h,), and a square root, shape (h, h), of the covariance matrix there: the inverse of the
+        negative Hessian of ln f.
     tolerance : float
         Error allowed in ln ∫ f [nat].
     step : float, optional

@@ -54,9 +54,9 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
 
     Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are
     quantities such as the standard deviation of the noise. The arrays have the shapes (size, p) and
-    (size, h). If the model does not allow negative compliances, no compliance is negative in any
-    draw. A flat prior of the parameters cannot be drawn from; the array of the parameters then has
-    the shape (0, 0). ``rng`` generates the random numbers. ``bound`` is the model of the campaign.
+    (size, h). If the model excludes negative compliances, the draws contain none. A flat prior of
+    the parameters cannot be drawn from; the array of the parameters then has the shape (0, 0).
+    ``rng`` generates the random numbers. ``bound`` is the model of the campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:

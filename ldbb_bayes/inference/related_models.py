@@ -21,9 +21,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels", "log_values"]
 
-# The log probability that no compliance is negative is computed with an error of at most
-# ``_SHARE_OF_TOLERANCE`` times the tolerance of a log evidence; the limit of the error is never
-# below ``_FINEST_TOLERANCE`` [nat].
+# Error allowed in the log probability that no compliance is negative [nat]: ``_SHARE_OF_TOLERANCE``
+# times the tolerance of the log evidence, but at least ``_FINEST_TOLERANCE``.
 _SHARE_OF_TOLERANCE = 0.25
 _FINEST_TOLERANCE = 1e-3
 

@@ -140,8 +140,9 @@ def sample(
         Posterior in ArviZ's layout, in mm, N and rad, with the groups posterior, prior,
         sample_stats, log_prior, observed_data, constant_data and provenance. Draws have the shape
         (chain, draw). ``lp`` in sample_stats is the log posterior density in unbounded coordinates
-        of the hyper-parameters φ: ln(φ − lower bound), or the logit for a decay (a power by which
-        form error falls with its order). `with_predictive` adds the groups for checks of models.
+        of the hyper-parameters φ: ln(φ − lower bound), or a logit for a decay (exponent with which
+        form errors decrease with their order). `with_predictive` adds the groups for checks of
+        models.
 
     Raises
     ------
@@ -314,8 +315,8 @@ def run_sampler(
     sampler
         ``independent`` or ``joint``.
     start
-        Posterior density of the hyper-parameters (such as the standard deviation of the noise),
-        from which independent draws, or the starting points of emcee, are taken.
+        Posterior density of the hyper-parameters (such as the standard deviation of the noise). The
+        independent draws, or the starting points of emcee, are drawn from it.
     rule
         Rule that states the effective sample size to reach, and when the sampler gives up.
     seed

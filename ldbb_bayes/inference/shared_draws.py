@@ -78,8 +78,8 @@ def _draw_standard(
 
     For each of w values of the hyper-parameters, ``repeats`` draws are made. In standard
     coordinates the Gaussian density of the p parameters given the hyper-parameters is N(0, I). If
-    the model allows no negative compliances, no compliance is negative in any draw. ``conditional``
-    holds the densities of the parameters.
+    the model excludes negative compliances, the draws contain none. ``conditional`` holds the
+    densities of the parameters.
     """
     w, p = conditional.mean.shape
     standard = rng.standard_normal((w * repeats, p))

@@ -1,14 +1,15 @@
 """Linear effects of compliances and errors on readings, and the compliances that tests identify.
 
 A unit force along the bar, whose direction is B̂, causes three forces and three moments at joint k,
-about the origin of its frame. They form the wrench g_k, shape (6,). With the Jacobian J_k of the
-joint and the lever, which is the vector from the frame to the ball, the wrench is g_k = J_kᵀ B̂ =
-(B̂, lever × B̂). A compliance C_ijk is the displacement or rotation i caused by the force or moment
-j at joint k. This compliance changes the reading by g_k,i · g_k,j per unit force and per unit of
-the compliance (Eq. 20 of the paper, the article on which the model is based). An error motion e of
-joint k, with three displacements and three rotations about the same frame, changes the reading by
-g_k · e if the joint carries the tool, and by −g_k · e if it carries the workpiece (Eq. 16-23). If
-all levers lie in the plane of the circle, this is the paper's planar model.
+about the origin of its frame. They form the wrench g_k, shape (6,). Let J_k be the Jacobian of the
+joint, and let the lever be the vector from the frame to the ball. Then the wrench is g_k = J_kᵀ B̂
+= (B̂, lever × B̂). A compliance C_ijk is the displacement or rotation i caused by the force or
+moment j at joint k. This compliance changes the reading by g_k,i · g_k,j per unit force and per
+unit of the compliance (Eq. 20 of the paper, the article on which the model is based). An error
+motion e of joint k consists of three displacements and three rotations about the same frame. It
+changes the reading by g_k · e if the joint carries the tool, and by −g_k · e if the joint carries
+the workpiece (Eq. 16-23). If all levers lie in the plane of the circle, this is the paper's planar
+model.
 
 Circular tests cannot identify all compliances (Table 2 of the article on the model). Some
 compliances never change a reading (null columns). Others change the readings in proportion to each
@@ -218,10 +219,9 @@ class Kept:
     not_negative: tuple[bool, ...]
     #: names of the compliances that never change a reading of a circular test
     null: tuple[str, ...]
-    #: names of compliances that are left out of ``names`` (those that circular tests can separate),
-    #: because their effect on the reading is a linear combination of the effects of several
-    #: compliances in ``names``. If the effects of several such compliances are proportional to each
-    #: other, only one of them is named.
+    #: names of the compliances that are not kept, because their effect on the reading is a linear
+    #: combination of the effects of several kept compliances (those in ``names``). If the effects
+    #: of several compliances left out are proportional to each other, only one of them is named.
     dependent: tuple[str, ...]
     #: rank of the matrix with one column for each compliance that may change a reading; a column
     #: holds the readings per unit of the compliance, at equally spaced angles of full circles

@@ -184,7 +184,7 @@ def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
 
 
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Return the names of all compliances of the joints of a machine, 6 × 6 = 36 for each joint.
+    """Return the names of all joint compliances of a machine, 6 × 6 = 36 for each joint.
 
     Each joint has one compliance for every combination of a motion (three displacements, three
     rotations) and a load (three forces, three moments). The joints are those whose axes move in at

@@ -82,8 +82,8 @@ class _SortedColumns(NamedTuple):
 def information_of(bound: BoundModel, phi: Array) -> Information:
     """Return the information that readings carry about all coefficients of a campaign's model.
 
-    The coefficients are the parameters of interest, and those coefficients of nuisances (effects
-    modelled but not of interest) that have the same value in all tests. Nuisances whose
+    The coefficients are the parameters of interest, and the nuisance coefficients that have the
+    same value in all tests. Nuisances are effects modelled but not of interest; those whose
     coefficients differ between tests are treated as noise. ``bound`` is the model of the campaign.
     ``phi``, shape (h,), holds the h hyper-parameters (such as the standard deviation of the noise),
     with lengths in mm.
@@ -94,13 +94,13 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """Yield the information about all coefficients for each of w values of the hyper-parameters.
 
-    The coefficients are the parameters of interest, and those coefficients of nuisances (effects
-    modelled but not of interest) that have the same value in all tests. Nuisances whose
+    The coefficients are the parameters of interest, and the nuisance coefficients that have the
+    same value in all tests. Nuisances are effects modelled but not of interest; those whose
     coefficients differ between tests are treated as noise. ``bound`` is the model of a campaign.
     ``phi``, shape (w, h), holds w values of the h hyper-parameters (such as the standard deviation
-    of the noise), with lengths in mm. The design matrix, which holds the effect of one unit of each
-    coefficient on the reduced readings (at most 25 numbers for each test), does not depend on the
-    hyper-parameters and is computed once. Tests with the same noise share one covariance.
+    of the noise), with lengths in mm. The design matrix holds the effect of one unit of each
+    coefficient on the reduced readings (at most 25 numbers for each test). It does not depend on
+    the hyper-parameters and is computed once. Tests with the same noise share one covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)

@@ -102,8 +102,8 @@ class Update(NamedTuple):
     #: Indices of the rows of the workspace (the array with the entries of the precision matrix P)
     #: in which the changed entries P_ij are stored. The shape is (borders, stop − first, m + 1 −
     #: first), where m is the number of later columns that a group changes. P is symmetric, and only
-    #: entries with j ≥ i are stored. For entries with j < i, the index is that of the last row of
-    #: the workspace, which is never read.
+    #: entries with j ≥ i are stored. For entries with j < i, the array holds the index of the last
+    #: row of the workspace, which is never read.
     targets: NDArray[np.intp]
 
 
@@ -121,11 +121,11 @@ class Front(NamedTuple):
     #: overwritten by those of its Cholesky factor L. A group of s columns that changes m later
     #: columns has s (s + m + 1) entries.
     entries: slice
-    #: Shape of the array with the entries of the Cholesky factor L for the groups of columns of one
-    #: front (groups that are eliminated at the same time): number of groups, number s of columns in
-    #: a group, and number s + m + 1 of entries in each column. Of these entries, s are in the rows
-    #: of the group's columns, and m in the rows of the later columns that change when the group is
-    #: eliminated. The last entry is in the row of the right-hand side.
+    #: Shape of the array of those entries of the Cholesky factor L that belong to one front (groups
+    #: of columns that are eliminated at the same time). The dimensions are the groups, the s
+    #: columns of a group, and the s + m + 1 entries of a column. Of these entries, s are in the
+    #: rows of the group's columns, and m in the rows of the later columns that change when the
+    #: group is eliminated. The last entry is in the row of the right-hand side.
     shape: tuple[int, int, int]
     #: Signs (+1 or −1) of the Cholesky pivots of the s columns of each group of columns, shape
     #: (groups, s); None if all are positive. A pivot is negative if the prior variance of the
@@ -142,11 +142,11 @@ class Front(NamedTuple):
     def eliminate(self, workspace: Array) -> None:
         """Compute some columns of a Cholesky factor, and update the later columns of the matrix P.
 
-        The columns are those of one front, which consists of groups of columns that are eliminated
-        together. The columns of the Cholesky factor L for these groups are computed; then products
-        of their entries are subtracted from the entries of later columns. ``workspace``, shape
-        (entries, w), holds the entries of P for w values of the hyper-parameters; they are
-        overwritten by the entries of L.
+        The columns belong to one front, that is, to groups of columns that are eliminated together.
+        The columns of the Cholesky factor L for these groups are computed; then products of their
+        entries are subtracted from the entries of later columns. ``workspace``, shape (entries, w),
+        holds the entries of P for w values of the hyper-parameters; they are overwritten by the
+        entries of L.
         """
         w = workspace.shape[1]
         columns = self.shape[1]

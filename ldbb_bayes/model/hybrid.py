@@ -226,7 +226,7 @@ class HybridModel(Result):
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
-        """Return the model whose point estimate is that of the article on the model (Eq. 31).
+        """Return the model with the same point estimate as in the article on the model (Eq. 31).
 
         The model has flat priors and no nuisances (effects modelled but not of interest), and its
         compliances may be negative. ``degree`` is the degree of the compliance as a polynomial in
@@ -678,15 +678,15 @@ _KEPT_BOUND_MODELS = 24
 class BoundModel(Shown):
     """The model of one campaign: ρ = H β + nuisances + ε, with priors for this campaign.
 
-    ρ are the readings, β the p parameters of interest (compliances, their slopes, which are changes
-    with force, and geometric errors), H the readings per unit of each parameter, and ε white noise.
-    Nuisances are effects that are modelled but not of interest.
+    ρ are the readings, β the p parameters of interest, H the readings per unit of each parameter,
+    and ε white noise. Parameters of interest are compliances, their slopes (changes with force) and
+    geometric errors. Nuisances are effects that are modelled but not of interest.
 
     Parameters
     ----------
     model : model for any campaign.
     campaign : campaign or plan.
-    keep_tests : names of the tests to use; by default all. Some properties are always those of the
+    keep_tests : names of the tests to use; by default all. Some properties always describe the
         whole campaign: the reference force F0, the force range, the region in which compliances are
         not negative, the estimate Ĉ of the compliances, and whether the form errors of the two
         balls are modelled as one sum or separately.

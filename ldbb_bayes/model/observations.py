@@ -79,28 +79,28 @@ class Observations(NamedTuple):
     #: that is, the standard deviation of an effect such as the white noise, or a product of
     #: hyper-parameters.
     sources: list[Source]
-    #: Unit in which every nuisance coefficient (of an effect modelled but not of interest) is
-    #: expressed, shape (coefficients,). The unit is the prior sd of the coefficient divided by the
-    #: hyper-parameter that scales this sd. If no hyper-parameter scales it, the unit is the prior
-    #: sd. If the prior is flat, the unit is the reciprocal norm of the coefficient's column in the
-    #: design matrix.
+    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). Nuisances are
+    #: effects modelled but not of interest. The unit is the prior sd of the coefficient divided by
+    #: the hyper-parameter that scales this sd. If no hyper-parameter scales it, the unit is the
+    #: prior sd. If the prior is flat, the unit is the reciprocal norm of the coefficient's column
+    #: in the design matrix.
     unit: Array
-    #: One sign, +1 or −1, for each nuisance coefficient (of an effect modelled but not of
-    #: interest), shape (coefficients,). If the sign is −1, the prior variance of the coefficient is
-    #: negative: the coefficient's noise is subtracted from the noise of the readings.
-    #: `_columns_for_uneven_angles` explains why this is needed.
+    #: One sign, +1 or −1, for each nuisance coefficient, shape (coefficients,). Nuisances are
+    #: effects modelled but not of interest. If the sign is −1, the prior variance of the
+    #: coefficient is negative: the coefficient's noise is subtracted from the noise of the
+    #: readings. `_columns_for_uneven_angles` explains why this is needed.
     signs: Array
-    #: Number of nuisance coefficients (of effects modelled but not of interest) that are the same
-    #: in all tests. Their columns are the first columns of the design matrix of the nuisance
-    #: coefficients.
+    #: Number of nuisance coefficients that are the same in all tests. Their columns come first in
+    #: the design matrix of the nuisance coefficients. Nuisances are effects modelled but not of
+    #: interest.
     shared: int
-    #: For every test, the indices of those columns of the design matrix whose nuisance coefficients
-    #: (of effects modelled but not of interest) belong to this test alone; empty if no test has
-    #: such columns.
+    #: For every test, the indices of the columns of the design matrix whose nuisance coefficients
+    #: belong to this test alone; empty if no test has such columns. Nuisances are effects modelled
+    #: but not of interest.
     private: list[NDArray[np.intp]]
-    #: Constants that are added to the log density of the readings, shape (tests + 1,): one constant
-    #: for every test, then one for the flat priors of all nuisance coefficients (of effects
-    #: modelled but not of interest) together.
+    #: Constants that are added to the log density of the readings, shape (tests + 1,): one for
+    #: every test, and a last one for all flat priors of nuisance coefficients together. Nuisances
+    #: are effects modelled but not of interest.
     log_constants: Array
 
 
@@ -119,10 +119,10 @@ class _Nuisances(NamedTuple):
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: One sign, +1 or −1, for each nuisance coefficient (of an effect modelled but not of interest)
-    #: that has a separate value in every test. A coefficient with the sign +1 adds noise to the
-    #: model of the readings. If the sign is −1, the prior variance of the coefficient is negative,
-    #: and its noise is subtracted.
+    #: One sign, +1 or −1, for each nuisance coefficient that has a separate value in every test.
+    #: Nuisances are effects modelled but not of interest. A coefficient with the sign +1 adds noise
+    #: to the model of the readings. If the sign is −1, the prior variance of the coefficient is
+    #: negative, and its noise is subtracted.
     private_signs: list[float]
 
     @property
@@ -164,18 +164,18 @@ class _CoefficientPriors(NamedTuple):
     or the product of hyper-parameters, that multiplies the prior sd of a coefficient.
     """
 
-    #: Prior sd of every nuisance coefficient (of an effect modelled but not of interest), divided
-    #: by the hyper-parameter (or product of hyper-parameters) that scales this sd, shape
-    #: (coefficients,); infinite for a flat prior.
+    #: Prior sd of every nuisance coefficient, divided by the hyper-parameter (or product of
+    #: hyper-parameters) that scales this sd, shape (coefficients,); infinite for a flat prior.
+    #: Nuisances are effects modelled but not of interest.
     sd: Array
-    #: Fixed part of the prior sd of every nuisance coefficient (of an effect modelled but not of
-    #: interest), shape (coefficients,). This part does not depend on hyper-parameters, and is added
-    #: in quadrature to the part that does.
+    #: Fixed part of the prior sd of every nuisance coefficient, shape (coefficients,). This part
+    #: does not depend on hyper-parameters, and is added in quadrature to the part that does.
+    #: Nuisances are effects modelled but not of interest.
     stated_sd: Array
     mean: Array
-    #: For each nuisance coefficient (of an effect modelled but not of interest), the index of the
-    #: source of variance (hyper-parameter, or product of hyper-parameters) that scales its prior
-    #: sd, shape (coefficients,).
+    #: For each nuisance coefficient, the index of the source of variance that scales its prior sd,
+    #: shape (coefficients,). A source is a hyper-parameter or a product of hyper-parameters.
+    #: Nuisances are effects modelled but not of interest.
     source: NDArray[np.intp]
 
 
@@ -241,9 +241,8 @@ def observation_equations(
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
     # If all circles have nearly uniform angles, the reduced readings of each test (at most 25
-    # numbers that replace its readings) were multiplied by a matrix with the log determinant −½ Σ
-    # ln(1 + departure) (see `NearUniform` for ``departure``). This log determinant is added to the
-    # log density as a constant.
+    # numbers that replace its readings) were multiplied by a matrix. Its log determinant, −½ Σ ln(1
+    # + departure), is added to the log density as a constant; `NearUniform` explains ``departure``.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()

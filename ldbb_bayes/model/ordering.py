@@ -260,8 +260,8 @@ def _merge(single: list[_Node]) -> list[_Node]:
 def _cost(shape: tuple[int, int], copies: int) -> float:
     """Return the time to eliminate a set of columns, in units of the time of one multiplication.
 
-    The columns are those of a sparse matrix. ``shape`` holds the number of columns of the set, and
-    the number of later columns that they change. ``copies`` is the number of sets with this shape,
+    The columns belong to a sparse matrix. ``shape`` holds the number of columns of the set, and the
+    number of later columns that they change. ``copies`` is the number of sets with this shape,
     which are eliminated by the same function calls. The multiplications are done for each set. The
     function calls are made only once for all copies, and the later columns are updated only once.
     The time of the calls and of the updates is therefore divided by ``copies``.

@@ -136,10 +136,10 @@ class ReferencePosterior:
         prior_rows = np.eye(len(sd), len(scale))
         stack = np.concatenate([whitened * scale, prior_rows])
         triangle = np.asarray(np.linalg.qr(stack, mode="r"))
-        # The posterior is computed from the QR decomposition of a matrix whose last columns are
-        # those of the parameters of interest. The last rows of the triangular factor R
-        # (``triangle``) are therefore zero in the columns of all nuisance coefficients (of effects
-        # modelled but not of interest): they are equations for the parameters of interest alone.
+        # The posterior is computed from the QR decomposition of a matrix whose last columns belong
+        # to the parameters of interest; all other columns belong to nuisance coefficients (of
+        # effects modelled but not of interest). The last rows of the triangular factor R
+        # (``triangle``) are therefore equations for the parameters of interest alone.
         size = int(free.sum())
         of_interest = slice(len(sd) - size, len(sd))
         posterior = Gaussian.from_rows(

@@ -23,9 +23,9 @@ class Rival(NamedTuple):
     """
 
     term: type[Term]
-    #: name of a field of a nuisance term (an effect modelled but not of interest), such as
-    #: curvature_um; setting this field to zero switches off an effect that resembles a change of
-    #: compliance with force. Empty string if the effect is the whole term.
+    #: name of the field of a nuisance term (an effect modelled but not of interest), such as
+    #: curvature_um; if the field is zero, the effect that resembles a change of compliance with
+    #: force is switched off. Empty string if this effect is the whole term.
     setting: str
 
 

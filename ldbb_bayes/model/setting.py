@@ -2,8 +2,8 @@
 
 A `Setting` holds forces, radii, clockings (angles by which the balls are turned in their sockets)
 and directions of travel, one entry for each test. It also holds the effect of each compliance and
-geometric error on the reading, as 25 Fourier coefficients of functions of the angle θ on the circle
-(coefficients of 1, cos θ, sin θ, …, cos 12θ, sin 12θ).
+geometric error on the reading. Such an effect is a function of the angle θ on the circle, and is
+stored as 25 Fourier coefficients (of 1, cos θ, sin θ, …, cos 12θ, sin 12θ).
 """
 
 from __future__ import annotations
