@@ -320,9 +320,9 @@ class _TextLayout:
     def _lines_of_heads(self) -> list[str]:
         """Return lines of text with the headings of all columns that stand side by side.
 
-        These are all columns, except those that are stated below the table or beneath the rows
-        because the table would be too wide. A heading may be broken into several lines. Empty lines
-        are put above headings with fewer lines than the longest one.
+        Columns that do not fit side by side are left out; they are stated below the table or
+        beneath the rows. A heading may be broken into several lines. Empty lines are put above
+        headings with fewer lines than the longest one.
         """
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []

@@ -237,8 +237,8 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 
     A setting is, for example, the standard deviation of a prior. For direct_mm_per_N, "60 nm/N" is
     6e-5; for sd_um, "3 µm" is 3. A setting whose name does not end with a unit is a ratio: "10 %"
-    is 0.1. For a setting that is a ratio, a text that is not a number with a unit is returned
-    unchanged. A value that is not a text is always returned unchanged.
+    is 0.1. If the text of a ratio cannot be read as a number, it is returned unchanged. A value
+    that is not a text is always returned unchanged.
 
     Parameters
     ----------

@@ -251,9 +251,9 @@ def fit(findings: Findings) -> Iterator[Part]:
     """Yield the section on the quality of the fit.
 
     The section states the RMSE (root-mean-square residual) of the fit. For each test, the section
-    states the fitness and the p-values of posterior predictive checks. Fitness is 100 % minus the
-    RMSE of the test in per cent of the range of its readings (Eq. 35 of the article on which the
-    model is based).
+    states the fitness and the p-values of posterior predictive checks. The fitness of a test is 100
+    % · (1 − RMSE / range), where "range" is the range of its readings (Eq. 35 of the article on
+    which the model is based).
     """
     quality = findings.result["fit"]
     rows = []

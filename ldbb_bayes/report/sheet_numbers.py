@@ -425,11 +425,10 @@ def _direction_of_change(change: ChangeWithForce) -> Literal["increases", "decre
 
 
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
-    """Return objects that represent the names of a model's compliances and geometric errors.
+    """Return the names of a model's compliances and geometric errors as objects.
 
-    Each object is the name of one parameter; its attributes are the parts of this name, such as the
-    axis. The keys of the result are labels such as ``C_XXX``. ``bound`` is a model applied to a
-    campaign.
+    The attributes of an object are the parts of the name, such as the axis. The keys of the result
+    are labels such as ``C_XXX``. ``bound`` is a model applied to a campaign.
     """
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
     return {name.label: name for name in names}

@@ -53,7 +53,7 @@ _ROOM_ABOVE = 0.1
 
 
 class _FigureRow(NamedTuple):
-    """One quantity in the figure of credible intervals, where each quantity has a separate row.
+    """One row of the figure of credible intervals. A row shows one quantity.
 
     The quantity's random draws from the posterior and from the prior are in internal units (mm, N,
     rad).
