@@ -22,7 +22,7 @@ STAND_INS = {
     "_advice(": "Check it.",
     "advice": "",
     "as_stated": "",
-    "cure_of_positions(": "Check it.",
+    "advice_on_positions(": "Check it.",
     "ellipsis": "",
     "hint": "",
     "question": "",

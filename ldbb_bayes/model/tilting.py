@@ -1,11 +1,11 @@
 """Minimax tilting: random draws of Gaussian vectors u given u ≥ 0, from a shifted density.
 
-The constraints are u = L (x − x₀) ≥ 0 with a lower triangular matrix L, shape (d, d), and a
-standard normal vector x of d elements. x₀ is the point where all constraints hold with equality.
-The constraints are also written unit · x ≥ bound: the matrix ``unit`` is L with each row divided by
-its diagonal entry, and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a
-normal density shifted by μ_j, which is called a tilt. The log importance weight (Φ is the standard
-normal distribution function)
+The constraints are u = L (x − x₀) ≥ 0, where L is a lower triangular matrix and x a standard normal
+vector of d elements. x₀ is the point where all constraints hold with equality. The constraints are
+also written unit · x ≥ bound: the matrix ``unit`` is L with each row divided by its diagonal entry,
+and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a normal density
+shifted by μ_j, which is called a tilt. The log importance weight (Φ is the standard normal
+distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
@@ -42,9 +42,9 @@ _ITERATIONS = 60
 # Largest number of step lengths that are tried in one step of Newton's method. Each step length is
 # half of the previous step length.
 _HALVINGS = 20
-# If the log probability that all constraints on a random vector hold is below minus this number, an
-# inexact saddle point of the log importance weight is accepted, because such a probability is too
-# small to matter.
+# An inexact saddle point of the log importance weight is accepted if the log probability that all
+# constraints on a random vector hold is below minus this number. Such a probability is too small to
+# matter.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
 # Uniform random numbers between 0 and 1 that are smaller than this number are replaced by it, so
 # that their logarithm is finite.
@@ -116,13 +116,13 @@ class _ConvexFunction(NamedTuple):
     #: Value of the convex function whose minimum gives the saddle point of the log importance
     #: weight, for each of w sets of constraints, shape (w,).
     value: Array
-    #: Derivatives of the convex function (whose minimum gives the saddle point of the log
-    #: importance weight) with respect to the d inverse Mills ratios m, for each of w sets of
-    #: constraints, shape (w, d).
+    #: Derivatives of the convex function with respect to the d inverse Mills ratios m, for each of
+    #: w sets of constraints, shape (w, d). The derivatives are zero at the saddle point of the log
+    #: importance weight.
     gradient: Array
     #: Derivative of each inverse Mills ratio m_j with respect to the lower limit e_j of a shifted
-    #: normal variable, for the d ratios of each of w sets of constraints, shape (w, d). The
-    #: derivative is between 0 and 1.
+    #: normal variable. There are d ratios for each of w sets of constraints, shape (w, d). The
+    #: derivatives are between 0 and 1.
     slope: Array
     #: Largest relative magnitude of an element of ``gradient``, the gradient of a convex function,
     #: for each of w sets of constraints, shape (w,). An element is a sum; its relative magnitude is
@@ -154,7 +154,7 @@ class Tilted(NamedTuple):
     """
 
     #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
-    #: normal vector x, with ones on its diagonal, shape (d, d, w) for w sets of constraints.
+    #: normal vector x, shape (d, d, w) for w sets of constraints. The diagonal elements are 1.
     unit: Array
     #: Lower bounds in the d independent constraints unit · x ≥ bound on a standard normal vector x,
     #: shape (d, w) for w sets of constraints.
@@ -165,12 +165,13 @@ class Tilted(NamedTuple):
     #: Shifts (tilts) of the normal densities from which the d elements of a vector x are drawn at
     #: random, shape (d, w) for w sets of constraints on x. The shift of the last element is zero.
     tilt: Array
-    #: Coefficients of the vector x in those k constraints dependent_mean + dependent · x ≥ 0 that
-    #: are linear combinations of other constraints, shape (k, d, w) for w sets of constraints on d
-    #: elements of x.
+    #: Coefficients of the vector x in the k dependent constraints dependent_mean + dependent · x ≥
+    #: 0, shape (k, d, w) for w sets of constraints. Dependent constraints are linear combinations
+    #: of other constraints.
     dependent: Array
-    #: Constant terms of those k constraints dependent_mean + dependent · x ≥ 0 on a vector x that
-    #: are linear combinations of other constraints, shape (k, w) for w sets of constraints.
+    #: Constant terms of the k dependent constraints dependent_mean + dependent · x ≥ 0 on a vector
+    #: x, shape (k, w) for w sets of constraints. Dependent constraints are linear combinations of
+    #: other constraints.
     dependent_mean: Array
     #: Index of the last element of the vector x on which each of k dependent constraints on x
     #: depends, shape (k, w) for w sets of constraints. A dependent constraint is a linear
@@ -321,11 +322,11 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     Each set has d constraints unit · x ≥ bound on a standard normal vector x. The tilts μ are the
     shifts of the normal densities from which x is drawn at random; the tilts at the saddle point
     give the smallest bound of the weights. The derivatives of ψ with respect to x and μ are zero
-    where x = unitᵀ m and μ = x − m, with the inverse Mills ratios m_j = φ(e_j) / Φ(−e_j). φ and Φ
-    are the standard normal density and distribution function. The edges e are the lower limits of
-    the shifted variables. They are the solution of e + (unit unitᵀ − I) m = bound, which is
-    computed by Newton's method. The saddle point may be approximate if the log probability of the
-    constraints is below about −1e7, because such a probability is too small to matter.
+    where x = unitᵀ m and μ = x − m. The m_j = φ(e_j) / Φ(−e_j) are inverse Mills ratios, where φ
+    and Φ are the standard normal density and distribution function. The edges e are the lower
+    limits of the shifted variables. They are the solution of e + (unit unitᵀ − I) m = bound, which
+    is computed by Newton's method. The saddle point may be approximate if the log probability of
+    the constraints is below about −1e7, because such a probability is too small to matter.
 
     Parameters
     ----------
@@ -439,10 +440,10 @@ def _edges_of_nearest_point(
     """Return approximate edges at the most probable vector x that satisfies d constraints.
 
     Newton's method in `_solve_edges` starts from these edges e, shape (d,). Each x_j is drawn above
-    a lower limit from a normal density shifted by its tilt μ_j; the edge e_j is this limit minus
-    μ_j. The constraints on the standard normal vector x are unit · x ≥ bound, where ``unit`` is a
-    lower triangular matrix with ones on the diagonal, shape (d, d), and ``bound`` has the shape
-    (d,). ``coupling`` is C = unit unitᵀ − I.
+    a lower limit from a normal density shifted by μ_j (its tilt); the edge e_j is this limit minus
+    μ_j. The constraints on the standard normal vector x are unit · x ≥ bound. ``unit``, shape (d,
+    d), is a lower triangular matrix with ones on the diagonal, and ``bound`` has the shape (d,).
+    ``coupling`` is C = unit unitᵀ − I.
     """
     # The edges solve e + C m = bound, where m are the inverse Mills ratios of e. At the most
     # probable x, some constraints are binding: they hold with equality. The edges of these

@@ -17,8 +17,8 @@ __all__ = ["eliminate", "log_diagonal", "solve_columns", "solve_lower", "solve_u
 def eliminate(front: Array, *, signs: Array | None = None) -> None:
     """Compute the first columns of the Cholesky factors of many symmetric matrices, in place.
 
-    The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ, where S is
-    a diagonal matrix of signs ±1, by default the unit matrix. Only the first s columns of L are
+    The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ. S is a
+    diagonal matrix of signs ±1, by default the unit matrix. Only the first s columns of L are
     computed. Right-hand sides b, stored at the ends of the columns of P, are replaced by L⁻¹ b. If
     P has no factor with these signs, entries become NaN, and NumPy warns.
 

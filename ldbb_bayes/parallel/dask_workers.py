@@ -104,9 +104,9 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     Raises
     ------
     InputError
-        If Dask is not installed, if no scheduler answers, if worker processes cannot start, or if a
-        worker has several threads or versions of the libraries that differ from those of this
-        process.
+        If Dask is not installed, if no scheduler answers, or if worker processes cannot start. The
+        error is also raised if a worker has several threads, or library versions that differ from
+        those of this process.
     """
     refuse_to_nest()
     try:

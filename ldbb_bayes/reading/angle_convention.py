@@ -1,7 +1,7 @@
 """Convention of the angles in a file: the axis at which they are zero, and their positive sense.
 
-The sense is clockwise or counter-clockwise. It is read, like the axis, from the header of the
-column of angles, from lines above the table, or from names of files. An example is the header
+The sense is clockwise or counter-clockwise. Axis and sense may be stated in the header of the
+column of angles, in lines above the table, or in names of files. An example is the header
 ``Angle from Y clockwise``.
 """
 
@@ -133,8 +133,8 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     Raises
     ------
     InputError
-        If an axis lies outside the plane, if words contradict each other, or if angles begin at
-        another axis than the plane's first axis and nothing states in which sense they run.
+        If an axis lies outside the plane, or if words contradict each other. The error is also
+        raised if nothing states the sense, and angles do not begin at the plane's first axis.
     """
     words = _statements_about_angles(recording)
     layout = recording.layout
@@ -286,9 +286,9 @@ def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
 def _statements_about_angles(recording: Recording) -> list[_AngleStatement]:
     """Return all statements in a file on where angles begin and in which sense they run.
 
-    There is one entry for each source that states the axis or the sense. The sources are the header
-    of the column of angles, the lines above the table, the lines that concern all tests, and the
-    names of the test, its sheet and its file.
+    There is one entry for each source that states the axis or the sense. Sources are the header of
+    the column of angles, lines above the table, lines that concern all tests, and the names of
+    test, sheet and file.
     """
     header = ""
     if "angle" in recording.heading.roles:

@@ -46,8 +46,9 @@ _LARGEST_STEP_UM = 5.0
 # Largest step between readings that is accepted as the resolution of a readout, as a fraction of
 # the range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# A test may state both a force and a pressure. A note is made if this force and the force that the
-# default `ForceLaw` gives for the pressure differ by more than this fraction of the stated force.
+# If a test states both a force and a pressure, the stated force is compared with the force that the
+# default `ForceLaw` gives for the pressure. A note is made if they differ by more than this
+# fraction of the stated force.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -63,7 +64,7 @@ _ASSUMED = {
 _USUAL_RADIUS = re.compile(
     r"(?!.*(?:diam|durchm|[ØøΦ⌀]|\bD\W*\d))\D*(?<![.,])150(?:[.,]0+)?\s*(?:mm)?\W*", re.IGNORECASE
 )
-# Longest list of forces in a note [characters].
+# A note shows at most this number of characters of a list of forces.
 _LIST_SHOWN = 200
 
 
@@ -109,10 +110,10 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
     """Return a dict with the values of a field that lines and names in the files state.
 
-    The keys of the dict are the values; each entry is a text that says which line or which name
-    states the value. Each value is noted as an assumption; a plane is also added to the fields of
-    its test. If the user or a column of the table states the field for a test, lines and names are
-    not used for this test. Raise an `InputError` for contradictory statements.
+    Each key of the dict is a value, and its entry is a text that says which line or name states the
+    value. Each value is noted as an assumption; a plane is also added to the fields of its test. If
+    the user or a column of the table states the field for a test, lines and names are not used for
+    this test. Raise an `InputError` for contradictory statements.
 
     Parameters
     ----------
@@ -193,8 +194,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 def _source_of_named_plane(recording: Recording) -> str:
     """Return words for a note on a test whose plane is read from the name of the test.
 
-    The words are "its name". If the letters of the plane are swapped in the name, as in XZ, the
-    words also say at which axis angles are assumed to begin, and towards which axis they run.
+    The words are "its name". If the name swaps the letters of the plane, as in XZ, further words
+    say at which axis angles are assumed to begin, and towards which axis they run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)
@@ -387,7 +388,7 @@ def note_assumed_fields(
     """Add to the log the values that are assumed for unstated fields of the campaign.
 
     Lines that could not be understood are noted too. If the user states no force law, further notes
-    name the stated forces that do not fit the default law, and say that unstated forces are
+    name the stated forces that do not fit the default law. They also say that unstated forces are
     computed with this law.
 
     Parameters
@@ -438,10 +439,10 @@ def _without_doubt(reason: CitedLine) -> CitedLine:
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
     """Add notes on how the forces and pressures of the tests fit the default force law.
 
-    The law gives the force of the ball bar as a linear function of the pressure. For tests that
-    state both a force and a pressure, a note is added if the force that the law gives for the
-    pressure differs by more than 5 % from the stated force. For tests that state only a pressure, a
-    note says that their forces are computed with the law.
+    The law gives the force of the ball bar as a linear function of the pressure. If a test states
+    both a force and a pressure, the stated force is compared with the force that the law gives for
+    the pressure. A note is added if they differ by more than 5 %. For tests that state only a
+    pressure, a note says that their forces are computed with the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

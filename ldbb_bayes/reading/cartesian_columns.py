@@ -10,7 +10,7 @@ import numpy as np
 from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.results import Array
 
-__all__ = ["cure_of_positions", "lie_on_circle", "position_headers"]
+__all__ = ["advice_on_positions", "lie_on_circle", "position_headers"]
 
 # Regular expression for the name of a column of positions along an axis, such as "X" or "Y actual".
 _POSITION = re.compile(
@@ -49,7 +49,7 @@ def lie_on_circle(x: Array, y: Array) -> bool:
     return middle > _SMALLEST_RADIUS_MM and is_round and len(quadrants) == 4
 
 
-def cure_of_positions(has_reading: bool) -> str:
+def advice_on_positions(has_reading: bool) -> str:
     """Return the advice that an error message gives for a table of positions.
 
     ``has_reading`` states whether the table has a column of readings beside the positions.

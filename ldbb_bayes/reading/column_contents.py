@@ -35,8 +35,8 @@ __all__ = [
 
 # All words for a plane, in capitals. The two letters of a plane may be in either order.
 _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
-# A column whose header has a word for plane is taken to state the planes of the circles only if its
-# cells have at most this number of different values.
+# A column whose header has a word for plane states the planes of the circles only if it has at most
+# this number of different cells.
 _MOST_PLANES = 4
 # Cells that may mean a direction of travel if the header of their column has a word for travel.
 _SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
@@ -111,7 +111,7 @@ def _names_only(header: str, unit: str, role: str) -> bool:
 
 
 def _states_condition(role: str, cell: str) -> bool:
-    """Return whether a cell states the quantity of a column with this role.
+    """Return whether a cell can belong to a column with a given role.
 
     For the role direction, the cell must name a direction of travel, such as CW. For any other
     role, such as force, the cell must be a number.
@@ -212,8 +212,9 @@ def _note_contradiction(
 def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]]) -> None:
     """Raise an `InputError` if a column of planes has a cell that does not name a plane.
 
-    A column without a role is taken as a column of planes if its header has a word for plane and no
-    unit, and if it has at most four different cells. ``cells`` holds the cells of each column.
+    A column without a role is taken as a column of planes in one case: its header has a word for
+    plane and no unit, and it has at most four different cells. ``cells`` holds the cells of each
+    column.
     """
     for column in _free_columns(heading, cells):
         header = heading.headers[column]

@@ -86,8 +86,8 @@ _NUMBER_OF_EQUAL = re.compile(r"\.\d+$")
 # Regular expression for a word which shows that the next word is not a unit, such as "of" in "Angle
 # of turn".
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
-# Regular expressions for a word in front of a unit that multiplies or divides the unit, such as
-# "half", and for a word between such a word and the unit, such as "of".
+# Regular expressions for a word that multiplies or divides the unit behind it, such as "half", and
+# for a word between the two, such as "of".
 _MULTIPLIER = re.compile(WORDS["columns"]["multiplier"], re.IGNORECASE)
 _BETWEEN = re.compile(WORDS["columns"]["between"], re.IGNORECASE)
 # Regular expressions for headers that end with a unit that this package does not read. The keys are
@@ -135,8 +135,8 @@ def unit_of(header: str) -> Header:
 
     The unit is empty if the header states none. An unknown unit, in brackets or after "in", is
     returned as the text in the header; later code raises an error for it only if the column is
-    used. If a header states two different units of the same quantity, such as mm and µm, both are
-    returned as one text, which later code treats as an unknown unit.
+    used. If a header states two units of one quantity, such as mm and µm, both are returned as one
+    text, which later code treats as an unknown unit.
     """
     header = joined_prefixes(header)
     stated = _with_multiplier(_unit_between_dots(header) or _name_and_unit(header))
@@ -342,12 +342,12 @@ def _plain_words(role: str) -> tuple[str, ...]:
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 
-    Accents are ignored. It is enough that a word of the name begins with a word for the role, as
-    ``angles`` begins with ``angle``; only a word as short as ``t`` must be the whole word. For the
-    role "time", words that begin in this way but mean something else are passed over. For the role
-    "test", every word of the name must be a word for a test or a word such as "number". For the
-    roles "force" and "pressure", the name must not contain a word such as "maximum", which shows
-    that the column holds another quantity.
+    Accents are ignored. A word of the name may be longer than the word for the role: ``angles``
+    begins with ``angle``. Only words for a role that are as short as ``t`` must be equal to a word
+    of the name. Words that begin like a word for time, but mean something else, are ignored for the
+    role "time". For the role "test", every word of the name must be a word for a test or a word
+    such as "number". For the roles "force" and "pressure", the name must not contain a word such as
+    "maximum", which shows that the column holds another quantity.
     """
     name_words = re.findall(r"[^\W\d_]+", without_accents(comparable(name[:LONGEST_NAME])))
     role_words = _plain_words(role)
@@ -608,8 +608,8 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 def _free_columns(role: str, roles: ColumnRoles, headers: Sequence[str]) -> list[int]:
     """Return the indices of the columns that have no role yet and may have ``role``.
 
-    If the headers of the readings state loads, as in ``F = 100 N``, the other columns with such
-    headers hold readings, too, and not forces or pressures. ``roles`` holds the roles that are
+    If the headers of the readings state loads, as in ``F = 100 N``, all columns with such headers
+    hold readings; none of them holds forces or pressures. ``roles`` holds the roles that are
     already known, and ``headers`` the headers of all columns.
     """
     assigned = {*roles.columns.values(), *roles.readings}
@@ -686,8 +686,8 @@ def _several_readings(
 ) -> list[int]:
     """Return the indices of the columns of readings if there is one such column for each test.
 
-    The header of such a column states the load of the test, as in ``36 N [mm]``, names a run, as in
-    ``Run 1``, or is only a number. An ambiguous load such as ``1 238 N`` also counts; it may mean
+    The header of such a column states the load of the test (``36 N [mm]``), names a run
+    (``Run 1``), or is only a number. An ambiguous load such as ``1 238 N`` also counts; it may mean
     1238 N, or 238 N after another number. Return an empty list if the table does not have several
     such columns.
 

@@ -23,15 +23,15 @@ _TEXT_SHOWN = 60
 def halve_diameters(recording: Recording) -> None:
     """Halve the readings of a test if they measure the diameter, and note that they were halved.
 
-    Whether the readings measure the radius or the diameter is stated by the user, by the header of
-    the column of readings or by a line above the table.
+    The user, the header of the column of readings, or a line above the table states whether the
+    readings measure the radius or the diameter.
 
     Raises
     ------
     InputError
-        If the header and the lines contradict each other, or if the header, a line or the name of
-        the test, sheet or file leaves open whether the radius or the diameter is measured. No error
-        is raised if the user states which length is measured.
+        If the header and the lines contradict each other. The error is also raised if the header, a
+        line or a name (of the test, sheet or file) leaves open which length is measured. If the
+        user states the length, no error is raised.
     """
     readings = recording.numbers.get("reading")
     if readings is None:

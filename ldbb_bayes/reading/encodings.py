@@ -16,9 +16,9 @@ __all__ = ["encoding_of"]
 # Number of bytes at the beginning of a text file that are searched for zeros. Many zeros show that
 # the encoding is UTF-16.
 _HEAD_BYTES = 4096
-# UTF-16 stores most characters in two bytes; for ASCII characters, one of the two bytes is zero. A
-# text file is taken to be UTF-16 if the zeros among the first bytes of all characters, or among the
-# second bytes, are more than this fraction of all examined bytes.
+# UTF-16 stores most characters in two bytes. For ASCII characters, one of the two bytes is zero:
+# always the first, or always the second. A text file is taken to be UTF-16 if the zeros at even
+# positions, or at odd positions, are more than this fraction of all examined bytes.
 _SHARE_OF_ZEROS = 0.2
 # Encodings that are tried for a text that is not UTF-8, in order of preference: encodings for
 # Western Europe, Macintosh, Cyrillic, Greek, Central Europe, East Asia and MS-DOS.
@@ -51,8 +51,8 @@ def encoding_of(raw: bytes) -> str:
     The encoding is UTF-8 or UTF-16 if a byte-order mark or many zero bytes show this. Any other
     text is taken to be UTF-8 if it can be decoded as UTF-8. If it cannot, several encodings are
     tried, and the encoding in which the text contains the most known words for columns and units is
-    used. If the text contains no known word in any of them, the guess of the library
-    charset_normalizer is used, or Windows-1252 if the text has few letters outside ASCII.
+    used. If the text contains no known word in any of them, the library charset_normalizer guesses
+    the encoding. If such a text has few letters outside ASCII, it is taken to be Windows-1252.
 
     Parameters
     ----------

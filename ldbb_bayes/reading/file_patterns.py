@@ -11,7 +11,7 @@ from ldbb_bayes.errors import require
 
 __all__ = ["matching"]
 
-# Longest list of file names in an error message [characters].
+# An error message shows at most this number of characters of a list of file names.
 _LONGEST_LIST = 200
 
 

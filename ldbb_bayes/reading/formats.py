@@ -16,14 +16,14 @@ __all__ = ["advice_on_format", "format_of"]
 # Regular expression for the beginning of a file in XML or HTML.
 _MARKUP = re.compile(r"<(?:\?xml|!doctype|!--|[a-z][\w:.-]*[\s>/])", re.IGNORECASE)
 _WEB_PAGE = re.compile(r"<(?:!doctype html|html|table)", re.IGNORECASE)
-# Regular expression for a line of YAML that cannot be a row of a table, such as a key with a value,
-# or an entry of a list.
+# Regular expression for a line of YAML that cannot be a row of a table. Such a line is a key with a
+# value, or an entry of a list.
 _YAML_LINE = re.compile(r"(?:- )?[^\W\d][\w. -]*:(?:\s.*)?|- .*|[-+\d.,eE\[\] ]+|#.*|---")
 _SUFFIXES_OF_YAML = (".yml", ".yaml")
 # Regular expression for the name of a list of numbers, such as "angle" or "run(1).theta".
 _NAME = r"(?P<name>[^\W\d][\w.(){} -]*?)"
-# Regular expression for a line that opens a list of numbers, which ends in a later line, as in
-# "angle = [ ..." or "angle = np.array([0, 5,".
+# Regular expression for a line that opens a list of numbers but does not close it, such as
+# ``angle = [ ...`` or ``angle = np.array([0, 5,``.
 _OPENED_LIST = re.compile(
     rf"{_NAME}\s*(?:=|<-)\s*[\w.]*\(?[\[({{](?:\s*{NUMBER_IN_TEXT}[,;\s])*\s*(?P<dots>\.\.\.)?\s*"
 )
@@ -82,8 +82,8 @@ def advice_on_format(sheet: Sheet) -> str:
 def _names_of_lists(texts: Sequence[str]) -> list[str]:
     """Return the names of the lists of numbers in a text, in the order of its lines.
 
-    A list may stand in one line, as in ``angle = [0, 5, 10, …]`` with nine numbers or more, or
-    begin there and go on in the next lines, as in ``angle = [ ...``.
+    A list in one line, such as ``angle = [0, 5, 10, …]``, must have at least nine numbers. A list
+    may also begin in one line, such as ``angle = [ ...``, and continue in the next lines.
     """
     names = []
     for text in texts:

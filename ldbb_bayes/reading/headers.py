@@ -53,7 +53,7 @@ class Heading:
     """Header and columns of the table in one sheet."""
 
     line: int  #: line number of the header in the file; 0 if the table has no header
-    first_row: int  #: index, among the sheet's rows, of the first row of numbers of the table
+    first_row: int  #: index of the table's first row of numbers among the rows of the sheet
     headers: list[str]  #: header of each column of the table, as the file writes it
     units: list[str]  #: unit that the header of each column states; empty if it states none
     roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
@@ -101,11 +101,11 @@ class Heading:
 
 
 class _HeaderRows(NamedTuple):
-    """Names and units of the columns of a table, from the rows above its numbers."""
+    """Names and units of a table's columns, taken from the rows above the numbers."""
 
     line: int  # line number of the table's header in the file; 0 for a table without a header
-    start: int  # index, among the sheet's rows, of the first row of the table's header
-    end: int  # index, among the sheet's rows, of the row at which the table's numbers begin
+    start: int  # index of the header's first row among the rows of the sheet
+    end: int  # index of the table's first row of numbers among the rows of the sheet
     headers: list[str]  # name of each column of the table, as the file writes it
     units: list[str]  # unit of each column of the table; empty if none is stated
     # units with a factor, such as 0.1 um, in the row of units below the header; the keys are the
@@ -256,9 +256,9 @@ def _check_units_align(
     """Raise an error if a row of units does not show which columns have no unit.
 
     Some columns have no unit if there are fewer units than columns. Empty cells show which columns
-    these are; in a workbook, every cell stands in its column. If there are no empty cells and the
-    separator is not a blank, the units are taken to belong to the first columns, provided that each
-    unit fits the name of its column. In all other cases, an error is raised.
+    these are; in a workbook, every cell stands in its column. If there are no empty cells, and the
+    separator is not a blank, the units are assigned to the first columns. Each unit must then fit
+    the name of its column. In all other cases, an error is raised.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _check_units_align(
 
 
 def _fits_name(name: str, unit: str) -> bool:
-    """Return whether the name of a column names a quantity that has this unit."""
+    """Return whether a unit belongs to the quantity that the name of a column states."""
     quantity = unit_of(name).name
     return any(has_role(quantity, role) and size_of_unit(role, unit) for role in UNITS)
 
@@ -332,9 +332,9 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 
     The table begins at the first nine successive rows that have the same number of cells and at
     least two numbers each. At the end of the sheet, two to eight such rows are enough. A table with
-    so few rows is too short for a test, but it is accepted here, so that later code can raise an
-    error that states the number of its readings. If the user states the line of the header, only
-    rows below this line are considered. Raise a `NoTableError` if no table begins within 1000 rows.
+    so few rows is too short for a test, but later code raises a clearer error for it, which states
+    the number of its readings. If the user states the line of the header, only rows below this line
+    are considered. Raise a `NoTableError` if no table begins within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -385,9 +385,9 @@ def _middle_row(sheet: Sheet) -> str:
 def _first_row_without_header(sheet: Sheet, block: int) -> int:
     """Return the index of the first row of a table without a header.
 
-    ``block`` is the index of the row at which the numbers of the table begin (see `_is_block`). A
-    row directly above the table also belongs to the table if it has the same number of cells and at
-    least one of them is a number. Raise an `InputError` if rows further up hold numbers.
+    ``block`` is the index of the row at which the numbers of the table begin (see `_is_block`). The
+    row directly above also belongs to the table if it has the same number of cells, at least one of
+    which is a number. Raise an `InputError` if rows further up hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -414,7 +414,7 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     """Return the index of the header row in a sheet; None for a table without a header.
 
     ``block`` is the index of the row at which the numbers of the table begin. If the user does not
-    state the line of the header, the header is the last row of words above the numbers that is not
+    state the line of the header, the header is the last row of words above the numbers, apart from
     a row of units. Raise an `InputError` if the table has rows of numbers above the header.
     """
     if layout.header_line == 0:
@@ -539,7 +539,8 @@ def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
     """Add to the log which column was assumed for each unstated role, such as angle.
 
-    The columns are also kept in the log for the layout that it completes (`AssumptionLog.keep`).
+    The log also stores these columns, so that it can add them to the user's layout (see
+    `AssumptionLog.keep`).
     """
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():

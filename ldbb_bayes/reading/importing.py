@@ -63,7 +63,7 @@ __all__ = ["Imported", "import_campaign"]
 
 # Largest number of tests in a campaign.
 LARGEST_TESTS = 1000
-# Longest list of tests or files in an error message [characters].
+# An error message shows at most this number of characters of a list of tests or files.
 _LIST_SHOWN = 200
 
 
@@ -204,8 +204,8 @@ def _fields_without_doubt(
     """Return the fields whose values are known even if a line about them is not understood.
 
     These are the force or the pressure if all tests state it, and the direction of travel if the
-    user states it for all tests. A line about such a field that is not understood gets no note of
-    its own; it is listed with the texts that are not used.
+    user states it for all tests. If a line about such a field is not understood, it gets no
+    separate note, but is listed with the texts that are not used.
     """
     fields = [key for key in LOAD_ROLES if all(getattr(test, key) is not None for test in tests)]
     if all(recording.stated_value("direction") is not None for recording in recordings):
@@ -290,10 +290,11 @@ def _split_into_tests(
 
 
 def _sheets_that_list_tests(recordings: Iterable[Recording]) -> set[str]:
-    """Return the file and name of each sheet with a list of tests from which cells were taken.
+    """Return the places of those sheets with a list of tests from which cells were taken.
 
-    The cells of such a list are stored with the lines above the table of a test, with a text such
-    as "3 of notes.txt" in place of the line number. The sheet is the part of the text after "of".
+    A place names the file and the sheet. The cells of such a list are stored with the lines above
+    the table of a test. Their line number is a text such as "3 of notes.txt", which ends with the
+    place.
     """
     places = set()
     for recording in recordings:
@@ -398,8 +399,8 @@ def _measured_arc(recording: Recording) -> MeasuredArc:
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
     """Return a circular test for each measured arc, in the same order.
 
-    If a test has the same name as an earlier one, and its sheet holds several tests, the name of
-    the sheet is put in front of the name of the test.
+    If an earlier test has the same name, and the sheet holds several tests, the name of the sheet
+    is put in front of the name of the test.
     """
     tests: list[CircularTest] = []
     for arc in arcs:

@@ -96,11 +96,11 @@ def _hold_units(cells: Sequence[str]) -> bool:
 
 
 def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
-    """Return whether texts may name columns of a table's index, and are not units below names.
+    """Return whether texts may be names for a table's index, rather than units below names.
 
     The index is the first column of the table, or its first columns, such as the angles. ``above``
-    are the cells above the texts, which are usually empty. If they are not, one of the texts must
-    name angles or times.
+    are the cells above the texts. If these cells are not empty, one of the texts must name angles
+    or times.
     """
     if any(unit_named(name) for name in names):
         return False

@@ -173,9 +173,9 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
 def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
     """Return a name for the part of a file that is stored in ``content`` under a key.
 
-    The result is the name of ``content``; if ``content`` holds several objects or lists, the key is
-    added. The name of ``content`` is the text under a key such as "name", or else ``name``, which
-    it has from the object around it. If both are missing or empty, the result is the key alone.
+    The result begins with the text that ``content`` holds under a key such as "name", or else with
+    ``name``, which is the name of the object around ``content``. The key is added if ``content``
+    holds several objects or lists. Without any name, the result is the key alone.
     """
     outer_name = _name_in(content) or name
     inner_parts = [value for value in content.values() if isinstance(value, dict | list)]

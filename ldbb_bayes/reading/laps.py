@@ -32,9 +32,9 @@ def angles_from_time(
     """Return the angle of every reading, computed from the times of the readings.
 
     The function is used for a test whose table has times instead of angles. The machine is assumed
-    to move along the circle of radius R at the constant feed F, and to accelerate or decelerate
-    only in the run-in before the circle and in the run-out after the circle. The angle at time t is
-    then θ(t) = start + sense · (F (t − t0) / R − overshoot), where t0 is the time of the first
+    to move along the circle of radius R at the constant feed F. It accelerates only in the run-in
+    before the circle, and decelerates only in the run-out after the circle. The angle at time t is
+    then θ(t) = start + sense · (F (t − t0) / R − overshoot). Here, t0 is the time of the first
     reading. The angles continue beyond 360°.
 
     Parameters
@@ -95,9 +95,9 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
     """
     travelled = sense * (angle_deg - start_deg)
     step = float(np.median(np.diff(travelled)))
-    # A turn of the bar counts as whole even if its last reading stands one step of angle before its
-    # end, because a reading at the end would only repeat the first angle. Half a step is added as
-    # the tolerance of the angles.
+    # A turn of the bar counts as whole even if its last reading is one step before the end of the
+    # turn, because a reading at the end would only repeat the first angle. Half a step is added,
+    # because the steps may differ a little.
     n_turns = max(1.0, np.floor((travelled.max() + 1.5 * step) / TURN_DEG))
     is_after_start = travelled > -0.5 * step
     is_before_end = travelled < TURN_DEG * n_turns - 0.5 * step

@@ -34,13 +34,12 @@ def divide_line(text: str) -> list[str]:
 def finer_divisions(text: str) -> Iterator[list[str]]:
     """Yield seven lists with the parts of a line; each list divides the line at other marks.
 
-    In every list, the line is divided at the marks of `divide_line`. In the first list, it is also
-    divided at dashes and slashes between blanks, in the second at colons, in the third at brackets,
-    and in the fourth at words such as "and". In the last three lists, it is divided at dashes and
-    slashes, and also at colons, at brackets, or at words such as "and". There are several lists
-    because each of these marks may also stand within a statement. In the line
-    ``Force 36 N - positive: bar shorter``, the dash separates two statements, but the colon does
-    not.
+    Every list divides the line at the marks of `divide_line`. The first list also divides it at
+    dashes and slashes between blanks, the second at colons, the third at brackets, and the fourth
+    at words such as "and". The last three lists combine dashes and slashes with colons, with
+    brackets, or with words such as "and". There are several lists because each of these marks may
+    also stand within a statement. In the line ``Force 36 N - positive: bar shorter``, the dash
+    separates two statements, but the colon does not.
     """
     others = (_COLON, _BRACKET, _AND)
     for marks in (_DASH_OR_SLASH, *others):

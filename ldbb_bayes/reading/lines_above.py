@@ -56,16 +56,16 @@ Lines = Sequence[tuple[int | str, str]]
 class LineStatement:
     """Value that a line above a table states for a field of a test or campaign."""
 
-    #: value that the line states for a field of a test or campaign, in the unit with which the name
-    #: of the field ends, such as mm for ``radius_mm``; NaN for a number that can be read in two
-    #: ways, such as 1,000
+    #: value that the line states for a field of a test or campaign, in the unit in the name of the
+    #: field, such as mm for ``radius_mm``; NaN for a number that can be read in two ways, such as
+    #: 1,000
     value: Any
     unit: str  #: unit of the stated value as the line writes it; empty if the line states none
     #: number, in its file, of the line that states a value for a test; if the line is in another
     #: sheet than the test, a text with the number of the line and the name of the sheet
     line: int | str
-    #: reason why the stated value is NaN; empty if the reason is only that a comma or point in the
-    #: number may separate thousands
+    #: reason why the stated value is NaN; empty if a comma or point in the number may separate
+    #: thousands, as in 1,000
     doubt: str = ""
 
 
@@ -197,11 +197,11 @@ _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 _LOADS = ("force_N", "pressure_bar")
 # Fields of a test whose value in a line is one number, and never a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
-# Regular expression for a number that stands behind another number in a line, as in the list
-# "36 N, 390 N", with its unit if it has one.
+# Regular expression for a further number in a list of numbers, with its unit if it has one, such as
+# 390 N in "36 N, 390 N".
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
-# Regular expression for the unit and the further numbers that follow the first number in a list of
-# numbers, such as " N, 390 N" in "36 N, 390 N".
+# Regular expression for all that follows the first number in a list of numbers, such as " N, 390 N"
+# in "36 N, 390 N".
 _FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
 # Reason that a message gives if the value of a quantity is not known because the line has a list of
 # numbers.
@@ -423,8 +423,8 @@ def _length_with_extension(
 def _is_in_title(match: re.Match[str]) -> bool:
     """Return whether a load without a unit is part of a title: ``Circular test under load 2``.
 
-    The load is part of a title if no separator, such as a colon, stands between the name of the
-    load and the number, or if a word such as "under" stands before the name.
+    The load is part of a title in two cases: there is no separator, such as a colon, between the
+    name of the load and the number, or a word such as "under" precedes the name.
     """
     if _UNDER.search(match.string[: match.start()]):
         return True
@@ -432,11 +432,10 @@ def _is_in_title(match: re.Match[str]) -> bool:
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return the words in the cell of a matched statement that precede the number.
+    """Return the words that precede the number of a matched statement in the same cell.
 
-    The name of the quantity and a unit before the number are left out, because words in them could
-    be mistaken for another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``. So
-    is the end of a unit such as mm/min in front of the name.
+    The name of the quantity and any unit are left out, because words in them could be mistaken for
+    another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``.
     """
     before_match = match.string[: match.start()]
     cell = _PER_MINUTE.sub("", re.split(r"[;,|\t]", before_match)[-1])
@@ -466,8 +465,9 @@ def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
 def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
     """Yield each field that a line above a table states in words, and the value of the field.
 
-    The fields are the plane, dates (in ISO 8601), names of people, places and instruments, and
-    whether readings are raw or compensated for the deflection of the ball's mount.
+    The fields are the plane, dates (in ISO 8601), and names of people, places and instruments. A
+    further field says whether readings are raw or compensated for the deflection of the ball's
+    mount.
     """
     for key, pattern in _IN_WORDS.items():
         for match in re.finditer(pattern, text, re.IGNORECASE):
@@ -534,9 +534,9 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 def unknown_length(lines: Lines) -> CitedLine | None:
     """Return a note on the first line with a length that may be the radius of the circle.
 
-    Examples are ``Reach: 100 mm``, ``R100``, G-code for an arc, and a line that contains a number
-    and a word for a circle or a bar. The note is empty if there is no such line, or if a line
-    clearly states the radius.
+    Examples of such lines are ``Reach: 100 mm``, ``R100``, G-code for an arc, and a line that
+    contains a number and a word for a circle or a bar. The note is empty if there is no such line,
+    or if a line clearly states the radius.
     """
     statements = statements_in(lines)
     if "radius_mm" in statements or "programmed_radius_mm" in statements:

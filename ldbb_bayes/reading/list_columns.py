@@ -24,8 +24,8 @@ _LOADS = ("force", "pressure")
 def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
     """Return the cells of a row in a list of tests, with simple headers for forces and pressures.
 
-    A header of forces or pressures with a unit, such as ``F cal. [kN]``, is replaced by a header
-    that later code can read, such as ``force [kN]``. Other headers are not changed.
+    For example, the header ``F cal. [kN]`` is replaced by ``force [kN]``, which later code can
+    read. Other headers are not changed.
 
     Parameters
     ----------

@@ -81,9 +81,9 @@ def _without_brackets(text: str) -> str:
 def _columns_named(names: Sequence[str]) -> list[bool]:
     """Return, for each column, whether the texts above its header become part of the header.
 
-    They do not if the header is empty or names angles. If there are several columns of angles, and
-    equally many columns of readings, the texts are added only to the headers of the readings.
-    ``names`` are the headers of all columns.
+    The result is False for a column whose header is empty or names angles. If there are several
+    columns of angles, and equally many columns of readings, the texts are added only to the headers
+    of the readings. ``names`` are the headers of all columns.
     """
     angles = [has_role(unit_of(name).name, "angle") for name in names]
     readings = [has_role(unit_of(name).name, "reading") for name in names]
@@ -98,11 +98,11 @@ def _lines_of_columns(
     """Return, for each line that describes the columns below, one text for each column.
 
     The texts are loads, names, planes or directions. The lines stand directly above the header, and
-    one of them must state loads; if none does, the list is empty. The line of loads is the first in
-    the list. If it followed a line of names, the texts could be joined to ``Run 2 100 N``, in which
-    the load might be read as 2100 N. The first column has no text. ``rows`` are the rows above the
-    header, and ``width`` is the number of cells of the header. ``merged_lines`` are the numbers of
-    the lines with merged cells.
+    one of them must state loads; if none does, the list is empty. The line of loads comes first in
+    the list. After a line of names, the joined texts could be ``Run 2 100 N``, and the load could
+    be read as 2100 N. The first column has no text. ``rows`` are the rows above the header, and
+    ``width`` is the number of cells of the header. ``merged_lines`` are the numbers of the lines
+    with merged cells.
     """
     lines: list[list[str]] = []
     line_of_loads: list[str] = []

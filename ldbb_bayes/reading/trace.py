@@ -11,7 +11,7 @@ from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.reading.angle_convention import angle_convention
 from ldbb_bayes.reading.assumptions import NOTHING_STATED
 from ldbb_bayes.reading.cartesian_columns import (
-    cure_of_positions,
+    advice_on_positions,
     lie_on_circle,
     position_headers,
 )
@@ -136,7 +136,7 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
         has_reading = column is not None and recording.heading.headers[column] not in positions
         return InputError(
             f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in"
-            f" line {recording.heading.line}. {cure_of_positions(has_reading)}"
+            f" line {recording.heading.line}. {advice_on_positions(has_reading)}"
             f" If one column is the {role}: --{role}-column."
         )
     return InputError(
@@ -165,7 +165,7 @@ def _angles_of_column(recording: Recording, direction: str | None) -> Array:
     if recording.heading.line == 0 and reading is not None and lie_on_circle(raw, reading):
         raise InputError(
             f"{recording.place}: a table without a header must hold angles and readings, got two"
-            f" columns of positions on a circle. {cure_of_positions(has_reading=False)}"
+            f" columns of positions on a circle. {advice_on_positions(has_reading=False)}"
         )
     assumed = recording.assumed_units.get("angle", _DEGREES)
     size = unit_size(recording, "angle", assumed.unit, assumed.reason)
@@ -277,7 +277,7 @@ def _missing_feed(recording: Recording) -> InputError:
         listed = ", ".join(repr(header) for header in positions)
         return InputError(
             f"{recording.place}: a log over time must come with its feed, got none, and positions"
-            f" {listed[:_LIST_SHOWN]}. {cure_of_positions(has_reading=True)} If the"
+            f" {listed[:_LIST_SHOWN]}. {advice_on_positions(has_reading=True)} If the"
             " feed is known: --feed-mm-per-min."
         )
     return InputError(

@@ -33,8 +33,8 @@ _FIRST_EDITION_ORDERS = 4
 # errors and compliances, whose effects also have orders up to this number. An effect of order 4 is
 # possible only for the compliance that relates a rotation to a moment.
 _ONE_WAY_ORDERS = 3
-# If all circles of a plane run in one direction, the prior sd of the part of hysteresis that is
-# proportional to force is multiplied by this number.
+# Factor on the prior sd of the part of hysteresis that is proportional to force, in a plane whose
+# circles all run in one direction.
 _ONE_WAY_SHARE = 0.6
 
 
@@ -172,7 +172,7 @@ class _HysteresisPrior(NamedTuple):
 
     Hysteresis has a part that does not depend on force (``constant_sd``) and a part proportional to
     force (``proportional_sd``). These two fields hold the prior sds of the coefficients at the
-    Fourier orders 0 and 1. At a higher order n, the prior sds are the fields divided by n.
+    Fourier orders 0 and 1. At a higher order n, the prior sds are 1/n of these values.
     """
 
     #: prior sd of the part of hysteresis that does not depend on force [mm]; if ``hyper`` names a
@@ -191,10 +191,10 @@ class Hysteresis(Term):
     """Errors that change their sign with the direction of travel (hysteresis, ISO 230-4).
 
     The errors are harmonics s cos nθ and s sin nθ, where s = ±1 is the direction of travel and θ
-    the angle on the circle. They have two parts. One part does not depend on force (backlash,
-    reversal spikes, servo mismatch), the other is proportional to force (friction in the bar, lost
-    motion). The prior sds decrease as 1/n with the order n; at order 0, they are the same as at
-    order 1. Each plane has separate coefficients.
+    the angle on the circle. They have two parts. One part does not depend on force; its causes are
+    backlash, reversal spikes and servo mismatch. The other part is proportional to force; its
+    causes are friction in the bar and lost motion. The prior sds decrease as 1/n with the order n;
+    at order 0, they are the same as at order 1. Each plane has separate coefficients.
 
     In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sd is η/n
     for the part that does not depend on force, with the hyper-parameter η, and
@@ -352,10 +352,10 @@ class Drift(Term):
     of the coefficients, per hour or kelvin. For comparison, a steel bar of 150 mm grows by 1.7
     µm/K.
 
-    If the time is missing for at least one test, the model assumes that the tests were run in the
-    order in which they are listed, one every six minutes. If the tests were run in random order
-    (``order = "random"``), a drift with time is modelled only if the times of all tests are given.
-    If the user has declared that nothing drifts (``drift = false``), the term has no effect.
+    If a test has no time, the model assumes that the tests were run in the listed order, one every
+    six minutes. If the tests were run in random order (``order = "random"``), a drift with time is
+    modelled only if the times of all tests are given. If the user has declared that nothing drifts
+    (``drift = false``), the term has no effect.
 
     Examples
     --------

@@ -33,9 +33,9 @@ NOISE = "ReadingNoise"
 # machine's errors of higher orders apply. For harmonics of another order n, the scales are
 # multiplied by (n/6)^(−decay).
 FORM_ORDER = 6.0
-# Kinds of prior distribution of a hyper-parameter: half-normal for standard deviations, decay for
-# the exponent p (the prior sd of a form error of order n is proportional to n^(−p)), circle for the
-# factor λ that multiplies the noise of one circle.
+# Kinds of prior distribution of a hyper-parameter. ``half-normal`` is for standard deviations.
+# ``decay`` is for the exponent p in a prior sd that is proportional to n^(−p), where n is the order
+# of a form error. ``circle`` is for the factor λ that multiplies the noise of one circle.
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -68,8 +68,8 @@ class Scale(NamedTuple):
     symbol: str = ""  #: symbol of a hyper-parameter in reports, such as σ
     words: str = ""  #: description of a hyper-parameter in reports, such as white noise for σ
     #: kind of prior of a hyper-parameter: ``half-normal`` for a length, ``decay`` for the exponent
-    #: p (the prior sd of a form error of order n is proportional to n^(−p)), or ``circle`` for the
-    #: factor λ that multiplies the noise of one circle
+    #: of the decrease with the order, or ``circle`` for the factor λ that multiplies the noise of
+    #: one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -118,11 +118,11 @@ class Columns(Shown):
     the circle. Each column is stored as Fourier coefficients of 1, cos θ, sin θ, cos 2θ, sin 2θ, …
     to the order 12.
 
-    The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d), with the
-    hyper-parameters s (scale of the effect), λ (factor on the noise of each test's circle) and d
-    (decay with the order). The fields ``hyper``, ``circle`` and ``decay`` name these
-    hyper-parameters; a factor is left out if its field names no hyper-parameter. If the field
-    ``stated`` is not None, its value for coefficient j is added to this sd in quadrature.
+    The prior sd of coefficient j is ``sd``_j · s · λ · (``orders``_j/6)^(−d). The hyper-parameters
+    are the scale s of the effect, the noise factor λ of each test's circle, and the exponent d of
+    the decrease with the order. The fields ``hyper``, ``circle`` and ``decay`` name them. If a
+    field names no hyper-parameter, its factor is 1. If the field ``stated`` is given, its value for
+    coefficient j is added to this sd in quadrature.
 
     Raises
     ------
@@ -140,37 +140,34 @@ class Columns(Shown):
     ((6, 25, 2), array([0.002, 0.002]))
     """
 
-    #: names of the p coefficients of a nuisance term (an effect modelled but not of interest); each
-    #: name begins with the ``stem`` of the term
+    #: names of the p coefficients, each of which begins with the ``stem`` of the nuisance term (an
+    #: effect modelled but not of interest)
     names: Sequence[str]
-    #: reading per unit of each of the p coefficients of a nuisance term (an effect modelled but not
-    #: of interest), as 25 Fourier coefficients for each test, shape (tests, 25, p)
+    #: change of the reading per unit of each of the p coefficients, as 25 Fourier coefficients for
+    #: each test, shape (tests, 25, p)
     values: Array
-    #: prior sd of each of the p coefficients of a nuisance term (an effect modelled but not of
-    #: interest), shape (p,), or one number for all. If ``hyper`` names a hyper-parameter, ``sd`` is
-    #: the prior sd divided by this hyper-parameter; otherwise ``sd`` is in internal units (mm, N,
-    #: rad). For a flat prior, ``sd`` is infinite.
+    #: prior sd of each of the p coefficients, shape (p,), or one number for all. If ``hyper`` names
+    #: a hyper-parameter, ``sd`` is the prior sd divided by this hyper-parameter; otherwise ``sd``
+    #: is in internal units (mm, N, rad). For a flat prior, ``sd`` is infinite.
     sd: Any
     #: name of the hyper-parameter (scale of an effect) by which ``sd`` is multiplied to obtain the
     #: prior sd of the coefficients; None if there is no such hyper-parameter
     hyper: Hyper | None = None
-    #: whether each coefficient of a nuisance term (an effect modelled but not of interest) has a
-    #: separate value in every test, instead of one value for all tests
+    #: whether each coefficient has a separate value in every test, instead of one value for all
+    #: tests
     private: bool = False
-    #: prior mean of each of the p coefficients of a nuisance term (an effect modelled but not of
-    #: interest), in internal units (mm, N, rad), shape (p,), or one number for all; by default
-    #: zero. It must be zero if coefficients have a separate value in every test
+    #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
+    #: number for all; by default zero. It must be zero if coefficients have a separate value in
+    #: every test
     mean: Any = None
     #: name of the hyper-parameter d if the prior sd is proportional to (n/6)^(−d), where n is the
     #: order of the harmonic; None if the prior sd does not depend on the order
     decay: Hyper | None = None
-    #: order n of the harmonic cos nθ or sin nθ to which each of the p coefficients of a nuisance
-    #: term (an effect modelled but not of interest) belongs, shape (p,); needed if ``decay`` is
-    #: given
+    #: order n of the harmonic cos nθ or sin nθ to which each of the p coefficients belongs, shape
+    #: (p,); needed if ``decay`` is given
     orders: Array | None = None
-    #: fixed part of the prior sd of each of the p coefficients of a nuisance term (an effect
-    #: modelled but not of interest), in internal units (mm, N, rad), shape (p,). It does not depend
-    #: on hyper-parameters, and is added in quadrature to the part that does
+    #: fixed part of the prior sd of each of the p coefficients, in internal units (mm, N, rad),
+    #: shape (p,). It is added in quadrature to the part that depends on hyper-parameters
     stated: Array | None = None
     #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
     #: shape (tests,); empty if circles have no noise factors. It must be empty if the coefficients
@@ -222,9 +219,9 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the products of hyper-parameters that multiply the prior sds of coefficients.
 
-        Nuisances are effects that are modelled but not of interest. There is one product for each
-        of the p coefficients of a nuisance term. If the circle of the test with the index ``test``
-        has a noise factor λ, by which its noise is multiplied, the products include this factor.
+        There is one product for each of the p coefficients of a nuisance term (an effect modelled
+        but not of interest). ``test`` is the index of a test. If its circle has a noise factor λ,
+        the products include this factor.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)

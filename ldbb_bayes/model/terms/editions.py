@@ -18,8 +18,9 @@ def first_edition() -> tuple[Term, ...]:
 
     Nuisance terms are effects modelled but not of interest. The prior sd of a form error of the
     balls with n waves around the circle is proportional to 1/n. Mount deflection and force error
-    have no curvature. Circles have no noise factors: random effects have the same prior sds in all
-    circles. The part of hysteresis that does not depend on force has a fixed prior sd.
+    are modelled without curvature. Circles have no noise factors, so that random effects have the
+    same prior sds in all circles. The part of hysteresis that does not depend on force has a fixed
+    prior sd.
     """
     return (
         BallForm(law="1/n"),

@@ -106,8 +106,8 @@ class Mount(Term):
     term has two coefficients. The first is the error of the deflection per pressure. Its prior sd
     follows from a certificate; without a certificate, it is the nominal deflection per pressure
     times ``relative_sd``. The second coefficient is the curvature, which is multiplied by q(F) = 4
-    (F/F_max)(1 − F/F_max), where F is the force and F_max the largest force of the campaign. Its
-    prior sd is ``curvature_um``; if this is 0, there is no curvature.
+    (F/F_max)(1 − F/F_max). F is the force, and F_max the largest force of the campaign. The prior
+    sd of the curvature is ``curvature_um``; if this is 0, there is no curvature.
 
     Examples
     --------
@@ -118,11 +118,11 @@ class Mount(Term):
     [('mount', 4.66e-05)]
     """
 
-    #: prior sd of the error of the work ball mount's deflection, as a fraction of the nominal
-    #: deflection; used if no certificate states the uncertainty
+    #: prior sd of the error of the mount's deflection, as a fraction of the nominal deflection;
+    #: used if no certificate states an uncertainty
     relative_sd: float = 0.10
-    #: prior sd of the curvature [µm]: the deviation of the deflection of the work ball's mount from
-    #: proportionality to force, at half of the largest force. If it is 0, there is no curvature
+    #: prior sd of the curvature [µm]. The curvature is the deviation of the mount's deflection from
+    #: a straight line, at half of the largest force. If this sd is 0, there is no curvature
     curvature_um: float = 0.5
     unit = Unit("mm/bar", 1e-3, "µm/bar")
     calibration = "a measurement of the mount's deflection"
@@ -207,7 +207,7 @@ class ForceError(Term):
     gain_sd: float = 0.01
     #: prior sd of the curvature of the force error, as a fraction of the largest force. The
     #: curvature is the deviation of the force error from a straight line at half of the largest
-    #: force. The value is used if no certificate states the linearity. If it is 0, there is no
+    #: force. This sd is used if no certificate states the linearity. If it is 0, there is no
     #: curvature.
     curvature_sd: float = 0.01
     #: prior sd of the random error of the bar force in every test [N]; used if no certificate

@@ -20,10 +20,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointLoad", "Position", "joint_load_columns"]
 
-# Exponent a of the effect of a bolted contact on the reading, which is proportional to |u|^a. u is
-# the component, along the machine axis, of the unit vector along the bar. If the bar has the force
-# F, the force along the axis is F u, and the contact deflects in proportion to |F u|^(2/3). The
-# reading changes by |u| times this deflection, so that a = 2/3 + 1 = 5/3.
+# Exponent a in the effect of a bolted contact on the reading, which is proportional to |u|^a. u is
+# the cosine of the angle between bar and machine axis. If the bar has the force F, the force along
+# the axis is F u, and the contact deflects in proportion to |F u|^(2/3). The reading changes by |u|
+# times this deflection, so that a = 2/3 + 1 = 5/3.
 _CONTACT_POWER = 5.0 / 3.0
 
 
@@ -50,9 +50,9 @@ _LAWS = {
 class JointLoad(Term):
     """Nonlinear deflection of each machine axis a, under its own load F u_a and under the force F.
 
-    u_a is the component along the axis of the unit vector along the bar, F the bar's force, F0 the
-    reference force and F_max the largest force of the campaign. The term has three columns
-    (readings per unit coefficient) for each axis:
+    u_a is the cosine of the angle between bar and axis. F is the bar's force, F0 the reference
+    force and F_max the largest force of the campaign. The term has three columns (changes of the
+    reading per unit coefficient) for each axis:
 
     - F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact;
     - F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection proportional to load^⅔);
@@ -206,8 +206,8 @@ class Position(Term):
     """Change of the compliance of each machine axis a along its travel.
 
     Screw and guideway are stiffer near their bearings. On a circle, the position of axis a is
-    proportional to u_a, the component along the axis of the unit vector along the bar. The term has
-    two columns (readings per unit coefficient) for each axis, with the force F: F u_a³ for a linear
+    proportional to u_a, the cosine of the angle between bar and axis. Let F be the force. The term
+    has two columns (changes of the reading per unit coefficient) for each axis: F u_a³ for a linear
     change, and F (u_a⁴ − u_a²/2) for a quadratic change. The prior sds of the coefficients are
     ``linear_sd`` and ``quadratic_sd`` times the magnitude of the axis' direct compliance C_aa: the
     estimate of C_aa and its standard uncertainty, added in quadrature.
