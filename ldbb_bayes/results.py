@@ -468,7 +468,7 @@ def read_result(
 
 
 def _reason_of(error: Exception) -> str:
-    """Return the reason of an error, for a message about a damaged file of results.
+    """Return the reason for an error, for a message about a damaged file of results.
 
     If pydantic (the library that checks the content of files) raised the error, return only the
     first entry of the error's message.

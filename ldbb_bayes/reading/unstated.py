@@ -135,7 +135,7 @@ def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_
 
 
 def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
-    """Add notes on texts outside the tables from which nothing was taken.
+    """Add notes on unused texts outside the tables.
 
     Each of the most important texts in ``unused`` gets a note. One more note says how many other
     texts there are.

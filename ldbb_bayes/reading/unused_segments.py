@@ -1,4 +1,4 @@
-"""Functions that find the unused segments of a line of which another segment was used.
+"""Functions that find the unused segments of a line if other segments of it were used.
 
 In the line ``Force 238 N; e = L0 - L``, the first segment states the force, and the second is not
 used.
@@ -75,7 +75,7 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
 
 
 def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
-    """Return the unused parts of a segment of which another part was used.
+    """Return the unused parts of a segment if other parts of it were used.
 
     The segment is divided at dashes and slashes. In ``Force 36 N - gauge turned over``, the last
     part is unused. A part counts as used if the segment would state less without it. ``quoted`` are

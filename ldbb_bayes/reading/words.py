@@ -77,8 +77,8 @@ def _role_words() -> dict[str, list[str]]:
 # Words that column headers use for each role; the keys are the roles, such as angle. If a header
 # has words of several roles, the role that is first among the keys is used.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
-# Regular expression for words for other quantities, such as a maximum or an ambient pressure, which
-# must not be mistaken for the load or the radius of a test.
+# Regular expression for words that name other quantities, such as a maximum or an ambient pressure.
+# These must not be mistaken for the load or the radius of a test.
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 
 

@@ -23,7 +23,7 @@ _HEIGHT = 4.4  # height of the figure with the compliance ellipsoid [inch]
 # longitude is twice as large
 _MERIDIANS = 24
 _VIEW_DEG = (22.0, 35.0)  # elevation and azimuth from which the compliance ellipsoid is seen [°]
-# zoom factor of the 3D panel with the compliance ellipsoid; with it, no axis name is cut off
+# zoom factor of the 3D panel with the compliance ellipsoid, chosen so that no axis name is cut off
 _ZOOM = 0.88
 # half the length of each axis of the 3D panel, as a multiple of the largest coordinate at the ends
 # of the compliance ellipsoid's semi-axes
