@@ -160,9 +160,8 @@ def new_circles(
 def _noise_factors(draws: ModelDraws) -> Array:
     """Return the factors that multiply the noise of the R measured circles, shape (draws, R).
 
-    There is one value for each circle in each posterior draw.
-
-    R is zero if the model has no such factors.
+    There is one value for each circle in each posterior draw. R is zero if the model has no such
+    factors.
     """
     names = draws.bound.hyper_prior.names
     factors = [str(name) for name in draws.bound.setting.circle if str(name) in names]

@@ -250,7 +250,7 @@ class Machine(Shown):
     def joints(self) -> tuple[Joint, ...]:
         """Joints at which the model has compliances and geometric errors.
 
-        There is one joint for each linear axis that moves in a tested plane. The joints have the
+        There is one joint for each linear axis that moves in a tested plane. The joints are in the
         order in which their axes first occur in the names of the planes.
         """
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))

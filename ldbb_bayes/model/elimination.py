@@ -74,14 +74,14 @@ _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
-    """Changes of a matrix P when groups of its columns are eliminated in a factorisation.
+    """Entries of a matrix P that change when groups of its columns are eliminated (factorisation).
 
     The elimination of a group changes P in m later columns, which are called the border of the
-    group and are numbered from 0. Let P_ij be the entry of P in row i and column j of the border;
-    j = m is the right-hand side. The change of P_ij is −Σ_k s_k L_ik L_jk, where k are the columns
-    of the group, L is the Cholesky factor, and s_k is the sign of the pivot of column k (+1 or −1).
-    An `Update` describes the changes of P_ij for i from ``first`` to ``stop`` − 1 and j from
-    ``first`` to m.
+    group and are numbered from 0. Let P_ij be the entry of P in row i and column j of the border; j
+    = m is the right-hand side. The change of P_ij is −Σ_k s_k L_ik L_jk, where k are the columns of
+    the group, L is the Cholesky factor, and s_k is the sign of the pivot of column k (+1 or −1). An
+    `Update` describes the entries P_ij for i from ``first`` to ``stop`` − 1 and j from ``first`` to
+    m.
     """
 
     #: Groups of columns whose elimination an `Update` describes: a slice of the list of all groups
@@ -278,7 +278,7 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return the changes of later columns of a matrix when a front is eliminated.
+        """Return which entries of later columns of a matrix change when a front is eliminated.
 
         The matrix is the precision matrix P. A front is a set of groups of columns that are
         eliminated at the same time; all of its groups have equal numbers of columns. Each group

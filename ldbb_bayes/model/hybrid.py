@@ -975,8 +975,8 @@ class BoundModel(Shown):
         """Dict with the columns of every nuisance term; its keys are the classes of the terms.
 
         Nuisance terms are effects that are modelled but not of interest. A column holds the change
-        of the reading per unit of one coefficient. If a term has no effect on the tests of this
-        campaign, its value is an empty tuple.
+        of the reading per unit of one coefficient. For a term that has no effect on the tests of
+        this campaign, the dict holds an empty tuple.
         """
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 

@@ -282,11 +282,12 @@ def _check_slope_has_compliance(
     """Raise an `InputError` if a compliance that is fixed at zero would be negative at some force.
 
     A compliance that is fixed at zero is zero at the reference force, but changes with force if its
-    slope is free. It is then negative on one side of the reference force if only the linear slope
-    is free and there are tested forces on both sides. ``label`` is the name of the compliance, and
-    ``parameters`` are the p parameters that are not fixed. ``rows`` holds one array of shape (p,)
-    for each tested force; the product of this array and the parameters is the compliance at the
-    force. ``reference_force_N`` is the reference force F0 [N], for the error message.
+    slope is free. If only the linear slope is free, and there are tested forces on both sides of
+    the reference force, the compliance is negative on one side. ``label`` is the name of the
+    compliance, and ``parameters`` are the p parameters that are not fixed. ``rows`` holds one array
+    of shape (p,) for each tested force; the product of this array and the parameters is the
+    compliance at the force. ``reference_force_N`` is the reference force F0 [N], for the error
+    message.
     """
     belongs_to_compliance = [
         parameter.group != "geometric" and parameter.compliance == label for parameter in parameters

@@ -76,9 +76,10 @@ _LEAST_ERROR_SHARE = 0.1
 # Largest number of importance weights that are computed at once, to limit the memory used. There is
 # one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
 _CHUNK = 1 << 20
-# Factor from which shifts of quasi-random points are computed. For a set of constraints, all points
-# are shifted in each dimension by the lower bound of one constraint times this factor, modulo 1.
-# The factor is so large that even small differences between the bounds give different shifts.
+# Factor from which shifts of quasi-random points are computed. In each dimension, all points for a
+# set of constraints are shifted by the same amount: the lower bound of one constraint times this
+# factor, modulo 1. The factor is so large that even slightly different bounds give different
+# shifts.
 _DIGITS = 1e5
 # Absolute error of SciPy's implementation of Owen's T function, which is used to compute the
 # probability that two correlated Gaussian variables are both not negative.
@@ -144,10 +145,10 @@ class NoisyLogProbability(NamedTuple):
 class _Solved(NamedTuple):
     """Constraints on w random vectors, and shifted densities from which the vectors are drawn.
 
-    Each of the w vectors e is standard normal and has q elements. Its constraints depend only on
-    the components of e along d orthonormal directions, which ``axes``, shape (w, d, q), holds.
-    ``tilted`` holds the constraints on these d components, with a triangular matrix of
-    coefficients, and the shifts (tilts) of the density from which the components are drawn.
+    Each of the w vectors e is standard normal and has q elements. ``axes``, shape (w, d, q), holds
+    d orthonormal directions; the constraints depend only on the components of e along them.
+    ``tilted`` holds the constraints on these components, with a triangular matrix of coefficients,
+    and the shifts (tilts) of the density from which the components are drawn.
     """
 
     tilted: Tilted

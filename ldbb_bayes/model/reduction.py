@@ -61,7 +61,7 @@ class NearUniform(NamedTuple):
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each of the 25 departures of a test from uniform angles must not be neglected."""
+        """Whether each of the 25 departures of a test from uniform angles is taken into account."""
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 

@@ -46,7 +46,7 @@ _FLAT_SDS = 1e6
 
 
 class _SharedCoefficients(NamedTuple):
-    """Coefficients with the same values in all tests, with their columns and priors.
+    """Columns and priors of the coefficients that have the same values in all tests.
 
     Coefficients of nuisances (effects that are modelled but not of interest) come first, then the
     parameters of interest.

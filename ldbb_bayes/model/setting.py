@@ -382,8 +382,8 @@ def setting_of(
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
     Some fields get their values only when a model is applied to the campaign. Here, the estimated
-    compliances and the readings that they predict are zero, and there are no factors on the noise
-    of single circles.
+    compliances and the readings that they predict are zero, and no circle has a factor that
+    multiplies its noise.
 
     Parameters
     ----------
