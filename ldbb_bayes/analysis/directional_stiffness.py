@@ -186,7 +186,7 @@ class PlaneStiffness(Result):
 
 @dataclass(frozen=True)
 class PrincipalAxis(Result):
-    """One principal stiffness of a machine in space, and its direction."""
+    """One principal stiffness of a machine, and its direction in space."""
 
     #: stiffness of the machine along a principal axis of its compliance tensor
     stiffness: StatedValue

@@ -85,8 +85,9 @@ class GumComparison(Result):
     #: numerical error of ``low`` and ``high``, the endpoints of the posterior interval. They are
     #: computed from random draws; the error is twice the larger of their two standard errors.
     error: float
-    #: largest difference between the endpoints of the two intervals that counts as agreement: the
-    #: numerical tolerance δ of JCGM 101, computed from ``GumValidation.digits`` and ``sd``
+    #: largest difference between the endpoints of the coverage intervals by the GUM and by the
+    #: posterior that counts as agreement: the numerical tolerance δ of JCGM 101, computed from
+    #: ``GumValidation.digits`` and ``sd``
     tolerance: float
     #: largest number of significant digits, from 0 to 2, for which the coverage intervals by the
     #: GUM and by the posterior agree. The digits are those of the standard uncertainty ``sd``.
@@ -121,10 +122,10 @@ class GumComparison(Result):
     def decided(self) -> bool:
         """Whether the numerical error is small enough to decide whether the two intervals agree.
 
-        The error is small enough if it is at most a fifth of the tolerance, as JCGM 101, 8.2,
-        requires. A larger error is accepted if it cannot change ``validated``. This is the case if
-        the error is at most the difference between the tolerance and the larger of ``d_low`` and
-        ``d_high``.
+        The intervals are the coverage intervals by the GUM and by the posterior. The error is small
+        enough if it is at most a fifth of the tolerance, as JCGM 101, 8.2, requires. A larger error
+        is accepted if it cannot change ``validated``. This is the case if the error is at most the
+        difference between the tolerance and the larger of ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
         return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)

@@ -241,7 +241,7 @@ def term_named(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
-    """Return where the standard deviation of a scatter comes from, for example of the noise.
+    """Return the origin of the standard deviation of a scatter, such as the reading noise.
 
     The standard deviation is measured by the readings, stated by a certificate or the user, or
     assumed. ``name`` is the class name of the model term that causes the scatter, or the name of

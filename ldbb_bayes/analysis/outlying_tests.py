@@ -382,9 +382,9 @@ def _minus_log_tail(squared_distance: float, components: int) -> float:
     """Return −ln p, where p is the probability that a circle deviates more than an observed one.
 
     The deviation is that of the Fourier coefficients of one order. ``squared_distance`` is the
-    squared Mahalanobis distance of the observed circle from the prediction, which is taken to have
-    a χ² distribution. ``components``, one or two, is the number of Fourier coefficients of the
-    order, which is the number of degrees of freedom of χ².
+    squared Mahalanobis distance of the observed circle from the prediction; it is taken to have a
+    χ² distribution. ``components`` is the number of Fourier coefficients of the order, one or two,
+    and the number of degrees of freedom of χ².
     """
     if components == 2:
         return 0.5 * squared_distance

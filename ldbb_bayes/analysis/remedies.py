@@ -127,10 +127,11 @@ def _is_helpful(trial: _Trial, i: int, repetition: float, measured_share: float)
     A remedy is a certificate or a change of the plan; ``trial`` holds the remedy and its effect on
     all parameters. The standard uncertainty with the remedy must be less than 90 % of the standard
     uncertainty without the remedy. A remedy that adds circles under other conditions must also be
-    better than taking all readings twice under the same conditions; ``repetition`` is the standard
-    uncertainty from all readings taken twice, divided by the present standard uncertainty. More
-    circles under the same conditions help only if most of the variance comes from sources that are
-    measured in this campaign; ``measured_share`` is the share of these sources in the variance.
+    better than taking all readings twice under the same conditions. More circles under the same
+    conditions help only if most of the variance comes from sources that are measured in this
+    campaign. ``measured_share`` is the share of these sources in the variance. ``repetition`` is
+    the standard uncertainty from all readings taken twice, divided by the present standard
+    uncertainty.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:

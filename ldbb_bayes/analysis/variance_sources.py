@@ -261,10 +261,11 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of q quantities, as divisors of shares: zero is replaced by one, shape (q,).
+        """Variances of q quantities, where a variance of zero is replaced by one, shape (q,).
 
-        The quantities are parameters, and changes of compliances with force. A share is the part of
-        a quantity's variance that a source of uncertainty causes, divided by this variance.
+        The quantities are parameters, and changes of compliances with force. A source of
+        uncertainty causes a part of a variance. This part, divided by the value returned here, is
+        the source's share.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 

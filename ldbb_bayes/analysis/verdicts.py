@@ -756,9 +756,9 @@ def judge(
         One minus the posterior variance divided by the prior variance; NaN for a flat prior.
     likeness
         Each source causes errors of all parameters, which form a vector. For each pair of sources
-        whose standard uncertainties are assumed, this is the squared cosine of the angle between
-        their vectors. A key consists of the names of the two sources. Default: all sources are
-        taken to act on the same combination of parameters.
+        whose standard uncertainties are assumed, ``likeness`` holds the squared cosine of the angle
+        between their vectors. A key consists of the names of the two sources. Default: all sources
+        are taken to act on the same combination of parameters.
     """
     partners = confounding_sources(sources, likeness)
     if partners:

@@ -189,9 +189,9 @@ def find_cheapest_campaigns(
     Returns
     -------
     dict
-        ``passages``, the tables and sentences that the command prints; ``pilot``, the texts on the
-        machine and the instrument for the operator's sheets; and ``campaigns``, the circles of each
-        campaign in the order in which to run them, with their cost.
+        ``passages`` holds the tables and sentences that the command prints. ``pilot`` holds the
+        texts on the machine and the instrument for the operator's sheets. ``campaigns`` holds the
+        cost of each campaign, and its circles in the order in which to run them.
 
     Raises
     ------
@@ -222,8 +222,7 @@ def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) ->
     """Write the files of one of the campaigns that a search found into the new folder ``folder``.
 
     ``number`` is 1 for the cheapest campaign, 2 for the second cheapest, and so on. ``seed`` is the
-    seed of the search; the file with its result states it. The campaign is written as a plan,
-    unless the search found none.
+    seed of the search. If the search found no campaign, only the file with its result is written.
     """
     files = files_of_goal_design(result, seed, number)
     folder.mkdir(parents=True)

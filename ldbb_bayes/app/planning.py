@@ -455,7 +455,7 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=128)
 def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
-    """Return the uncertainties and decisions that the planned tests are expected to give.
+    """Return the uncertainties, and the choice between models, to expect from planned tests.
 
     Entry ``rows`` of the result holds two expanded uncertainties U (k = 2) of every parameter: U
     from the fit, and U expected after the planned tests. Slopes (changes of compliance with force)

@@ -266,7 +266,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         def end(signal_number: int, frame: FrameType | None) -> None:
             """End the server because its process has received a signal.
 
-            Python passes these arguments to every signal handler.
+            Python calls a signal handler with the number of the signal and the interrupted frame.
             """
             server.should_exit = True
 

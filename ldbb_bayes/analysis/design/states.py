@@ -1,9 +1,9 @@
 """States of the machine before the tests of a design.
 
-A state is a value of the hyper-parameters φ (such as the standard deviation of the noise) and of
-the parameters β (compliances, their changes with force, and geometric errors). The pilot is the
-campaign or plan that a design starts from. States are drawn at random from the posterior given the
-pilot's readings, or from the prior if the pilot is a plan.
+A state consists of values of the hyper-parameters φ (such as the standard deviation of the noise)
+and of the parameters β (compliances, their changes with force, and geometric errors). The pilot is
+the campaign or plan that a design starts from. States are drawn at random from the posterior given
+the pilot's readings, or from the prior if the pilot is a plan.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def extend_hyper_parameters(
     pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
     # Each circle that has already been run has a factor λ, by which its noise is multiplied.
     # ``circles_run`` holds the names of these factors. A factor may have another name in ``bound``
-    # than in the model of the pilot (the campaign that the design starts from) alone.
+    # than in the model of the pilot alone. The pilot is the campaign that the design starts from.
     circles_run = bound.setting.circle[:run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
@@ -135,8 +135,9 @@ def states_before(
 ) -> States:
     """Return random draws of the machine's state before the tests of a design.
 
-    A state is a value of the hyper-parameters φ and of the parameters β. States are drawn from the
-    posterior given the pilot's readings. If the pilot is a plan, they are drawn from the prior.
+    A state consists of values of the hyper-parameters φ and of the parameters β. States are drawn
+    from the posterior given the pilot's readings. If the pilot is a plan, they are drawn from the
+    prior.
 
     Parameters
     ----------
