@@ -56,9 +56,9 @@ class Degeneracy:
     contain coefficients of these effects too.
     """
 
-    #: The pivot of the degeneracy is the coefficient whose effect on the readings the other
-    #: coefficients cancel. This field is the class name of the model term that the pivot belongs
-    #: to, or an empty string if the pivot is a parameter.
+    #: class name of the model term that the pivot belongs to; an empty string if the pivot is a
+    #: parameter. The pivot of a degeneracy is the coefficient whose effect on the readings the
+    #: other coefficients cancel.
     term: str
     #: change of each coefficient of the degeneracy, by its name, in internal units (mm, N, rad).
     #: Together, these changes cancel in every reading. Nuisance coefficients (of effects not of
@@ -102,10 +102,9 @@ class _Coefficients:
     Nuisance coefficients describe effects that are not of interest. If the model was made from a
     preset (a ready-made model) by leaving out effects, these effects are included here. ``owners``
     are the class names of the model terms that the coefficients belong to; for a parameter, the
-    name is empty. ``columns``, shape (tests, 25, m), holds the effect of each coefficient on each
-    test. The radial deviation of a test is described by 25 Fourier coefficients; ``columns`` states
-    by how much each of them changes per unit of the coefficient. ``prior_sd``, shape (m,), are the
-    prior standard deviations.
+    name is empty. The radial deviation of a test is described by 25 Fourier coefficients;
+    ``columns``, shape (tests, 25, m), states by how much each of them changes per unit of each of
+    the m coefficients. ``prior_sd``, shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]

@@ -27,7 +27,7 @@ _SAME_SIZE = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class AssumedSize:
-    """Largest prior standard deviation among those coefficients of a model term with one unit."""
+    """Largest prior standard deviation of those coefficients of a model term that have one unit."""
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of the coefficient or noise ``source``

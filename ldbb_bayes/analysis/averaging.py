@@ -338,8 +338,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 
     For example, the key ``lp`` stands for the log density of the posterior. ``draws_of_models``
     holds the draws of each model. The draws are numbered consecutively: first those of the first
-    model, then those of the next model, and so on. ``order``, shape (chains, draws), states which
-    draw stands at which place of the result. Every log density in the result has this shape.
+    model, then those of the next model, and so on. ``order``, shape (chains, draws), holds the
+    number of the draw for each place in the result. Every log density in the result has this shape.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}

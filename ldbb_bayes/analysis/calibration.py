@@ -140,8 +140,8 @@ class Validation(Result):
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
         campaign. A quantity is named if the empirical distribution of its ranks leaves the limits
-        ``band`` anywhere. If the ranks of all quantities are uniformly distributed, no quantity is
-        named with probability ``prob``.
+        ``band`` anywhere. If the ranks of all quantities are uniformly distributed, the probability
+        that no quantity is named is ``prob``.
         """
         lower, upper = self.band
         outside = []

@@ -40,12 +40,12 @@ class MachineColumns(NamedTuple):
     The coefficients describe the radial deviation of the circle [mm].
     """
 
-    #: changes of the 25 Fourier coefficients of a circle per unit of each compliance and of each
-    #: coefficient of its change with force, shape (25, p) for p parameters; the columns of
-    #: geometric errors are zero
+    #: changes of a circle's 25 Fourier coefficients per unit of each compliance and each slope
+    #: (change of a compliance with force), shape (25, p) for p parameters; the columns of geometric
+    #: errors are zero
     elastic: Array
-    #: changes of the 25 Fourier coefficients of a circle per unit of each geometric error, shape
-    #: (25, p) for p parameters; the columns of compliances and of their changes with force are zero
+    #: changes of a circle's 25 Fourier coefficients per unit of each geometric error, shape (25, p)
+    #: for p parameters; the columns of compliances and slopes are zero
     geometric: Array
 
 

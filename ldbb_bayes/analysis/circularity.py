@@ -62,8 +62,8 @@ __all__ = [
 
 # Circular-test quantities of ISO 230-4 and their units. ``QUANTITIES`` are computed for every tool
 # path, ``BIDIRECTIONAL`` only for planes in which circles are run both clockwise and
-# counterclockwise. ``MINIMUM_ZONES`` are the two quantities that are widths of a ring: the
-# narrowest ring that contains the path (G), or both paths (G_b).
+# counterclockwise. ``MINIMUM_ZONES`` are widths of the narrowest ring that contains the path
+# (``G_minimum_zone``), or the paths of both directions of travel (``G_b_minimum_zone``).
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",

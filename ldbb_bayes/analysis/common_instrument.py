@@ -291,9 +291,9 @@ def worst_conflict(
         common_means.append(means[k][places])
     scale = np.array(scales)
     variance = np.array(variances)
-    # ``variance`` holds the coefficients' variances in units of their prior variances. The readings
-    # of a campaign alone, without the prior, determine each coefficient: its estimate is
-    # ``estimate``, and the inverse variance of this estimate is ``precision``.
+    # ``variance`` holds the coefficients' variances in units of their prior variances. ``estimate``
+    # is the estimate of each coefficient from the readings of a campaign alone, without the prior.
+    # ``precision`` is the inverse variance of this estimate.
     precision_in_prior_units = 1.0 / variance - 1.0
     precision = precision_in_prior_units / scale**2
     is_informed = precision.min(axis=0) * scale[0] ** 2 > _LEAST_INFORMATION

@@ -459,7 +459,7 @@ class _ComparisonPlan:
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
-        """Return the scales of the slopes' prior at which two models are compared again.
+        """Return the widths of the slopes' prior at which two models are compared again.
 
         Slopes are changes of compliance with force. The two models are the first two of the
         compared models. The result is empty if neither of them has slopes, or if they differ only
@@ -803,7 +803,7 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return the log Bayes factor of two models under each assumption, and the evidences used.
+    """Return the log Bayes factor of two models under each assumption, and precise evidences.
 
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
     assumption about the random differences between circles. Rough evidences are computed first. If
@@ -859,19 +859,19 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
     """Return the widths of the slopes' prior at which the log Bayes factor changes sign.
 
-    Slopes are changes of compliance with force. The width of their prior is stated by the number
-    ``slope_scale``. ``assumed`` holds the comparison of two models for each value in ``scales``.
+    Slopes are changes of compliance with force. ``scales`` holds several widths of their prior,
+    stated as ``slope_scale``. ``assumed`` holds the comparison of two models for each width.
     """
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
     return interpolate_crossings(np.array(scales), log_bayes_factor)
 
 
 def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
-    """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
+    """Return the widths of the slopes' prior at which the log Bayes factor changes sign.
 
-    Slopes are changes of compliance with force. ``log_bayes_factor``, shape (n,), holds the log
-    Bayes factor of two models at the n values ``scale``, shape (n,), of the scale of the slopes'
-    prior. Between these values, the log Bayes factor is interpolated linearly in ln(scale).
+    Slopes are changes of compliance with force. ``scale``, shape (n,), holds n widths of their
+    prior, and ``log_bayes_factor``, shape (n,), the log Bayes factor of two models for each width.
+    Between these widths, the log Bayes factor is interpolated linearly in ln(scale).
     """
     x = np.log(scale)
     y = log_bayes_factor

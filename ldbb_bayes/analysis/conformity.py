@@ -4,8 +4,8 @@ The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106,
 tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1.
 The quantity conforms if p is at least the confidence that the user asks for. It does not conform if
 1 − p is at least this confidence. In all other cases, no decision is made. For a normal posterior
-and one limit, a quantity conforms if its estimate lies inside the limit and is at least as far from
-it as the guard band is wide.
+and one limit, a quantity conforms if its estimate lies inside the limit, at least a guard band away
+from it.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ class Conformity(Result):
     #: tolerance
     probability: float
     #: guard band of ISO 14253-1 for a normally distributed quantity with a single tolerance limit.
-    #: A decision is made if the estimate is at least this far from the limit. If it is on the good
-    #: side of the limit, the quantity conforms; otherwise it does not.
+    #: A decision is made if the estimate is at least this far from the limit. If the estimate meets
+    #: the limit, the quantity conforms; otherwise it does not.
     guard_band: float
     #: minimum probability of conformance with the tolerance, or of non-conformance, at which a
     #: decision is made

@@ -240,8 +240,7 @@ def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
     The new radius is two thirds of the radius of the test with the lowest force. If a test of the
-    plan has nearly this radius, the new radius is reduced to two thirds again, until no test has
-    it.
+    plan has nearly this radius, the new radius is multiplied by two thirds again, and so on.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -123,7 +123,8 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
     # Three matrices are computed that have the eigenvectors of the Fisher information matrix, but
-    # other eigenvalues. The arbitrary signs and order of the eigenvectors do not change them.
+    # other eigenvalues. The signs and the order of the eigenvectors are arbitrary, but have no
+    # effect on these matrices.
     weight = _matrices_with(axes, size / (size + 1.0))
     noise = _matrices_with(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)

@@ -108,10 +108,9 @@ class Judged(Forecast):
 class Limits(Result):
     """Weaknesses of a design that more runs of the same tests would not remove."""
 
-    #: number of different forces of the tests, if there are too few of them: too few to show
-    #: whether compliances are polynomials in force of a higher degree than in the model. Otherwise
-    #: None. It is also None if the tests are analysed together with tests that have already been
-    #: run.
+    #: number of different forces of the tests if they are too few to show whether compliances are
+    #: polynomials in force of a higher degree than in the model; otherwise None. Also None if the
+    #: tests are analysed together with tests that have already been run.
     levels: int | None
     #: direction of travel of each plane whose circles all run in the same direction although the
     #: model includes hysteresis; the keys are the planes
@@ -557,7 +556,7 @@ def _refuse_beside_goals(names: Sequence[str]) -> None:
     """Raise an `InputError` if arguments were given that cannot be combined with goals.
 
     Goals are upper limits of uncertainties. ``names`` are the names of those arguments that were
-    given although they cannot be combined with goals. If it is empty, no error is raised.
+    given although they cannot be combined with goals. If ``names`` is empty, no error is raised.
     """
     require(
         not names,

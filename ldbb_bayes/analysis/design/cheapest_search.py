@@ -57,7 +57,7 @@ _MOST_FORECASTS = 8
 # with all 64 possible machines is worthwhile.
 _FEW_MACHINES = 16
 # The search for the cheapest campaign ends when it has found a campaign that reaches the goals and
-# its computing effort exceeds this number. The effort is the sum of n² over all full forecasts
+# the computing effort exceeds this number. The effort is the sum of n² over all full forecasts
 # (with unknown hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
 # number of circles allowed are not counted.
 _MOST_EFFORT = 700
@@ -266,9 +266,9 @@ def _with_more_circles(
 ) -> list[FoundCampaign]:
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
-    The result belongs to the same family as ``campaign``. These campaigns cost more, but are more
-    likely to meet the goals for uncertainties. Campaigns that exceed the longest machine time are
-    left out. ``on_campaign`` is called whenever a campaign is found.
+    The campaigns belong to the same family as ``campaign``. They cost more, but are more likely to
+    meet the goals for uncertainties. Campaigns that exceed the longest machine time are left out.
+    ``on_campaign`` is called whenever a campaign is found.
     """
     longer = []
     for added in range(1, number + 1):
@@ -415,7 +415,7 @@ class _Search:
         """Return ``campaign``, or a campaign with fewer circles that also meets the goals.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
-        records the progress of the search among the campaigns with the same ball angles, radii and
+        records how far the search has come among the campaigns with the same ball angles, radii and
         certificates. It is updated after every full forecast (with unknown hyper-parameters).
         """
         family = progress.family
@@ -446,7 +446,7 @@ class _Search:
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return ln(u_full / u_quick), the ratio of uncertainties to expect for the next campaign.
+        """Return the expected logarithm of a ratio of uncertainties, ln(u_full / u_quick).
 
         u_full and u_quick are the standard uncertainties in the full and in the quick forecast of a
         campaign. The quick forecast assumes that the hyper-parameters (such as the standard

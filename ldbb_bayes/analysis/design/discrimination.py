@@ -178,7 +178,7 @@ class _LogBayesFactorDistribution:
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
-        """Return the expected log Bayes factor [nat] of slopes over no slopes.
+        """Return the expected log Bayes factor in favour of slopes [nat].
 
         Slopes are changes of compliance with force. The expectation is averaged over the
         hyper-parameters. Before the tests, the posterior mean of the slopes is random, with s

@@ -333,7 +333,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return a forecast with infinite uncertainties, for tests that determine too little."""
+    """Return infinite uncertainties, for tests that do not determine all parameters."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(

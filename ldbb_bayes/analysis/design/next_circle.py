@@ -344,7 +344,7 @@ def _goals_so_far(
 def _tolerances_so_far(
     tolerances: Mapping[str, ToleranceState], after: Array
 ) -> dict[str, ToleranceSoFar]:
-    """Return, for each tolerance, the decision now, and the chance of one after the next circle.
+    """Return, for each tolerance, the present decision and whether the next circle may decide it.
 
     ``after`` are the covariances of the parameters that are expected after the best next circle.
     The keys of the result are the names of the quantities with tolerances.

@@ -121,7 +121,7 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Return the best campaign with ``circles`` circles: the number of each candidate test.
+        """Return the best campaign of ``circles`` circles, as the number of each candidate test.
 
         The best campaign is the one that comes closest to the goals for uncertainties.
 
