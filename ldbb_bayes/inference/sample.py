@@ -44,8 +44,8 @@ __all__ = [
 # Number of chains into which independent draws are divided, and smallest number of ensembles of
 # walkers that emcee runs. R-hat compares the chains, or the ensembles, with each other.
 _CHAINS = 4
-# Number of walkers of an ensemble of emcee, unless four times the number of parameters and
-# hyper-parameters is larger.
+# Default number of walkers of an ensemble of emcee. If four times the number of parameters and
+# hyper-parameters is larger, that number is used instead.
 _WALKERS = 128
 # Number of independent draws, divided by the required effective sample size. This ratio is above
 # one because every parameter must reach the required size, and the computed effective sample size

@@ -355,7 +355,7 @@ class Elimination:
     def fronts(self) -> list[Front]:
         """Groups of columns that are eliminated at the same time (fronts), in order of elimination.
 
-        The columns are those of the design matrix.
+        The columns belong to the design matrix.
         """
         return self._plan.fronts
 

@@ -1290,9 +1290,8 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
     """Return a `Reduced` object without readings for every test of the plan ``campaign``.
 
-    The object describes how readings at the test's angles are reduced to at most 25 numbers.
-
-    Tests with equal angles share one `Reduced` object.
+    The object describes how readings at the test's angles are reduced to at most 25 numbers. Tests
+    with equal angles share one `Reduced` object.
     """
     reduced_by_angles: dict[bytes, Reduced] = {}
     for test in campaign.tests:

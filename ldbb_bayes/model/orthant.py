@@ -263,7 +263,7 @@ class Orthant:
     def _estimate(
         self, tolerance: float, largest_noise: float, points: _Points
     ) -> NoisyLogProbability:
-        """Return ln P(u ≥ 0) for w Gaussian vectors u, from analytical bounds or random points.
+        """Return ln P(u ≥ 0) for w Gaussian vectors u, from analytical bounds or sampled points.
 
         The bounds are used for a vector if the largest error that they permit is at most
         ``tolerance`` [nat]. For other vectors, the number of points is increased until the noise,

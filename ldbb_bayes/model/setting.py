@@ -213,12 +213,11 @@ class Setting:
     ) -> Array:
         """Return Fourier coefficients of |u|^a, where u is one component of the bar's direction.
 
-        u = A cos(θ − ϑ) is the component along a machine axis of the unit vector along the bar,
-        with amplitude A and phase ϑ; θ is the angle on the circle. The series is
-        |u|^a = A^a Σ s_n cos n(θ − ϑ), summed over even n up to 12, or over odd n if |u|^a is
-        multiplied by the sign of u. The coefficients of the series are
-        s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), where Γ is the gamma function; s_0 is
-        half of this expression.
+        u = A cos(θ − ϑ) is the X, Y or Z component of the unit vector along the bar, with amplitude
+        A and phase ϑ; θ is the angle on the circle. The series is |u|^a = A^a Σ s_n cos n(θ − ϑ),
+        summed over even n up to 12, or over odd n if |u|^a is multiplied by the sign of u. The
+        coefficients of the series are s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), where Γ
+        is the gamma function; s_0 is half of this expression.
 
         Parameters
         ----------
@@ -310,12 +309,12 @@ class Setting:
 def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> Array:
     """Return Fourier coefficients of a power of one component of the bar's direction.
 
-    u denotes the component, along one machine axis, of the unit vector along the bar; u is a
-    function of the angle θ on the circle. The result, shape (tests, 25), describes |u|^``power``,
-    multiplied by the sign of u if ``signed`` is true; the method `Setting.along` states the
-    formula. ``first_harmonics`` are the bytes of an array of shape (tests, 2), which holds the
-    Fourier coefficients of u for cos θ and sin θ. Results are kept in a cache, because the models
-    of a campaign need the same powers hundreds of times.
+    u is the X, Y or Z component of the unit vector along the bar, as a function of the angle θ on
+    the circle. The result, shape (tests, 25), describes |u|^``power``, multiplied by the sign of u
+    if ``signed`` is true; the method `Setting.along` states the formula. ``first_harmonics`` are
+    the bytes of an array of shape (tests, 2), which holds the Fourier coefficients of u for cos θ
+    and sin θ. Results are kept in a cache, because the models of a campaign need the same powers
+    hundreds of times.
     """
     first = int(signed)
     series = np.zeros(MAX_ORDER + 1)
