@@ -115,13 +115,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is most similar to ``name``, a name that is probably misspelt.
 
     If several names are equally similar, a name with the same letters as ``name``, in any order, is
-    preferred. If there is no such name, the name that shares the longest first sequence of letters
-    with ``name`` is preferred. Capital and small letters are not distinguished.
+    preferred. If there is no such name, the name with the longest first sequence of letters in
+    common with ``name`` is preferred. Capital and small letters are not distinguished.
     """
     lower_name = name.lower()
 
     def similarity(candidate: str) -> _Similarity:
-        """Return how similar the known name ``candidate`` is to a name that is misspelt."""
+        """Return how similar the known name ``candidate`` is to the misspelt name."""
         lower_candidate = candidate.lower()
         match = SequenceMatcher(None, lower_candidate, lower_name)
         return _Similarity(

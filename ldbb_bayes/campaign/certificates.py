@@ -81,10 +81,11 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """What the certified quantity is, such as ``length``, as its name or refType shows.
+        """Role of the certified quantity, that is, what the quantity is, such as ``length``.
 
-        If neither its name nor its refType shows the role, the names and refType attributes of the
-        elements that contain the quantity are used. If no role is found, it is an empty string.
+        The name or the refType of the quantity shows the role. If neither does, the names and
+        refType attributes of the elements that contain the quantity are used. If these do not show
+        the role either, it is an empty string.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -243,7 +244,7 @@ class CalibrationCertificate(Shown):
     def force(self) -> dict[str, Any]:
         """Return what the certificate states about a force device, with the keys of campaign.toml.
 
-        The result has three keys:
+        The result has these keys:
 
         - U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain. If the
           certificate states no gain, the largest certified force takes its place.
@@ -292,9 +293,9 @@ class CalibrationCertificate(Shown):
         """Return the largest linearity error of a force device that the certificate states.
 
         The linearity error is the deviation from a straight line, as a ratio or as a force in
-        newtons. To compare the errors, those in newtons are divided by the largest force. If
-        several errors are equally large, return the last of them. Return None if no error is
-        stated.
+        newtons. To compare the errors, those in newtons are divided by the largest certified
+        force. If several errors are equally large, return the last of them. Return None if no error
+        is stated.
         """
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])

@@ -52,8 +52,8 @@ _ORDINARY_GAP = 3.0
 # Forces of several tests count as equal if they differ by at most this fraction of the largest
 # force. The repeatability of a pressure regulator is not better than this.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance within which the angles of a test count as evenly spaced, and as covering at
-# most one turn.
+# Relative tolerance for two checks: whether the angles of a test are evenly spaced, and whether the
+# angles cover at most one turn.
 _EVEN_TOLERANCE = 1e-6
 # Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6
@@ -99,8 +99,8 @@ class TestFields(Shown):
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Fields of a test whose values an import can take from elsewhere, for example from the name of the
-# file, if the table has no column of the same name.
+# If a table has no column with the name of one of these fields of a test, an import can take the
+# value of the field from elsewhere, for example from the name of the file.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
 # Fields of a test whose values an import takes only from a column of the table with the same name.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
@@ -337,9 +337,10 @@ class CircularTest(TestFields):
         """Return a copy of this test as a planned test, which has no readings.
 
         If the angles are unevenly spaced or extend over more than one turn, they are replaced with
-        the same number of evenly spaced angles over the same arc, at most one turn. Evenly spaced
-        angles are computed anew from their number, first angle and arc. A planned test therefore
-        has exactly the same angles after it has been stored in campaign.toml and read again.
+        the same number of evenly spaced angles over the same arc, but at most one turn. Evenly
+        spaced angles are computed anew from their number, first angle and arc. A planned test
+        therefore has exactly the same angles after it has been stored in campaign.toml and read
+        again.
         """
         readings = len(self.angle_deg)
         if self.step_deg:

@@ -358,7 +358,7 @@ def _remark_on_angles(
 
 
 def _order_shows_no_travel(campaign: Campaign) -> bool:
-    """Return whether the angles increase in all tests, although some are CW and others CCW.
+    """Return whether the angles increase in all tests, although some tests run CW and others CCW.
 
     The tables of readings were then probably sorted by angle, and the order of the readings does
     not show the direction of travel.

@@ -48,5 +48,5 @@ def time_source(campaign: Campaign) -> TimeSource:
 
 
 def times_stated(campaign: Campaign) -> int:
-    """Return for how many tests of a campaign the time of their start is given."""
+    """Return the number of a campaign's tests for which a start time is given."""
     return sum(test.time_s is not None for test in campaign.tests)

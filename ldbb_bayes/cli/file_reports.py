@@ -131,8 +131,8 @@ def report_files(
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
             # The report decides on conformity only once, at the force that it states. The averaged
-            # posterior is used, or the fit if there is no average. Both summaries contain the same
-            # decisions.
+            # posterior is used, or the fit if there is no average. The summaries of the fit and of
+            # the averaged posterior contain the same decisions.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity

@@ -83,7 +83,7 @@ class Option:
     #: value; or a `Kind`, which has its own function for the conversion
     kind: Any
     help: str  #: text that describes the option in the help of the command
-    #: value that is used if the user does not type the option; for None, no value is passed to the
+    #: value that is used if the user does not type the option; if None, no value is passed to the
     #: command's function
     default: Any
     #: name of the command's keyword argument that gets the option's value; if empty, the argument

@@ -17,8 +17,9 @@ distributions are Gaussian: w_t is integrated out in each campaign, and the post
 sums over t ≥ k and one small linear system. The likelihood of a campaign is a Gaussian function of
 (c, b), whose precision matrix Λ (inverse covariance) may be singular.
 
-In the shapes of arrays, r is not the scatter, but the number of values of the scatter. n is the
-number of campaigns, p the number of parameters, s the number of instrument errors, and q = p + s.
+In the shapes of arrays, the letter r has another meaning: the number of values of the scatter. n is
+the number of campaigns, p the number of parameters, s the number of instrument errors, and
+q = p + s.
 """
 
 from __future__ import annotations

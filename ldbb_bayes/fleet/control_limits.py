@@ -3,8 +3,8 @@
 A point is the estimate of a parameter from one campaign alone. The limits of a point are the ends
 of the interval in which the estimate should lie according to the earlier campaigns. In the shapes
 of arrays, n is the number of campaigns, p the number of parameters, s the number of instrument
-errors, and q = p + s. The standard deviation of the machine's parameters from
-campaign to campaign is not known; the computation uses r possible values of it.
+errors, and q = p + s. The standard deviation of the machine's parameters from campaign to campaign
+is not known; the computation uses r possible values of it.
 """
 
 from __future__ import annotations

@@ -8,9 +8,9 @@ prior sds.
 As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const. Λ is the precision matrix (inverse
 covariance matrix) and may be singular. η, the shift, is Λ times the estimate of x. Λ_c are the rows
 of Λ that belong to the parameters, and Λ_cc is the submatrix of Λ whose rows and columns belong to
-the parameters. In the shapes of arrays, c is not the level but the number of parameters. k is the
-number of values of s, n the number of campaigns or machines, and q the number of parameters and
-instrument errors.
+the parameters. In the shapes of arrays, the letter c has another meaning: the number of parameters.
+k is the number of values of s, n the number of campaigns or machines, and q the number of
+parameters and instrument errors.
 """
 
 from __future__ import annotations

@@ -356,7 +356,7 @@ def _divide_out_prior(
     posterior and of the prior. The precision (inverse covariance) of the likelihood is the
     precision of the posterior minus the precision of the prior. Negative eigenvalues of this
     difference are set to zero, because the readings add nothing to the prior in the directions of
-    their eigenvectors. The shift is the precision times the estimate.
+    the corresponding eigenvectors. The shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale

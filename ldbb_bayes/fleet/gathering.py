@@ -92,7 +92,7 @@ def _read_list(file: Path) -> list[str]:
 def _expand_folder(path: str) -> list[str]:
     """Return the sorted file paths of the campaign folders that lie directly in a folder.
 
-    The list contains only ``path`` itself if this is no folder, if it is the folder of a campaign,
+    The list contains only ``path`` itself if it is not a folder, if it is the folder of a campaign,
     or if it contains no campaign folders. Raise an `InputError` if the folder cannot be read.
     """
     if not os.path.isdir(path) or _has_toml(path):
