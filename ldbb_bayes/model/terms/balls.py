@@ -102,16 +102,22 @@ class BallForm(Term):
     """Form error of the balls: cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12, the same at every force.
 
     θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
-    socket. Each ball adds to the prior variance of each coefficient. Let S be the ball's deviation
-    from sphericity, peak to valley. If its certificate or grade states S, the ball adds S²/24 ·
-    min(1, 3/n)², because the stated deviation is an upper limit of the form error of every order.
-    If nothing is stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the
-    orders 2 and 3, with ``sphericity_um`` for S. The hyper-parameters are τ and p. τ is the prior
-    sd of the sum of the form errors of two such balls at the order 6, and p is the exponent with
-    which this sd decreases with the order n. τ and p exist only if nothing is stated about at least
-    one ball. For harmonics in a certificate, mean and variance are taken from the certificate. If
-    the field ``law`` is ``1/n``, as in the model's first edition (preset ``first``), certificates
-    and grades are not used, and the prior sd of the sum of both form errors is τ/n.
+    socket. The prior variance of a coefficient of the order n is the sum of one contribution from
+    each ball. Let S be the deviation of the ball from sphericity, peak to valley.
+
+    - If a certificate states the harmonics of the order n, their means and variances are taken from
+      the certificate.
+    - If a certificate or grade states S, the contribution is S²/24 · min(1, 3/n)², because S is an
+      upper limit of the form error of every order.
+    - If nothing is stated, the contribution is τ²/2 (n/6)^(−2p). At the orders 2 and 3, S²/24 is
+      added, with ``sphericity_um`` for S.
+
+    The hyper-parameter τ is the prior sd, at the order 6, of the sum of the form errors of two
+    balls about which nothing is stated. The hyper-parameter p is the exponent with which this sd
+    decreases with the order. If certificates or grades state the form errors of both balls, the
+    model has neither τ nor p. If the field ``law`` is ``1/n``, as in the model's first edition
+    (preset ``first``), certificates and grades are not used, and the prior sd of the sum of both
+    form errors is τ/n.
 
     If both balls keep their clocking in all tests, the sum of the form errors of the two balls is
     modelled. If the clocking of a ball changes between tests, the two form errors are modelled
