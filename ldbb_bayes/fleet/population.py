@@ -198,8 +198,8 @@ class Population(Result):
     machine: dict[str, PooledMachine]
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force for which the compliances are given [N]
-    #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
-    #: such range, the lowest force is above the highest force
+    #: lowest and highest force of the range that all campaigns have in common [N]. If there is no
+    #: common range, the lowest force is above the highest force.
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances for which each fitted compliance stands. The keys are the

@@ -102,10 +102,10 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Yield slices that divide k values of the spreads into groups, which are processed in turn.
+    """Yield slices of k values of the spreads, each small enough to be processed at once.
 
-    Spreads are the standard deviations of machines about the mean of their population. The groups
-    are so small that the arrays for all machines fit into the processor's cache.
+    Spreads are the standard deviations of machines about the mean of their population. The arrays
+    for all machines and the values of one slice fit into the processor's cache.
 
     Parameters
     ----------
@@ -323,10 +323,9 @@ class Spreads:
 
     @property
     def trusted(self) -> bool:
-        """Whether the Pareto shape k̂ of the draws' weights is low enough to trust the draws.
+        """Whether ``pareto_k`` is low enough to trust the random draws of the spreads.
 
-        The draws are random draws of the spreads, which are the standard deviations of machines
-        about the mean of their population.
+        Spreads are the standard deviations of machines about the mean of their population.
         """
         return self.pareto_k <= self.good_k
 

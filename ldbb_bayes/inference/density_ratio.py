@@ -102,7 +102,7 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error of the log integral of a density [nat] if the density were evaluated at all nodes.
+        """Error that the log integral of a density would have if all nodes were used [nat].
 
         Nodes are weighted points. In fact, the density is evaluated only at a sample of the nodes,
         which makes the error larger.

@@ -195,9 +195,10 @@ class Fit(Result):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of warnings (concerns) and of the checks in `misfits`, each kind once.
+        """Return the kinds of the fit's warnings and of its failing checks that matter (`misfits`).
 
-        A kind is the text of a ``ConcernKind`` or ``CheckKind``, such as "truncation" or "noise".
+        Each kind is listed once. A kind is the text of a ``ConcernKind`` or ``CheckKind``, such as
+        "truncation" or "noise".
         """
         concerns = [str(concern.kind) for concern in self.concerns]
         misfits = [str(check.kind) for check in self.misfits]

@@ -37,12 +37,12 @@ _SCRAMBLES = 8
 # ``_FEWEST_POINTS``, rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Each round of importance sampling starts with this many times the number of points with which the
-# round before started, unless the largest number allowed is smaller.
+# The number of points at the start of a round of importance sampling is this many times the number
+# at the start of the round before, unless the largest number allowed is smaller.
 _GROWTH = 4
-# Points are drawn from a mixture, the proposal. For each of its components, a component that is
-# wider by the factor ``_WIDE`` is added, so that points in the tails do not get very large weights.
-# All wider components together have the probability ``_WIDE_SHARE`` in the mixture.
+# For each component of the mixture from which points are drawn, a component is added that is wider
+# by the factor ``_WIDE``. Without the wider components, points in the tails could get very large
+# weights. All wider components together have the probability ``_WIDE_SHARE`` in the mixture.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
@@ -196,14 +196,16 @@ def _draw_round(
     """Return one round of importance sampling; the number of points is doubled until it suffices.
 
     Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
-    sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
-    ``tolerance`` the error allowed in ln ∫ f [nat]; the points suffice if the error is within the
-    tolerance. ``rng`` generates the random numbers. Doubling stops early if the weights are very
-    unequal or cannot be trusted, or if the round would have more than ``max_points`` points. Unless
-    the weights are nearly equal, doubling also stops before the round has more than
-    ``refit_points`` points, because a proposal fitted to these points is probably better. For the
-    same reason, doubling stops early if the round is small and its error is more than twice the
-    tolerance.
+    sequence (scramble). Their number suffices if the error of ln ∫ f is at most ``tolerance``
+    [nat], where ``log_density`` is ln f. ``rng`` generates the random numbers. Doubling stops early
+    in the following cases:
+
+    - the weights are very unequal or cannot be trusted;
+    - the round would have more than ``max_points`` points;
+    - the round would have more than ``refit_points`` points, and the weights are not nearly equal;
+    - the round is small, and its error is more than twice the tolerance.
+
+    In the last two cases, a proposal fitted to these points is probably better.
     """
     h = len(proposal.components[0].centre)
     engines = [qmc.Sobol(h + 1, rng=rng) for _ in range(_SCRAMBLES)]

@@ -1,10 +1,9 @@
 """Independent random draws from the posterior by rejection sampling with a fitted proposal.
 
 y are the readings; φ are the h hyper-parameters, such as the standard deviation of the noise; β are
-the p parameters: compliances, their changes with force, and geometric errors. T (truncation)
-is the condition that no compliance is negative. In names, ``inside`` means that a value of β has
-no negative compliance. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
-bound).
+the p parameters: compliances, their changes with force, and geometric errors. T (truncation) is the
+condition that no compliance is negative. In names, ``inside`` means that a value of β has no
+negative compliance. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower bound).
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ _MOST_ROUNDS = 50
 # would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
 # density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# For each value of the hyper-parameters, several draws of the parameters are made. Enough draws are
-# made to expect this number of draws without negative compliances.
+# For each value of the hyper-parameters, several draws of the parameters are made: so many that
+# this number of draws without negative compliances can be expected.
 _EXPECTED_INSIDE = 4.0
 # Height of the envelope in rejection sampling, which accepts a draw with the probability posterior
 # density / envelope. The envelope is the density from which draws are proposed, scaled to the
@@ -45,8 +44,8 @@ _LEAST_SHARE = 1e-9
 class TooRoughError(Exception):
     """Error raised if the proposal resembles the posterior too little for rejection sampling.
 
-    The proposal is the density from which points are drawn. Parameters and
-    hyper-parameters must then be drawn with emcee instead.
+    The proposal is the density from which points are drawn. Parameters and hyper-parameters must
+    then be drawn with emcee instead.
     """
 
 

@@ -1,4 +1,4 @@
-"""Integrals ∫ f of a density f in h dimensions, computed as sums over n weighted nodes.
+"""Integrals ∫ f of a density f in h dimensions, computed as sums over n weighted nodes (points).
 
 The nodes are either a lattice or a random sample. A lattice consists of two regular grids, the
 second moved by half a step in every direction. A sample is drawn from a proposal, which is a
@@ -55,19 +55,18 @@ _HEAVY_TAIL_STEP = 0.1
 # from the region beyond the outermost nodes is taken to be at most this multiple of the share that
 # the outermost nodes contribute.
 _BEYOND_EDGE = 3.0
-# Error of the log integral from a lattice, as a fraction of the difference between the log
-# integrals from the lattice's two grids. The log integral from the lattice is the logarithm of the
-# mean of the integrals from the two grids.
+# A lattice consists of two grids, and its integral is the mean of the integrals from the two grids.
+# The error of the log integral is this fraction of the difference between the log integrals from
+# the two grids.
 _MEAN_OF_TWO = 0.25
 # A lattice consists of two grids, each of which gives a log integral. Let d be the difference
 # between the two [nat]. If d is at most ``_LARGEST_LINEAR``, the error of the log integral is
 # ``_MEAN_OF_TWO`` times d. For a larger d, the error is d², but at least ``_MEAN_OF_TWO`` times
 # ``_LARGEST_LINEAR``.
 _LARGEST_LINEAR = 0.02
-# The points of a lattice form two grids, and the error of a log integral is computed from the
-# difference between their results. This difference may be small by chance. If it is smaller than
-# this fraction of the difference that was found with the previous, wider spacing of the points, the
-# fraction of that difference is used instead.
+# The error of a log integral from a lattice is computed from the difference between the results of
+# its two grids. This difference may be small by chance. It is therefore taken to be at least this
+# fraction of the difference that was found with the previous, wider spacing of the points.
 _DECLINE = 0.35
 # The integral over a lattice is the sum over its two grids. If the share of one grid in the sum is
 # below this number, the share is replaced by this number, so that its logarithm is finite.
@@ -121,9 +120,9 @@ class Integral:
     #: upper limit of the share of the integral that belongs to the nodes (points) at which the
     #: density was not evaluated because of their small weight
     left_out: float = 0.0
-    #: result of an earlier lattice with a wider spacing of the nodes. A lattice consists of two
-    #: grids; this is the difference between the values of ln ∫ f that the two grids gave before the
-    #: spacing was last reduced [nat]. Zero if the spacing was not reduced, and for a random sample.
+    #: difference between the values of ln ∫ f from the two grids of a lattice, before the spacing
+    #: of its nodes was last reduced [nat]. Zero if the spacing was not reduced, and for a random
+    #: sample.
     coarser_difference: float = 0.0
     #: error of ln ∫ f [nat] that arises if the density f was evaluated only at some of the nodes
     #: (points) and inferred at all others (`density_ratio`); zero if the density was evaluated at
@@ -178,9 +177,9 @@ class Integral:
         if not self.trusted:
             return np.inf
         of_nodes = self._sample_error() if self.proposal is not None else self._lattice_error()
-        # The log integral has two errors: one because the nodes (points) are few, and one because
-        # the density may be evaluated at some of them only. The squares of the two errors are
-        # added, because the errors are independent of each other.
+        # The log integral has two independent errors: one because the nodes (points) are few, and
+        # one because the density may be evaluated at some of them only. The squares of the two
+        # errors are added.
         return float(np.hypot(of_nodes, self.ratio_error)) + self.left_out
 
     def _lattice_error(self) -> float:

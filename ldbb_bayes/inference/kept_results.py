@@ -43,8 +43,8 @@ def kept(work: F) -> F:
 
     @functools.wraps(work)
     def work_once(posterior: xr.DataTree, *args: Any, **kwargs: Any) -> Any:
-        # Return the result of the function ``work`` for a posterior and further arguments. If the
-        # result is not in the cache, it is computed and added to the cache.
+        # Return the result of the function ``work`` for a posterior and further arguments. A result
+        # that is not yet in the cache is computed and added to the cache.
         if not isinstance(posterior, xr.DataTree) or "provenance" not in posterior.children:
             # The first argument, which should be a posterior, is something else. Call the function
             # ``work`` without the cache, so that ``work`` itself raises an error.

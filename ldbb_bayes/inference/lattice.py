@@ -30,8 +30,8 @@ _LOOSE_TOLERANCE = 1e-2
 # First step (spacing of the points) of a coarse lattice, in units of the standard deviation of the
 # Gaussian that is fitted to the density to be integrated at its highest mode.
 _LOOSE_STEP = 2.0
-# First step (spacing of the points) of a fine lattice, as a fraction of the step with which the
-# integral of a Gaussian density would have just the error that is allowed.
+# A fine lattice begins with this fraction of the step (spacing of the points) with which the integral
+# of a Gaussian density would have just the error that is allowed.
 _STEP_MARGIN = 0.93
 # Points are added to a coarse lattice until the logarithm of the density to be integrated at its
 # outermost points is lower than the highest log density by this number [nat].
@@ -111,8 +111,8 @@ def _first_step(h: int, tolerance: float) -> float:
 
     The step is in units of the standard deviation of the Gaussian fitted to the density at its
     highest mode. The step is 2 if ``tolerance``, the error allowed in the log integral [nat], is
-    0.01 or more. Otherwise the step is a little shorter than the step with which the integral of a
-    Gaussian density would reach the tolerance.
+    0.01 or more. For a smaller tolerance, the step is a little shorter than the step with which the
+    integral of a Gaussian density would just reach the tolerance.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP

@@ -149,8 +149,7 @@ def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     rad). The Jacobian J, shape (readings, p), holds the derivatives of the readings with respect to
     the parameters; s² is the sum of squares of the residuals divided by the number of readings
     minus p. The uncertainty is NaN if J is singular or if there are at most p readings. ``bound``
-    is the model of the campaign; ``quality`` holds the root-mean-square residual of the
-    fit.
+    is the model of the campaign. ``quality`` holds the root-mean-square residual of the fit.
     """
     readings = sum(reduced.readings for reduced in bound.reduced)
     sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2

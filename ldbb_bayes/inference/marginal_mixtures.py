@@ -58,7 +58,8 @@ class _Truncation(NamedTuple):
     #: in the upper tail are so close to one that their difference would be inaccurate.
     sign: Array
     #: probability, before truncation, that a Gaussian variable is below the interval to which it is
-    #: truncated; if ``sign`` is −1, the probability that it is above the interval's lower bound
+    #: truncated. If ``sign`` is −1, it is the probability that the variable is above the lower
+    #: bound of the interval.
     below: Array
     #: probability, before truncation, that a Gaussian variable is in the interval to which it is
     #: truncated; if ``sign`` is −1, minus this probability
@@ -99,7 +100,7 @@ class MarginalMixtures(NamedTuple):
             return _Truncation(low, high, sign, below, ndtr(sign * high) - below)
 
     def _cdf(self, x: Array, truncation: _Truncation) -> Array:
-        """Return the posterior probabilities that p parameters are at most ``x``, shape (p,).
+        """Return the posterior probability that each of p parameters is at most ``x``, shape (p,).
 
         ``x``, shape (p,), holds one value for each parameter. ``truncation`` holds the bounds of
         the truncated Gaussians, as `_truncation` returns them.

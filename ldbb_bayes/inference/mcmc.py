@@ -449,9 +449,9 @@ class RedrawMove:
     def _log_weight_of(self, coordinates: Array) -> Array:
         """Return the log importance weights of all walkers, shape (walkers,).
 
-        ``coordinates``, shape (walkers, d), holds the d coordinates of each walker. The stored
-        weights are used for walkers that have not moved since the last `RedrawMove`. For all other
-        walkers, the weights are computed.
+        ``coordinates``, shape (walkers, d), holds the d coordinates of each walker. The weights are
+        stored after each `RedrawMove`. They are computed anew only for walkers that have moved
+        since then.
         """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:

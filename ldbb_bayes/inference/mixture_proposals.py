@@ -63,13 +63,13 @@ _SMALLEST_SHARE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
-    """Distribution of ``x = centre + root @ z``, where each of h elements of z follows a split t.
+    """Distribution of ``x = centre + root @ z``, where the h elements of z are split Student-t.
 
-    The elements of z are independent if ``dependence`` is None. Otherwise the mean and the width of
-    an element depend on elements with a smaller index (`coordinate_dependence`). A split t is a
-    Student-t distribution with different scales and degrees of freedom on its two sides. The
-    density of a split t is continuous, because the two sides have the same height at z = 0. The
-    columns of the matrix ``root`` are the directions of the elements of z in the space of x.
+    A split Student-t distribution has different scales and degrees of freedom on its two sides. Its
+    density is continuous, because the two sides have the same height at z = 0. The elements of z
+    are independent if ``dependence`` is None. Otherwise the mean and the width of an element depend
+    on elements with a smaller index (`coordinate_dependence`). The columns of the matrix ``root``
+    are the directions of the elements of z in the space of x.
     """
 
     #: point x at which the two sides of a split Student-t distribution meet in each of h

@@ -105,8 +105,8 @@ _NODES_SHARE = 0.7
 # nodes is multiplied by ``_PICKED_GROWTH``.
 _FEWEST_PICKED = 256
 _PICKED_GROWTH = 4
-# Error allowed in the logarithm of the posterior probability that no compliance is negative [nat].
-# It applies only to the rough value of this probability (`coarse_probability`).
+# Error allowed in the logarithm of the rough posterior probability that no compliance is negative
+# [nat], see `coarse_probability`.
 _PROBABILITY_TOLERANCE = 0.02
 # Limits that keep the logarithm of a mean finite. For each of many values of the hyper-parameters
 # there is a probability that no compliance is negative, and these probabilities are averaged.
@@ -514,11 +514,11 @@ class HyperPosterior:
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
-        """Return an integral with the probability that no compliance is negative in its weights.
+        """Return an integral whose weights contain the probability that no compliance is negative.
 
-        The weights of ``integral`` contain an upper bound of this probability. The bound is
-        replaced by the probability. If ``truncated`` is false, the posterior density does not
-        contain the probability, and the integral is returned unchanged.
+        The weights of the given ``integral`` contain an upper bound of this probability, which is
+        replaced by the probability itself. If ``truncated`` is false, the posterior density does
+        not contain the probability, and the integral is returned unchanged.
         """
         if not self.truncated:
             return integral
@@ -529,10 +529,10 @@ class HyperPosterior:
 
         If the mode of a similar density was given, it is the first point. At most three further
         points are chosen from many points for their high density and for a sufficient distance from
-        each other. The further points are needed in addition to the mode of a similar density,
-        because the search from this mode may end at a lower maximum. Each point, shape (h,), holds
-        the h hyper-parameters in normal scores, coordinates in which most of the priors are
-        standard normal.
+        each other. The further points are always needed, because a search from the mode of a
+        similar density may end at a lower maximum. Each point, shape (h,), holds the h
+        hyper-parameters in normal scores, coordinates in which most of the priors are standard
+        normal.
         """
         similar: list[Array] = []
         if self._near is not None:
@@ -758,7 +758,7 @@ class Nodes:
         return error + self.bound.truncation_prior[1]
 
     def meet(self, tolerance: float) -> bool:
-        """Return whether the error of the log evidence is small enough for a tolerance [nat].
+        """Return whether the error of the log evidence is small enough for the tolerance [nat].
 
         The error of the integral over the nodes (weighted values of the hyper-parameters) must not
         exceed the tolerance minus the truncation error, which is the error of the log probability
@@ -798,15 +798,14 @@ class Nodes:
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return ``size`` posterior draws of parameters and hyper-parameters.
 
-        Hyper-parameters φ (scales of the noise and of other effects; scales that are lengths are in
-        mm) are picked from the nodes (weighted values) in proportion to the weights. The nodes hold
-        them as unbounded coordinates, such as ln φ, which are called free. Parameters (compliances,
-        their changes with force, geometric errors; in units composed of mm, N and rad, such as
-        mm/N) are drawn at random given the picked hyper-parameters and the readings. For p
-        parameters and h hyper-parameters, the results have the shapes (size, p) and (size, h). If
-        the posterior of the nodes is ``truncated``, no compliance is negative in any draw. ``rng``
-        generates the random numbers. Raise an `InputError` if repeated rejection finds no draw
-        without negative compliances.
+        Hyper-parameters (such as the standard deviation of the noise) are picked from the nodes
+        (weighted values) in proportion to the weights. Parameters (compliances, their changes with
+        force, geometric errors) are drawn at random given the picked hyper-parameters and the
+        readings. All draws are in units made of mm, N and rad. For p parameters and h
+        hyper-parameters, the results have the shapes (size, p) and (size, h). If the posterior of
+        the nodes is ``truncated``, no compliance is negative in any draw. ``rng`` generates the
+        random numbers. Raise an `InputError` if repeated rejection finds no draw without negative
+        compliances.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)

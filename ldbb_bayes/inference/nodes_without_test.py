@@ -50,8 +50,7 @@ class GaussianFactor:
     #: describes
     axis: int
     #: change of the mean of one coordinate of a point per unit of each of the other h − 1
-    #: coordinates, shape (h − 1,). Given the other coordinates, the coordinate has a Gaussian
-    #: density.
+    #: coordinates, shape (h − 1,)
     slopes: Array
     #: mean of one coordinate of a point if all other coordinates are zero
     intercept: float
@@ -133,10 +132,10 @@ class NodesWithoutTest:
     def _nodes_with_noise_factor(self, posterior: HyperPosterior, axis: int) -> Nodes | None:
         """Return the nodes without one test, for a model with a factor on the noise of this test.
 
-        Nodes are weighted values of the hyper-parameters; the factor on the noise of the test
-        (noise factor) is one of the hyper-parameters, with the index ``axis``. ``posterior`` is the
-        posterior density of the hyper-parameters without the readings of the test. The result is
-        None if the error of the log evidence from the nodes exceeds the tolerance.
+        Nodes are weighted values of the hyper-parameters. One of the hyper-parameters, with the
+        index ``axis``, is the factor on the noise of the test that is left out. ``posterior`` is
+        the posterior density of the hyper-parameters without the readings of the test. The result
+        is None if the error of the log evidence from the nodes exceeds the tolerance.
         """
         factor = fit_factor(self._integral, axis)
 
