@@ -160,10 +160,10 @@ class PooledMachine(Result):
     #: instead of the distribution of the population; the keys are the names of the parameters. The
     #: errors of the instrument, however, are estimated from the campaigns of all machines.
     alone: dict[str, Summary]
-    #: p-value of the hypothesis that the machine belongs to the population of the other machines,
-    #: corrected for the number of parameters (Bonferroni) and for the number of machines (Holm). If
-    #: all machines belong to one population, the probability that any machine has a p-value below
-    #: 5 % is at most 5 %. None if there are fewer than six machines.
+    #: p-value of the hypothesis that the machine belongs to the population of the other machines.
+    #: It is corrected for the number of parameters (Bonferroni) and of machines (Holm). If all
+    #: machines belong to one population, the probability that any machine has a p-value below 5 %
+    #: is at most 5 %. None if there are fewer than six machines.
     p_value: float | None = None
     #: whether the machine stands out from the other machines: its corrected p-value is below 5 %
     flag: bool = False
@@ -208,8 +208,8 @@ class Population(Result):
     #: names of the instrument errors that are the same in all campaigns, such as "mount" for the
     #: error of the mount's deflection; empty if the campaigns used different instruments
     instrument: tuple[str, ...]
-    #: scale of the prior of each parameter's spread (sd of the machines about the mean), in units
-    #: of the parameter's ``prior_sd``: the prior is HalfNormal(spread_scale · prior_sd)
+    #: scale of the prior of each parameter's spread, the standard deviation from machine to
+    #: machine. The prior is HalfNormal(spread_scale · prior_sd).
     spread_scale: float
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
@@ -337,11 +337,14 @@ def _population_parts(result: Population) -> tuple[Table | str, ...]:
 def _table_row(name: str, parameter: PooledParameter) -> list[str]:
     """Return the cells of one parameter's row in the printed table of a population.
 
-    The cells are the name of the parameter, its unit, the mean of the population ± U, the part of U
-    that is due to the instrument, the spread, the credible interval of the spread, and the
-    prediction for a further machine ± U. The spread is the standard deviation from machine to
-    machine. U is the expanded uncertainty (k = 2). For a skewed quantity, an interval is stated
-    instead of ± U.
+    The cells are
+
+    - the name and the unit of the parameter;
+    - the mean of the population ± U, and the part of U that is due to the instrument;
+    - the spread (standard deviation from machine to machine) and its credible interval;
+    - the prediction for a further machine ± U.
+
+    U is the expanded uncertainty (k = 2). For a skewed quantity, an interval is stated instead.
     """
     factor, unit = display_unit(parameter.unit)
     common = _NOTHING
@@ -363,8 +366,8 @@ def _table_row(name: str, parameter: PooledParameter) -> list[str]:
 def _without_unit(summary: Summary, unit: str) -> str:
     """Return the mean and uncertainty of a distribution as text, without the name of the unit.
 
-    The numbers are converted from ``unit``, the internal unit of the distribution (such as mm/N),
-    to the unit in which tables show them (such as nm/N).
+    ``unit`` is the internal unit of the distribution, such as mm/N. The numbers are converted to
+    the unit that tables show, such as nm/N.
     """
     _, shown_unit = display_unit(unit)
     stated = plus_minus(summary.mean, summary.sd, summary.interval, unit)
@@ -411,9 +414,9 @@ def fit_population(
     spread_scale : float
         Scale of the prior of each parameter's spread (standard deviation from machine to machine).
         The prior is HalfNormal(spread_scale · sd), where sd is the reference standard deviation of
-        the parameter. The reference standard deviation is the larger of two values: the standard
-        deviation of the parameter's default prior, and the median standard deviation of the
-        parameter's priors in the fits of the campaigns.
+        the parameter. The reference standard deviation is the standard deviation of the parameter's
+        default prior or, if this is larger, the median of the prior standard deviations in the fits
+        of the campaigns.
     one_instrument : bool
         Whether all campaigns used the same bar. If so, the errors of the mount's deflection and of
         the force are the same in all campaigns and do not average out.
@@ -533,14 +536,14 @@ class _Moments(NamedTuple):
     If there are n machines with c parameters each, every machine has its own row in the arrays.
     """
 
-    #: mean of each of c parameters of a population or machine, in units of its prior sd, shape
-    #: (c,), or (n, c) for n machines
+    #: mean of each of c parameters, in units of its prior sd; shape (c,) for a population, (n, c)
+    #: for n machines
     mean: Array
-    #: standard deviation of each of c parameters of a population or machine, in units of its prior
-    #: sd, shape (c,), or (n, c) for n machines
+    #: standard deviation of each of c parameters, in units of its prior sd; shape (c,) for a
+    #: population, (n, c) for n machines
     sd: Array
-    #: lower and upper ends of the credible intervals of c parameters of a population or machine, in
-    #: units of their prior sd, shape (2, c), or (2, n, c) for n machines
+    #: lower and upper ends of the credible intervals of c parameters, in units of their prior sds;
+    #: shape (2, c) for a population, (2, n, c) for n machines
     interval: Array
 
 

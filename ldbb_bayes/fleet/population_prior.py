@@ -117,9 +117,11 @@ class PopulationPrior(Shown):
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
         """Return sentences that state why the population's prior may not suit a campaign.
 
-        The prior may not suit the campaign if the population has other campaigns of the same
-        machine, if the population's reference force is outside the campaign's range of forces, or
-        if there are doubts about the population itself.
+        The prior may not suit the campaign in the following cases:
+
+        - the population has other campaigns of the same machine;
+        - the population's reference force is outside the campaign's range of forces;
+        - there are doubts about the population itself.
 
         Parameters
         ----------

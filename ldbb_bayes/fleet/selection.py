@@ -104,12 +104,15 @@ def choose(
     """Return the rows of a batch to be analysed, and limitations (caveats) of this selection.
 
     By default, campaigns whose readings do not fit the model are left out. The readings do not fit
-    if the difference between readings and model is too large at one Fourier order of a circle, or
-    if the readings contradict the condition that no compliance is negative. Readings in a wrong
-    unit, for example, would shift the mean of a population, increase its spread, and hide a change
-    of a machine. The following campaigns are also left out: campaigns that could not be fitted,
-    campaigns whose row lacks sufficient statistics, campaigns that the user excludes, and campaigns
-    with the same readings as an earlier row.
+    if they differ too much from the model at one Fourier order of a circle, or if they contradict
+    the condition that no compliance is negative. For example, readings in a wrong unit would shift
+    the mean of a population and increase its spread, or hide a change of a machine. The following
+    campaigns are also left out:
+
+    - campaigns that could not be fitted;
+    - campaigns whose row lacks sufficient statistics;
+    - campaigns that the user excludes;
+    - campaigns with the same readings as an earlier row.
 
     Parameters
     ----------
@@ -241,8 +244,8 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
 def _excludable_names(rows: pd.DataFrame) -> pd.DataFrame:
     """Return a table of the names by which a user can exclude each campaign or its machine.
 
-    The table has one row per campaign and the columns name, machine_id, path (the file path of the
-    campaign) and last (the last part of this path).
+    The table has one row per campaign. Its columns are name, machine_id, path, and last. The column
+    path holds the file path of the campaign, and last holds the last part of this path.
     """
     paths = rows["campaign"].astype(str)
     last_parts = paths.map(_last_part)

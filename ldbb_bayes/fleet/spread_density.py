@@ -58,14 +58,14 @@ _DIFFERENCE_STEP = 1e-4
 # their population.
 _MODE_GAIN = 1e-10
 # Random draws of ln s are limited to the range from ln τ − ``_RANGE_BELOW`` to m +
-# ``_RANGE_ABOVE``, where m is the larger of ln τ and the largest element of the mode of ln s. The
-# spreads s are the standard deviations of machines about the mean of their population; τ is the
-# scale of the prior of the spreads.
+# ``_RANGE_ABOVE``. The spreads s are the standard deviations of machines about the mean of their
+# population, and τ is the scale of their prior. m is ln τ or, if that is larger, the largest
+# element of the mode of ln s.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
 # A set of random draws of the machines' spreads (standard deviations about their mean) is good
-# enough if its weights can be trusted and its effective sample size exceeds this fraction of the
-# number of draws. Otherwise a second set is drawn.
+# enough if its weights can be trusted and are not too unequal: the effective sample size must
+# exceed this fraction of the number of draws. Otherwise a second set is drawn.
 _EFFECTIVE_SHARE = 0.2
 # The machines' spreads (standard deviations about their mean) may be drawn a second time. The
 # covariance for these draws is the covariance of the first draws, plus this fraction of the
@@ -195,10 +195,11 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
         factors = factorize_deviations(likelihood, spread[rows], inverse=True)
         s = spread[rows].T[..., None]
         gain = np.einsum("ijkn,irkn->jrkn", factors.inverse, factors.solved)
-        # The parameters of a machine are c_m = μ + s z. Given the population's mean μ and the
-        # instrument's errors b, the posterior of z has the covariance (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹
-        # and the mean ``gain[:, q]`` − ``z_response`` (μ, b). Λ_cc is the precision matrix of the
-        # parameters in the machine's likelihood, and L is a Cholesky factor.
+        # The parameters of a machine are c_m = μ + s z. Let the population's mean μ and the
+        # instrument's errors b be given. Then the posterior of z has the covariance
+        # (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹ and the mean ``gain[:, q]`` − ``z_response`` (μ, b). Λ_cc is
+        # the precision matrix of the parameters in the machine's likelihood. L is a Cholesky
+        # factor.
         z_response = gain[:, :q]
         z_mean = gain[:, q] - np.einsum("jrkn,kr->jkn", z_response, shared.mean[rows])
         c_response = np.eye(c, q)[..., None, None] - s[:, None] * z_response
@@ -304,9 +305,9 @@ class Spreads:
     #: k random draws of the spreads (standard deviations from machine to machine) of c parameters,
     #: in units of the parameters' prior sd, shape (k, c)
     spread: Array
-    #: log importance weight of each of k random draws of the spreads (standard deviations from
-    #: machine to machine), shape (k,): ln(posterior density / density of the distribution from
-    #: which the draws were made), up to a constant
+    #: log importance weights of k random draws of the spreads (standard deviations from machine to
+    #: machine), shape (k,). The weight of a draw is the posterior density divided by the density
+    #: from which it was drawn, up to a constant factor.
     log_weight: Array
     #: importance weights of the k random draws of the spreads (standard deviations from machine to
     #: machine), Pareto-smoothed, with a sum of one, shape (k,)
@@ -361,9 +362,9 @@ def draw_spreads(
 
     Spreads are the standard deviations of the machines about the mean of their population. Values
     of ln s are drawn from a Student t distribution about the mode of the density of ln s. If the
-    weights of these draws are unreliable or too unequal, a second set is drawn about the mean of
-    the first set, with a covariance a little larger than the covariance of the first set. The
-    better of the two sets is returned.
+    weights of these draws are unreliable or too unequal, a second set is drawn. It is drawn about
+    the mean of the first set, with a slightly larger covariance. The better of the two sets is
+    returned.
 
     Parameters
     ----------

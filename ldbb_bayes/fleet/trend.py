@@ -2,7 +2,7 @@
 
 The model of a change is stated in `change_point`. A change is reported if its posterior probability
 exceeds a threshold p*. If there is no change, the Bayes factor B of a change over no change has the
-expectation 1, and the probability that B exceeds a number x is therefore at most 1 / x (Markov's
+expectation 1. The probability that B exceeds a number x is therefore at most 1 / x (Markov's
 inequality). It follows that the probability of a false alarm is at most
 (1 − p*) / p* · p / (1 − p), where p is the prior probability of a change.
 
@@ -168,9 +168,9 @@ class Trend(Result):
 
     machine: str | None  #: machine_id of the machine; None if its campaigns state no machine_id
     reference_force_N: float  #: force for which the compliances are given [N]
-    #: values of the options of `find_trend`. The keys are change_scale and repeatability (in units
-    #: of the parameters' reference sds), probability (prior probability of a change), threshold, ci
-    #: (probability of the credible intervals) and one_instrument.
+    #: values of the options of `find_trend`. The keys are change_scale, repeatability, probability,
+    #: threshold, ci and one_instrument; ci is the option ``prob``, the probability of the credible
+    #: intervals.
     assumptions: Mapping[str, Any]
     #: posterior probability that a parameter of the machine has changed
     probability: Annotated[float, Field(alias="probability_of_change")]
@@ -243,11 +243,16 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
 def _table_row(name: str, parameter: ParameterChange) -> list[str]:
     """Return the cells of one parameter's row in the printed table of a trend.
 
-    The cells are the name of the parameter, its present level ± U, the part of U that is common to
-    all campaigns, the probability that the parameter changed, and the size of this change ± U and
-    in per cent. U is the expanded uncertainty. The size is replaced by a dash if the probability of
-    a change is negligible. The percentage is also replaced by a dash if the level before the change
-    is too uncertain.
+    The cells are
+
+    - the name of the parameter;
+    - its present level ± U, and the part of U that is common to all campaigns;
+    - the probability that the parameter changed;
+    - the size of this change ± U, also in per cent of the level before the change.
+
+    U is the expanded uncertainty. The size is replaced by a dash if the probability of a change is
+    negligible. The percentage is also replaced by a dash if the level before the change is too
+    uncertain.
     """
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now
@@ -301,9 +306,8 @@ def find_trend(
 
     The model assumes at most one lasting step of one parameter. The prior of the size of this step
     is N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter.
-    The reference standard deviation is the larger of two values: the standard deviation of the
-    parameter's default prior, and the median standard deviation of the parameter's priors in the
-    fits of the campaigns.
+    The reference standard deviation is the standard deviation of the parameter's default prior or,
+    if this is larger, the median of the prior standard deviations in the fits of the campaigns.
 
     Parameters
     ----------
@@ -518,8 +522,9 @@ def _visits(
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
     names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds posterior
-    probabilities. Each is the probability that one of p parameters changed just before one of the
-    campaigns 2 to n, and that the machine's scatter from campaign to campaign has one of r values.
+    probabilities. Each of them is the probability of two things: one of p parameters changed just
+    before one of the campaigns 2 to n, and the machine's scatter from campaign to campaign has one
+    of r values.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -537,9 +542,10 @@ def _parameter_changes(
     The keys are the names of the p parameters. ``posteriors`` are the Gaussian distributions of
     levels, instrument errors and step under every hypothesis (see `hypotheses`), and
     ``probabilities`` are the posterior probabilities of the hypotheses, shape (r, n, p). A
-    hypothesis assumes one of r values of the machine's scatter from campaign to campaign, and a
-    step of one of the p parameters just before one of n campaigns, or no step. ``chart`` holds the
-    points and limits of the control chart. ``prob`` is the probability of the credible intervals.
+    hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
+    assumes either a step of one of the p parameters just before one of n campaigns, or no step.
+    ``chart`` holds the points and limits of the control chart. ``prob`` is the probability of the
+    credible intervals.
     """
     levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
@@ -571,9 +577,9 @@ def _parameter_change(
         Gaussian distributions of levels, instrument errors and step under every hypothesis, see
         `hypotheses`.
     step_probabilities
-        Posterior probabilities, shape (r, n − 1). Each is the probability that the parameter
-        changed just before one of the campaigns 2 to n, and that the machine's scatter from
-        campaign to campaign has one of r values.
+        Posterior probabilities, shape (r, n − 1). Each of them is the probability of two things:
+        the parameter changed just before one of the campaigns 2 to n, and the machine's scatter
+        from campaign to campaign has one of r values.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -665,9 +671,9 @@ def _estimates_table(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Posterior probabilities, shape (r, n − 1, p). Each is the probability that one of the
-        parameters changed just before one of the campaigns 2 to n, and that the machine's scatter
-        from campaign to campaign has one of r values.
+        Posterior probabilities, shape (r, n − 1, p). Each of them is the probability of two things:
+        one of the parameters changed just before one of the campaigns 2 to n, and the machine's
+        scatter from campaign to campaign has one of r values.
     prob
         Probability of the credible intervals.
     """

@@ -114,11 +114,11 @@ class TestChecks(Result):
 
     The residual is the measured circle minus the effects of the machine and of shared nuisances.
     Shared nuisances are effects that are modelled but not of interest and that are common to
-    several tests, such as ball form. ``orders_p`` holds a p-value for each Fourier order: the
-    probability, averaged over the posterior, that the residual of a new circle at this order is
-    larger than the residual of the measured circle. The p-values ``noise_p`` and
-    ``autocorrelation_p`` are two-sided. ``autocorrelation`` and these two p-values are None if the
-    test has at most 25 readings.
+    several tests, such as ball form. ``orders_p`` holds a p-value for each Fourier order. It is the
+    probability that the residual of a new circle at this order exceeds the residual of the measured
+    circle, averaged over the posterior. The p-values ``noise_p`` and ``autocorrelation_p`` are
+    two-sided. ``autocorrelation`` and these two p-values are None if the test has at most 25
+    readings.
     """
 
     __test__ = False
@@ -212,10 +212,10 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
     """Return the largest change of any parameter when one test is left out, for each of ``tests``.
 
     ``tests`` are the names of the tests that are left out one at a time. These names are the keys
-    of the result. The change is in units of the parameter's posterior standard deviation, and is
-    computed at one value ``phi`` of the h hyper-parameters (such as the standard deviation of the
-    noise), shape (h,). The result is empty if the campaign has one test only or the prior is flat.
-    ``bound`` is the model of the campaign.
+    of the result. The change is in units of the parameter's posterior standard deviation. It is
+    computed at one value ``phi``, shape (h,), of the h hyper-parameters (such as the standard
+    deviation of the noise). The result is empty if the campaign has one test only or the prior is
+    flat. ``bound`` is the model of the campaign.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}

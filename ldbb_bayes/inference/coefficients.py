@@ -12,8 +12,8 @@ circle. There are three kinds of prediction:
 - shared: the machine prediction plus the effects of ball form, bar length, deflection of the mount,
   and force error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the
   paper) is computed from this prediction;
-- new circle: the shared prediction plus set-up shift (of zero and centre), discrepancy (unexplained
-  deviations of the orders 2 to 12) and white noise, which are drawn at random for the new circle.
+- new circle: the shared prediction plus random effects that are drawn for the new circle: set-up
+  shift (of zero and centre), discrepancy (unexplained deviations) and white noise.
 """
 
 from __future__ import annotations
@@ -89,8 +89,9 @@ class ElasticDraws(NamedTuple):
     #: draws of the compliances C(F) at n bar forces F, shape (draws, n, compliances) [mm/N, rad/N,
     #: rad/(N mm)]
     compliances: Array
-    #: draws of the elastic deflection along the bar divided by the bar force [mm/N]: 25 Fourier
-    #: coefficients of each circle at each of n bar forces, shape (draws, circles, n, 25)
+    #: draws of the elastic deflection along the bar divided by the bar force [mm/N], shape (draws,
+    #: circles, n, 25). The deflection of a circle at one of n bar forces is described by 25 Fourier
+    #: coefficients.
     per_force: Array
 
 

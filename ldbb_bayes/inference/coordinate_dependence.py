@@ -67,11 +67,11 @@ class Dependence:
     coordinates, and of the squares of these coordinates.
     """
 
-    #: coefficients of the polynomials that describe how the mean of a density along each of its h
-    #: coordinates depends on the first k coordinates, shape (1 + 2 k, h)
+    #: coefficients of polynomials, shape (1 + 2 k, h). They describe how the mean of a density
+    #: along each of its h coordinates depends on the first k coordinates.
     mean: Array
-    #: coefficients of the polynomials that describe how the log width of a density along each of
-    #: its h coordinates depends on the first k coordinates, shape (1 + 2 k, h)
+    #: coefficients of polynomials, shape (1 + 2 k, h). They describe how the log width of a density
+    #: along each of its h coordinates depends on the first k coordinates.
     log_width: Array
     #: constants ``offset``, shape (h,), in the conversion z = (u − mean) / width − offset of the h
     #: coordinates u of a point to nearly independent coordinates z
@@ -152,8 +152,8 @@ class _Polynomials:
     # weighted skewness of each of the first k coordinates of n points (values of the
     # hyper-parameters), shape (k,)
     skewness: Array
-    # weighted standard deviations, at n points (values of the hyper-parameters), of k polynomials
-    # of degree two, one for each of k coordinates, shape (k,). The polynomials have not yet been
+    # weighted standard deviations over n points (values of the hyper-parameters), shape (k,). They
+    # are those of the polynomials of degree two, one for each of k coordinates, before these are
     # scaled to a standard deviation of one.
     square_sd: Array
     # values at n points of k orthonormal polynomials of degree one, one for each of k coordinates
@@ -202,11 +202,11 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 def fit_dependence(u: Array, weight: Array) -> Dependence:
     """Fit the mean and the width of each of h coordinates as functions of earlier coordinates.
 
-    The mean and the width of a coordinate may depend on those of the first k coordinates that come
-    before it, where k is the smaller of h − 1 and 7. The mean and the log width are sums of
-    polynomials, whose coefficients are fitted to n weighted points. A coefficient is set to zero if
-    its absolute value is at most three standard errors. For these standard errors, the effective
-    sample size of the weights is used as the number of points.
+    Only the first k coordinates can have an influence on later coordinates; k is the smaller of h −
+    1 and 7. The mean and the log width are sums of polynomials, whose coefficients are fitted to n
+    weighted points. A coefficient is set to zero if its absolute value is at most three standard
+    errors. For these standard errors, the effective sample size of the weights is used as the
+    number of points.
 
     Parameters
     ----------
@@ -239,14 +239,14 @@ def _fit_widths(
     """Fit the widths of h coordinates as functions of the first k coordinates.
 
     The logarithm of a width is a sum of polynomials in the first k coordinates. The result, shape
-    (2 k, h), holds the coefficients of the ``polynomials`` of degree one in the first k rows, and
-    those of the polynomials of degree two in the other k rows. ``deviation``, shape (n, h), holds
-    the deviations of h coordinates from their means at n points. ``weight``, shape (n,), holds the
-    weights of the points. ``is_before``, shape (k, h), is True where the coordinate of the row
-    comes before the coordinate of the column. All other coefficients are zero, as are coefficients
-    that are not significant. The coefficients maximise the likelihood of the deviations under
-    normal distributions. They are computed with Fisher's method of scoring (Harvey, Econometrica 44
-    (1976) 461).
+    (2 k, h), holds the coefficients of the ``polynomials``. The first k rows belong to the
+    polynomials of degree one, the other k rows to those of degree two. ``deviation``, shape (n, h),
+    holds the deviations of h coordinates from their means at n points. ``weight``, shape (n,),
+    holds the weights of the points. ``is_before``, shape (k, h), is True where the coordinate of
+    the row comes before the coordinate of the column. All other coefficients are zero, as are
+    coefficients that are not significant. The coefficients maximise the likelihood of the
+    deviations under normal distributions. They are computed with Fisher's method of scoring
+    (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     is_fitted = np.concatenate([is_before, is_before])

@@ -84,14 +84,14 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     ``per_test`` of ``posterior_predictive`` and of ``observed_data`` is the range of the readings
     of each test [mm], which ``arviz_stats.loo_pit`` needs.
 
-    ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
-    readings of test r, given the readings of all other tests and the hyper-parameters φ (such as
-    the standard deviation of the noise). All unknowns on which the readings depend linearly are
+    ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ). It is the log density of
+    the readings of test r, given the readings of all other tests and the hyper-parameters φ (such
+    as the standard deviation of the noise). All unknowns on which the readings depend linearly are
     integrated out. If the model does not allow negative compliances, the integral is only over
     values without negative compliances. If the model has a factor λ_r, this factor is integrated
-    out as well. The harmonic mean of p(y_r | y_−r, φ) over the draws is the predictive density of
-    the readings of circle r if this circle is left out (Bürkner, Gabry and Vehtari 2021). For this
-    reason ``arviz.loo`` estimates the same quantity that `compare` computes.
+    out as well. If circle r is left out, the predictive density of its readings is the harmonic
+    mean of p(y_r | y_−r, φ) over the draws (Bürkner, Gabry and Vehtari 2021). For this reason
+    ``arviz.loo`` estimates the same quantity that `compare` computes.
 
     The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,
     because leaving out circle r changes the density of the hyper-parameters other than λ_r only
@@ -258,13 +258,13 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     """Return log densities of the tests' readings, tempered if importance weights are unreliable.
 
-    ``log_density``, shape (w, tests), is the log density of the readings of each test given all
-    other tests, at w draws of the hyper-parameters (such as the standard deviation of the noise).
-    If a test is left out, the inverses of its w densities are the importance weights of the draws.
-    If the Pareto shape k̂ of these weights is above 0.4, the densities are tempered: they are
-    raised to a power below one, and then scaled. After scaling, their harmonic mean over the draws
-    is the predictive density of the test's readings, which is computed exactly from two evidences.
-    ``bound`` is the model of the campaign.
+    ``log_density``, shape (w, tests), is the log density of each test's readings given those of all
+    other tests. It is given at w draws of the hyper-parameters (such as the standard deviation of
+    the noise). If a test is left out, the inverses of its w densities are the importance weights of
+    the draws. If the Pareto shape k̂ of these weights is above 0.4, the densities are tempered:
+    they are raised to a power below one, and then scaled. After scaling, their harmonic mean over
+    the draws is the predictive density of the test's readings, which is computed exactly from two
+    evidences. ``bound`` is the model of the campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):

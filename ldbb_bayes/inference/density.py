@@ -190,7 +190,7 @@ class LogDensity(Shown):
 
         x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
         numbers each, shape (n, d). ``u``, of the same shape, holds a number between 0 and 1 for
-        each coordinate of x: the prior probability that the coordinate has a smaller value, given
+        each coordinate of x. It is the prior probability of smaller values of the coordinate, given
         the coordinates before it. If the model does not allow negative compliances, no compliance
         is negative at any x returned.
 

@@ -119,9 +119,9 @@ class _Sample:
 
     #: indices of the m nodes (points) of the sample among all n nodes of an integral, shape (m,)
     nodes: Index
-    #: weight of each of m sampled nodes (points) in the fit of a polynomial, shape (m,): the number
-    #: of times that the node was picked at random, times its weight in the integral, divided by the
-    #: probability of picking it
+    #: weight of each of m sampled nodes (points) in the fit of a polynomial, shape (m,). It is the
+    #: node's weight in the integral, divided by the probability of picking the node, times the
+    #: number of times that it was picked.
     weight: Array
     #: integral of a density, with the n nodes (points) from which the m nodes of the sample were
     #: picked
@@ -173,9 +173,9 @@ class _Sample:
 class _Decomposition(NamedTuple):
     """Singular value decomposition U Σ Vᵀ of the matrix with which a polynomial is fitted.
 
-    The polynomial is fitted at m nodes. Row i of the matrix holds the terms of the polynomial, such
-    as x, y and x y, at node i, times the square root of the weight of the node. Singular values Σ
-    that are zero except for rounding errors are left out.
+    The polynomial is fitted at m nodes. Row i of the matrix belongs to node i. It holds the terms
+    of the polynomial (such as x, y and x y) times the square root of the node's weight. Singular
+    values Σ that are zero except for rounding errors are left out.
     """
 
     #: left singular vectors of the matrix with which a polynomial is fitted, shape (m, rank). The
@@ -194,8 +194,8 @@ class _MeanRatio(NamedTuple):
     taken under the density f e^q.
     """
 
-    #: logarithm of the mean of the ratio ρ = g / (f e^q), where g and f are two similar densities,
-    #: and q is a polynomial fitted to ln(g / f)
+    #: logarithm of the mean of the ratio ρ = g / (f e^q) of two densities. The densities g and f
+    #: are similar, and the polynomial q is fitted to ln(g / f).
     log_mean: float
     #: error of ``log_mean``, the logarithm of the mean ratio of two densities [nat]; infinite if
     #: the distribution of the ratios has a heavy tail
@@ -212,8 +212,8 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     polynomial q that is fitted to ln(g / f), at the m nodes (points) of ``sample``. The mean is
     taken under the density f e^q. Its error is computed from the residuals, the deviations of ρ
     from the mean. Residuals at the nodes to which q is fitted are smaller than residuals at other
-    nodes. Each residual is therefore divided by one minus the leverage of its node, which makes the
-    error too large rather than too small (MacKinnon and White, Journal of Econometrics 29 (1985)
+    nodes. Each residual is therefore divided by one minus the leverage of its node. The error is
+    then too large rather than too small (MacKinnon and White, Journal of Econometrics 29 (1985)
     305).
     """
     share = sample.weight * np.exp(fitted - fitted.max())
@@ -234,8 +234,8 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
     """Return whether the mean of the ratios ρ of two densities can be trusted.
 
     The ratios are known at m nodes (points). Their mean can be trusted if the ratios scatter little
-    and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` is ρ divided by
-    its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
+    and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` is (ρ − mean) /
+    mean, and ``log_residual`` is ln ρ. All have the shape (m,).
     """
     if share @ residual**2 > _LARGEST_SCATTER**2:
         return False

@@ -34,8 +34,8 @@ _UPPER_POWER = 1.01
 # effective sample size for the tails is the smaller of those for the two quantiles (Vehtari et al.
 # 2021).
 _TAILS = (0.05, 0.95)
-# Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
-# to the largest fifth of the weights, and this fifth must consist of at least five weights.
+# Smallest number of importance weights whose tail can be judged. ArviZ fits a Pareto distribution
+# to the largest fifth of the weights, and needs at least five weights in this fifth.
 _FEWEST_WEIGHTS = 25
 # Importance weights count as equal if the range of their logarithms is below this value.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))

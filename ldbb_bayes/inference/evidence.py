@@ -47,8 +47,8 @@ _LEAST_COARSE_LOG_PROBABILITY = -2.0
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
     """Return the log evidence of a model, with its error.
 
-    The evidence is Z = ∫ p(y | β, φ) p(β) p(φ) dβ dφ, the density of the readings y (in mm) under
-    the model, averaged over the priors of its parameters β and hyper-parameters φ. If the model
+    The evidence is Z = ∫ p(y | β, φ) p(β) p(φ) dβ dφ. It is the density of the readings y (in mm),
+    averaged over the priors of the model's parameters β and hyper-parameters φ. If the model
     requires that no compliance is negative (truncation), this condition is part of the prior p(β).
     Only differences of ln Z between models of the same readings have a meaning; see
     `log_bayes_factor`.
@@ -207,9 +207,8 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     each of at least 256 values of the hyper-parameters (such as the standard deviation of the
     noise), and averaged over these values. The average is used if its error is at most
     ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
-    the average. P is then computed as a ratio of two integrals over the hyper-parameters: the
-    integral of the posterior density with the condition that no compliance is negative, divided by
-    the integral without this condition.
+    the average. P is then computed as a ratio of two integrals of the posterior density over the
+    hyper-parameters: with and without the condition that no compliance is negative.
 
     Parameters
     ----------

@@ -119,11 +119,15 @@ class Evidences(Shown):
 
         The evidence of a model is computed from its nodes, which are weighted values of its
         hyper-parameters, such as the standard deviation of the noise. The nodes of equal models are
-        computed only once. Models are related if they differ only in the following three ways: how
-        compliances change with force, which alternative explanations of a change with force they
-        contain (for example joints that deflect under their own load), and whether negative
-        compliances are allowed. The nodes of related models are derived from the nodes of the
-        largest of these models.
+        computed only once. Models are related if they differ only in the following three ways:
+
+        - how compliances change with force;
+        - which alternative explanations of such a change they contain (for example joints that
+        deflect under their own load);
+
+        - whether negative compliances are allowed.
+
+        The nodes of related models are derived from the nodes of the largest of these models.
         """
         keys = [model_to_toml(model) for model in models]
         models_by_key = dict(zip(keys, models, strict=True))
@@ -262,10 +266,10 @@ def _largest_first(model: HybridModel) -> list[int]:
 def _key_of_related_models(model: HybridModel) -> str:
     """Return a key that related models share: the TOML text of what they have in common.
 
-    The text describes a simplified model: with constant compliances, without alternative
-    explanations (effects that look like a change of compliance with force), and without the
-    condition that compliances are not negative. Models with the same text can share the calculation
-    of their nodes (weighted values of the hyper-parameters).
+    The text describes a simplified model. Its compliances are constant and may be negative, and it
+    has no alternative explanations (effects that look like a change of compliance with force).
+    Models with the same text can share the calculation of their nodes (weighted values of the
+    hyper-parameters).
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -333,12 +337,12 @@ def left_out_log_densities(
 ) -> dict[str, Array]:
     """Return the log density of the readings of every test given the readings of the other tests.
 
-    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
-    tests, and Z(y_−r) the evidence for the readings of all tests except r. Nodes are weighted
-    values of the hyper-parameters, from which an evidence follows. ``nodes_by_model`` gives Z(y);
-    its keys are the names of the models. ``left_out_nodes`` gives Z(y_−r); the first key is the
-    name of the model, the second key the name of test r. The result holds an array of shape
-    (tests,) for each model. If no test was left out for a model, its array is empty.
+    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r). Here Z(y) is the evidence for the readings of all
+    tests, and Z(y_−r) that for the readings of all tests except r. Nodes are weighted values of the
+    hyper-parameters, from which an evidence follows. ``nodes_by_model`` gives Z(y); its keys are
+    the names of the models. ``left_out_nodes`` gives Z(y_−r); the first key is the name of the
+    model, the second key the name of test r. The result holds an array of shape (tests,) for each
+    model. If no test was left out for a model, its array is empty.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():

@@ -39,11 +39,11 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 # prior. The sensitivity states how much the posterior moves if the prior density is raised to a
 # power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# If a test fails the posterior predictive check of a Fourier order, the failure matters if leaving
-# the test out changes any parameter by more than this number of standard uncertainties.
+# A failing posterior predictive check of a Fourier order matters if leaving out the test changes
+# any parameter by more than this number of standard uncertainties.
 _LARGEST_SHIFT = 0.5
-# If a test fails the posterior predictive check of its noise, the failure matters if the noise
-# found in the readings would widen any parameter's credible interval by more than this fraction.
+# A failing posterior predictive check of a test's noise matters if the noise found in the readings
+# would widen any parameter's credible interval by more than this fraction.
 _LARGEST_WIDENING = 0.1
 # Number of posterior draws from which the root-mean-square residual and the fitness of each test
 # (see `FitQuality`) are computed.

@@ -98,10 +98,10 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
 
     The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The keys are
     the names of the compliances, as in `force_curves`. For an average over models, the prior draws
-    come from all models, including the models with constant compliances. Draws that include the
-    effect of the term `JointLoad` (joints that deflect under their own load) are then picked at
-    random, with a probability equal to the fraction of the models that have this term. The result
-    is empty if the prior is flat or if all tests have the same force.
+    come from all models, including the models with constant compliances. Some of the models may
+    have the term `JointLoad` (joints that deflect under their own load). Its effect is included in
+    the same fraction of the draws, which are picked at random. The result is empty if the prior is
+    flat or if all tests have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N

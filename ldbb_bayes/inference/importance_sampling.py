@@ -32,13 +32,13 @@ _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between the
 # randomised sequences gives the error of an integral.
 _SCRAMBLES = 8
-# Number of points that each randomised Sobol sequence (of quasi-random points) gives in the first
-# round of sampling: ``_POINTS_PER_DIMENSION`` times the number of dimensions, but at least
-# ``_FEWEST_POINTS``, rounded up to a power of two.
+# In the first round of sampling, each randomised Sobol sequence (of quasi-random points) gives at
+# least ``_FEWEST_POINTS`` points, and at least ``_POINTS_PER_DIMENSION`` points for each dimension.
+# The number is rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# The number of points at the start of a round of importance sampling is this many times the number
-# at the start of the round before, unless the largest number allowed is smaller.
+# Each round of importance sampling starts with more points than the round before, usually by this
+# factor. The factor is smaller if there would be too many points.
 _GROWTH = 4
 # For each component of the mixture from which points are drawn, a component is added that is wider
 # by the factor ``_WIDE``. Without the wider components, points in the tails could get very large
@@ -61,9 +61,9 @@ _VERY_EFFICIENT = 0.7
 # beginning another round is then cheaper.
 _REACHABLE = 2.0
 # A proposal (the density from which points are drawn) is fitted to weighted points. In h
-# dimensions, the weights must have an effective sample size of at least this number times h + 1, or
-# of a third of the number of points if that is smaller. Weights with a smaller effective sample
-# size are first made more equal: they are raised to a power below one.
+# dimensions, the effective sample size of the weights must be at least this number times h + 1. A
+# third of the number of points also suffices. Weights with a smaller effective sample size are
+# first made more equal: they are raised to a power below one.
 _FITTED_PER_DIMENSION = 40.0
 # A proposal (the density from which points are drawn) is fitted to points with importance weights.
 # If a few weights dominate, all weights are made more equal by raising them to a power. The power

@@ -47,9 +47,8 @@ _OF_PLAIN_ERROR = 0.5
 # If the Pareto shape k̂ of the weights of a random sample is above this value, the error of an
 # integral from the sample is enlarged.
 _HEAVY_TAIL_K = 0.4
-# If the Pareto shape k̂ of the weights of a random sample of points exceeds ``_HEAVY_TAIL_K``, the
-# error of the integral that is computed from these points is multiplied by 1 + (k̂ −
-# ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
+# If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
+# the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
 # An integral is computed as a sum over the nodes (points) of a lattice. The share of the integral
 # from the region beyond the outermost nodes is taken to be at most this multiple of the share that
@@ -124,9 +123,9 @@ class Integral:
     #: of its nodes was last reduced [nat]. Zero if the spacing was not reduced, and for a random
     #: sample.
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] that arises if the density f was evaluated only at some of the nodes
-    #: (points) and inferred at all others (`density_ratio`); zero if the density was evaluated at
-    #: all nodes
+    #: error of ln ∫ f [nat] that arises because the density f was evaluated only at some of the
+    #: nodes (points) and inferred at all others, see `density_ratio`. Zero if it was evaluated at
+    #: all nodes.
     ratio_error: float = 0.0
 
     @cached_property
@@ -185,11 +184,11 @@ class Integral:
     def _lattice_error(self) -> float:
         """Return the error of the log integral ln ∫ f from the two grids of a lattice [nat].
 
-        The error is the sum of two parts: the error of the mean of the two grids (see
-        `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes
-        (points). The first part follows from the difference between the log integrals from the two
-        grids. A small difference may be due to chance. The difference is therefore taken to be at
-        least 0.35 times its value before the spacing of the nodes was last reduced.
+        The error is the sum of two parts. One is the error of the mean of the two grids (see
+        `_LARGEST_LINEAR`). The other is the share of the integral that may lie beyond the outermost
+        nodes (points). The first part follows from the difference between the log integrals from
+        the two grids. A small difference may be due to chance. The difference is therefore taken to
+        be at least 0.35 times its value before the spacing of the nodes was last reduced.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))

@@ -27,14 +27,14 @@ __all__ = ["grow_lattice"]
 # A coarse lattice of points is used if the error allowed in the logarithm of an integral [nat] is
 # at least this value; if a smaller error is required, a fine lattice is used.
 _LOOSE_TOLERANCE = 1e-2
-# First step (spacing of the points) of a coarse lattice, in units of the standard deviation of the
-# Gaussian that is fitted to the density to be integrated at its highest mode.
+# First step (spacing of the points) of a coarse lattice. The unit is the standard deviation of a
+# Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# A fine lattice begins with this fraction of the step (spacing of the points) with which the integral
-# of a Gaussian density would have just the error that is allowed.
+# A fine lattice begins with this fraction of the step (spacing of the points) with which the
+# integral of a Gaussian density would have just the error that is allowed.
 _STEP_MARGIN = 0.93
-# Points are added to a coarse lattice until the logarithm of the density to be integrated at its
-# outermost points is lower than the highest log density by this number [nat].
+# Points are added to a coarse lattice until the log density at its outermost points is lower than
+# the highest log density by this number [nat].
 _LOOSE_DEPTH = 9.0
 # Points are added to a fine lattice until the log density at its outermost points is lower than the
 # highest log density by this number plus ln(1 / tolerance) [nat]. The tolerance is the error
@@ -167,8 +167,8 @@ def _grid_coordinates(centre: Array, cell: Array, places: Array) -> Array:
 class _Grid(NamedTuple):
     """Nodes (points) of one of the two regular grids that form a lattice, and the density there."""
 
-    #: positions of the n nodes (points) of a grid in h dimensions, relative to the centre of the
-    #: lattice and in multiples of the steps of the grid, shape (n, h)
+    #: positions of the n nodes (points) of a grid in h dimensions, shape (n, h). They are relative
+    #: to the centre of the lattice, in multiples of the grid's steps.
     places: Array
     #: logarithm of the density to be integrated, at the n nodes (points) of a grid, shape (n,)
     log_density: Array

@@ -10,9 +10,9 @@ If truncation is active, β is restricted to A β ≥ 0; the elements of A β ar
 must not be negative. The density of a parameter β_j given φ is then no longer Gaussian. A further
 condition makes the density simple again: all combinations of parameters that are independent of β_j
 keep the values that they have in the draw of β. Under this condition, β can change only in the
-direction of column V_j of V, and β_j has the density N(m_j, V_jj), truncated at the two values
-beyond which an element of A β would be negative. These truncated Gaussians are the components of
-the mixture.
+direction of column V_j of V. The density of β_j is N(m_j, V_jj), truncated at the two values beyond
+which an element of A β would be negative. These truncated Gaussians are the components of the
+mixture.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class _Truncation(NamedTuple):
     #: means in standard deviations
     high: Array
     #: −1 for a Gaussian that is truncated to an interval in its upper tail, otherwise 1. With −1,
-    #: the mirror image of the interval in the lower tail is used, because cumulative probabilities
-    #: in the upper tail are so close to one that their difference would be inaccurate.
+    #: the mirror image of the interval in the lower tail is used. Cumulative probabilities in the
+    #: upper tail are so close to one that their difference would be inaccurate.
     sign: Array
     #: probability, before truncation, that a Gaussian variable is below the interval to which it is
     #: truncated. If ``sign`` is −1, it is the probability that the variable is above the lower

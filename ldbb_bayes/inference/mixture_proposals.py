@@ -134,9 +134,9 @@ def _side_masses(scale: Array, freedom: Array) -> Array:
     """Return the integral of each side of a split Student-t density that is one at z = 0.
 
     The density is not normalised. The integral is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz
-    over the values of the coordinate z on one side of 0. ``scale``, ``freedom`` (degrees of
-    freedom) and the result have the same shape, usually (2, h): both sides, along each of h
-    directions.
+    over the values of the coordinate z on one side of 0. ``freedom`` holds the degrees of freedom.
+    ``scale``, ``freedom`` and the result have the same shape, usually (2, h) for the two sides
+    along each of h directions.
     """
     log_height = gammaln(freedom / 2.0) - gammaln((freedom + 1.0) / 2.0)
     return np.asarray(0.5 * scale * np.sqrt(freedom * np.pi) * np.exp(log_height))
@@ -340,8 +340,8 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     """Fit a split Student-t distribution along each of h directions.
 
     A split Student-t has different scales and degrees of freedom below and above the coordinate
-    ``offset``. The distribution is fitted to n points: ``z``, shape (n, h), holds their coordinates
-    along each direction, and ``weight``, shape (n, h), their weights, which sum to one for each
+    ``offset``. The distribution is fitted to n points. ``z``, shape (n, h), holds their coordinates
+    along each direction. ``weight``, shape (n, h), holds their weights, which sum to one for each
     direction. ``freedoms`` holds the degrees of freedom that are tried for each side. The fit
     alternates between the scales and the degrees of freedom.
     """

@@ -70,8 +70,8 @@ _BELOW_MODE = 4.0
 # lower than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
-# The search for a maximum of the posterior density of the hyper-parameters with one hyper-parameter
-# held near zero ends when a step increases the log density by at most this value [nat].
+# Maxima of the posterior density are also sought with one hyper-parameter held near zero. Such a
+# search ends when a step increases the log density by at most this value [nat].
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from coarse nodes [nat].
@@ -95,10 +95,10 @@ _FINEST_TOLERANCE = 1e-3
 # quasi-random points. The points differ between nodes, so that the errors cancel in the mean over
 # hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
-# Two errors add to the error of the log evidence: the error of the integral over the nodes
-# (weighted values of the hyper-parameters), and the error of the probability that no compliance is
-# negative. If the first error is within the tolerance, but the sum of both is not, new nodes are
-# computed with the tolerance multiplied by this factor.
+# The error of the log evidence is the sum of two errors: that of the integral over the nodes
+# (weighted values of the hyper-parameters), and that of the probability that no compliance is
+# negative. If the first error is within the tolerance but the sum is not, new nodes are computed
+# with the tolerance multiplied by this factor.
 _NODES_SHARE = 0.7
 # The probability that no compliance is negative is first averaged over ``_FEWEST_PICKED`` nodes
 # (values of the hyper-parameters). As long as the error of the average is too large, the number of
@@ -147,8 +147,8 @@ class HyperPosterior:
     bound : BoundModel
         The model of the campaign.
     truncated : bool
-        Whether the density is multiplied by P(T | y, φ), the probability, given y and φ, of the
-        condition T that no compliance is negative. This argument may differ from what the model
+        Whether the density is multiplied by P(T | y, φ). This is the probability, given y and φ, of
+        the condition T that no compliance is negative. The argument may differ from what the model
         requires.
     seed : int
         Seed of the starting points of the search for modes, and of the quasi-random points from
@@ -189,8 +189,8 @@ class HyperPosterior:
 
         The density is taken in normal scores of the h hyper-parameters, coordinates in which most
         of the priors are standard normal (`normal_scores`). Negligible modes are left out. Each
-        mode is described by a pair of arrays: its scores, shape (h,), and a square root, shape (h,
-        h), of the inverse of minus the Hessian of the log density at the mode.
+        mode is described by two arrays. The first, shape (h,), holds its scores. The second, shape
+        (h, h), is a square root of the inverse of minus the Hessian of the log density at the mode.
         """
         summits: list[Array] = []
 
@@ -269,8 +269,8 @@ class HyperPosterior:
         the error allowed in the logarithm of the integral of the density [nat], which is the log
         evidence. If the nodes do not reach this tolerance, their ``error`` is larger.
 
-        If ``truncated`` of this object is True, the density includes, as a factor, the probability,
-        given φ, that no compliance is negative. First, nodes for the density that allows negative
+        If ``truncated`` of this object is True, a factor of the density is the probability, given
+        φ, that no compliance is negative. First, nodes for the density that allows negative
         compliances are computed, and their weights are multiplied by this probability. If these
         nodes miss the tolerance, a second set of nodes is computed, for a density with an upper
         bound of the probability as its factor. In the weights of this set, the bound is then
@@ -424,9 +424,9 @@ class HyperPosterior:
 
         P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
         ``free``, shape (n, h), holds the values of the h hyper-parameters in unbounded coordinates
-        (mostly ln(value − lower bound)). The error of the mean is twice the standard error that
-        follows from the scatter of P(T | y, φ) between these values, plus the mean numerical error
-        of P(T | y, φ). ``tolerance`` is the error allowed in ln P(T | y) [nat].
+        (mostly ln(value − lower bound)). The error of the mean is twice the standard error, plus
+        the mean numerical error of P(T | y, φ). The standard error follows from the scatter of P(T
+        | y, φ) between these values. ``tolerance`` is the error allowed in ln P(T | y) [nat].
         """
         log_values = []
         errors = []
@@ -555,9 +555,9 @@ class HyperPosterior:
         are left out. The posterior density may extend far towards zero in one hyper-parameter, and
         the other hyper-parameters there may have other values than at the mode. The proposal (the
         density from which points are drawn) covers this region if it is also fitted at these
-        maxima. Each maximum is described by a pair of arrays: its h normal scores (coordinates in
-        which most of the priors are standard normal), shape (h,), and a square root, shape (h, h),
-        of the inverse of minus the Hessian of the log density there.
+        maxima. Each maximum is described by two arrays. The first, shape (h,), holds its normal
+        scores, coordinates in which most of the priors are standard normal. The second, shape (h,
+        h), is a square root of the inverse of minus the Hessian of the log density there.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -636,10 +636,10 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
     no compliance is negative. The probability is an integral of the Gaussian density of the
     parameters; ``orthant`` holds this density for every node. ``tolerance`` is the error allowed in
-    the logarithm of the mean of P over many nodes [nat], and ``seed`` is the seed of the
-    quasi-random points from which P is computed. The error that all nodes may have in common is
-    allowed to be a quarter of the tolerance. The random errors, which differ between nodes and
-    cancel in the mean, are allowed to be larger.
+    the logarithm of the mean of P over many nodes [nat]. ``seed`` is the seed of the quasi-random
+    points from which P is computed. The error that all nodes may have in common is allowed to be a
+    quarter of the tolerance. The random errors, which differ between nodes and cancel in the mean,
+    are allowed to be larger.
     """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
@@ -760,11 +760,11 @@ class Nodes:
     def meet(self, tolerance: float) -> bool:
         """Return whether the error of the log evidence is small enough for the tolerance [nat].
 
-        The error of the integral over the nodes (weighted values of the hyper-parameters) must not
-        exceed the tolerance minus the truncation error, which is the error of the log probability
-        that no compliance is negative. If the truncation error is half the tolerance or more, finer
-        nodes would hardly help; the error of the integral may then be as large as the tolerance
-        itself.
+        The error of the log evidence has two parts: the error of the integral over the nodes
+        (weighted values of the hyper-parameters), and the truncation error, which is that of the
+        log probability that no compliance is negative. Their sum must not exceed the tolerance. If
+        the truncation error is half the tolerance or more, finer nodes would hardly help; the error
+        of the integral may then be as large as the tolerance itself.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -775,8 +775,8 @@ class Nodes:
         """Log evidence ln Z = ln ∫ p(y | φ) p(φ) dφ, for readings y and hyper-parameters φ.
 
         φ are the hyper-parameters, such as the standard deviation of the noise. If compliances must
-        not be negative (truncation), ln P(T | y) − ln P(T) is added, where P(T | y) and P(T) are
-        the posterior and the prior probability that no compliance is negative.
+        not be negative (truncation), ln P(T | y) − ln P(T) is added. P(T | y) and P(T) are the
+        posterior and the prior probability that no compliance is negative.
         """
         log_value = self.integral.log_integral
         if self.posterior.truncated:

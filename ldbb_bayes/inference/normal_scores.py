@@ -1,8 +1,8 @@
 """Normal scores: coordinates in which integrals over the hyper-parameters are computed.
 
 The hyper-parameters φ are quantities such as the standard deviation of the noise. The normal score
-z of a value of a hyper-parameter is defined by Φ(z) = P, where P is the prior probability of
-smaller values and Φ the standard normal distribution function. The logarithm of a scale that the
+z of a value of a hyper-parameter is defined by Φ(z) = P. P is the prior probability of smaller
+values, and Φ is the standard normal distribution function. The logarithm of a scale that the
 readings hardly determine extends far towards minus infinity, with an exponential tail. The normal
 score of such a scale, in contrast, has a Gaussian tail. In normal scores, the posterior of φ
 therefore resembles a Gaussian more closely, and an integral over φ needs fewer nodes (weighted
@@ -45,11 +45,11 @@ class NormalScores:
 
     The normal score of a hyper-parameter φ is a coordinate in which its prior is standard normal.
     Unbounded coordinates, here called free, are defined by `HyperPrior`; most of them are ln(φ −
-    lower bound). Two kinds of hyper-parameters have truncated normal priors between bounds a and b:
-    scales that are lengths, for which b is infinite, and decays (powers by which form error falls
-    with its order). These k hyper-parameters are transformed to their normal scores. All other
-    hyper-parameters are factors on the noise of single circles, whose logarithms serve as scores.
-    Arrays of points have the shape (..., h).
+    lower bound). Two kinds of hyper-parameters have truncated normal priors between bounds a and b.
+    The first kind are scales that are lengths, for which b is infinite. The second kind are decays,
+    the powers by which form error falls with its Fourier order. These k hyper-parameters are
+    transformed to their normal scores. All other hyper-parameters are factors on the noise of
+    single circles, whose logarithms serve as scores. Arrays of points have the shape (..., h).
     """
 
     prior: HyperPrior
@@ -191,10 +191,11 @@ class NormalScores:
         Of the h hyper-parameters, k have truncated normal priors, with lower bounds a and upper
         bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded
         coordinates, mostly ln(value − lower bound). The result is a tuple of two arrays, each of
-        shape (..., k): log probabilities of the intervals from a to the values, and of the
-        intervals from the values to b. They are computed as if the prior density in the whole
-        interval were as large as at the bound, and are therefore accurate only for short intervals.
-        If b is infinite, the log probability of the interval up to b is replaced by infinity.
+        shape (..., k). The first holds log probabilities of the intervals from a to the values, the
+        second those of the intervals from the values to b. They are computed as if the prior
+        density in the whole interval were as large as at the bound, and are therefore accurate only
+        for short intervals. If b is infinite, the log probability of the interval up to b is
+        replaced by infinity.
         """
         lower, upper = self._bounds
         restricted = free[..., self._has_normal_prior]

@@ -206,9 +206,9 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     Raises
     ------
     InputError
-        For a file that is missing, damaged (its digest then differs), not written by this package,
-        or written by another version of this package, and for a file with a fit of another edition
-        of the default model.
+        If the file is missing, damaged, or not written by this version of the package, or if it
+        holds a fit of another edition of the default model. The digest shows whether a file is
+        damaged.
 
     Examples
     --------
@@ -428,8 +428,9 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
     """Return the key of a posterior's campaign in the cache of campaigns.
 
-    The key consists of two parts: the entry ``campaign`` of the posterior's record (the JSON text
-    that states how the posterior was made), and the angles and readings of the campaign.
+    The first part of the key is the entry ``campaign`` of the posterior's record, the JSON text
+    that states how the posterior was made. The second part is the angles and readings of the
+    campaign.
     """
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
@@ -555,9 +556,10 @@ def curves_of(
     ``force_N``, shape (n,), holds the forces F [N]. C(F) is computed from the compliance at the
     reference force and its slopes (changes with force); see `compliance_curves`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
-    several models, the draws are in the order of `model_draws_of`: draws of models with the same
-    alternative explanations (effects that look like a change of compliance with force) are next to
-    each other. ``seed`` determines the random draws of effects that are not among the parameters.
+    several models, the draws are in the order of `model_draws_of`. Draws of models with the same
+    alternative explanations (effects that look like a change of compliance with force) are then
+    next to each other. ``seed`` determines the random draws of effects that are not among the
+    parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [
@@ -580,9 +582,10 @@ def elastic_draws_of(
     ``circles`` holds the indices of the tests for whose circles the deflection is returned;
     ``force_N``, shape (n,), holds n forces of the bar [N]; see `elastic_draws`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
-    several models, the draws are in the order of `model_draws_of`: draws of models with the same
-    alternative explanations (effects that look like a change of compliance with force) are next to
-    each other. ``seed`` determines the random draws of effects that are not among the parameters.
+    several models, the draws are in the order of `model_draws_of`. Draws of models with the same
+    alternative explanations (effects that look like a change of compliance with force) are then
+    next to each other. ``seed`` determines the random draws of effects that are not among the
+    parameters.
     """
     rng = np.random.default_rng(seed)
     by_model = [
