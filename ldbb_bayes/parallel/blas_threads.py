@@ -47,7 +47,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 @functools.cache
 def _loaded_libraries() -> ThreadpoolController:
-    """Return the libraries with threads that this process has loaded, such as BLAS.
+    """Return the multi-threaded libraries that this process has loaded, such as BLAS.
 
     The libraries are searched for only once, because the search takes milliseconds. NumPy and SciPy
     have loaded all their libraries before this function is called for the first time.

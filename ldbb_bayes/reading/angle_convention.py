@@ -317,7 +317,7 @@ def _is_mixed(text: str) -> bool:
 def _statement_about_angles(
     recording: Recording, source: str | CitedLine, text: str, is_header: bool
 ) -> _AngleStatement:
-    """Return the axis at which angles begin and the sense in which they run, as a text states them.
+    """Return where angles begin and in which sense they run, as stated by a text.
 
     ``text`` is a header, a line or a name, and ``source`` tells where it is, such as "line 3".
     ``is_header`` states whether the text is the header of the column of angles; a minus sign in

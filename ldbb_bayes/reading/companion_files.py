@@ -64,7 +64,7 @@ def holds_text_only(sheet: Sheet) -> bool:
     """Return whether a sheet holds text, and too few numbers for the readings of a circle.
 
     An example is a description of the measurement. The result is false for a sheet without rows,
-    such as that of a PDF file, because the content of this file is unknown.
+    such as the sheet of a PDF file, whose content is unknown.
     """
     n_lines = 0
     for _, text in sheet.texts(sheet.rows):

@@ -8,8 +8,8 @@ __all__ = ["without_kinds_of_samples"]
 
 # Regular expression for the first line of a file in the format TOA5.
 _FIRST_LINE = re.compile(r'\s*"?TOA5"?,')
-# Index of the line that states how each column was sampled, such as "Smp" or "Avg", in a file in
-# the format TOA5.
+# Index, in a file in the format TOA5, of the line with words such as "Smp" or "Avg", which state
+# how each column was sampled.
 _LINE_OF_SAMPLES = 3
 
 

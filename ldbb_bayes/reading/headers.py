@@ -328,7 +328,7 @@ def _scaled_units(headers: Sequence[str], units_below: Sequence[str]) -> dict[in
 
 
 def _find_block(sheet: Sheet, layout: Layout) -> int:
-    """Return the index of the row of a sheet at which the numbers of its table begin.
+    """Return the index of the row at which the numbers of a sheet's table begin.
 
     The table begins at the first nine successive rows that have the same number of cells and at
     least two numbers each. At the end of the sheet, two to eight such rows are enough. A table with
@@ -361,8 +361,8 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 def _is_block(sheet: Sheet, start: int) -> bool:
     """Return whether the numbers of a table begin at the row with the index ``start``.
 
-    They do if this row and the next eight rows have the same number of cells and at least two
-    numbers each. At the end of the sheet, fewer rows are enough.
+    This is the case if this row and the next eight rows have the same number of cells and at least
+    two numbers each. At the end of the sheet, fewer rows are enough.
     """
     width = len(sheet.rows[start].cells)
     if heads_loads(sheet.rows[start].cells):

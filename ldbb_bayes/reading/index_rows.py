@@ -1,7 +1,7 @@
 """Headers of several rows with a separate row for the name of the index, as pandas writes them.
 
-The index is the first column of a table, or its first columns; usually it holds the angles. Each
-row of the header above the name of the index is called a level. In the header with the rows
+The index consists of the first column or columns of a table; usually it holds the angles. Each row
+of the header above the name of the index is called a level. In the header with the rows
 ``,100 N,100 N``, ``,CW,CCW`` and ``angle_deg,,``, the first two rows are levels, and the third
 names the index. In a workbook, equal names next to each other are one merged cell, of which only
 the first cell holds the name.
@@ -31,9 +31,9 @@ def with_index_names(sheet: Sheet) -> Sheet:
 
     For example, the rows ``,100 N,300 N``, ``,dev_um,dev_um`` and ``angle_deg,,`` become the row
     ``angle_deg,100 N dev_um,300 N dev_um``. The last row of the header must name only the first
-    column, or the first columns, as ``angle_deg,,`` does; any other sheet is returned unchanged. If
-    all cells of a column hold the same direction of travel, the column is removed. The direction is
-    added to the headers of the columns in the same group, such as all columns below ``100 N``.
+    column or columns, as ``angle_deg,,`` does. Any other sheet is returned unchanged. If all cells
+    of a column hold the same direction of travel, the column is removed. The direction is added to
+    the headers of the columns in the same group, such as all columns below ``100 N``.
     """
     rows = [_with_unit_of_loads(row) for row in sheet.rows[:LONGEST_OVERVIEW]]
     rows += sheet.rows[LONGEST_OVERVIEW:]
@@ -72,8 +72,8 @@ def _with_unit_of_loads(row: Row) -> Row:
 def _count_index_names(row: Row, above: Row, below: Row) -> int:
     """Return how many columns of a table's index a row names; zero for any other row.
 
-    The index is the first column of the table, or its first columns, such as the angles. The row
-    must hold nothing but names of these columns. The row ``above`` it must have names in all other
+    The index consists of the first column or columns of the table, such as the angles. The row must
+    hold nothing but names of these columns. The row ``above`` it must have names in all other
     columns, and the row ``below`` it must have numbers.
     """
     width = len(below.cells)
@@ -98,7 +98,7 @@ def _hold_units(cells: Sequence[str]) -> bool:
 def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
     """Return whether texts may be names for a table's index, rather than units below names.
 
-    The index is the first column of the table, or its first columns, such as the angles. ``above``
+    The index consists of the first column or columns of the table, such as the angles. ``above``
     are the cells above the texts. If these cells are not empty, one of the texts must name angles
     or times.
     """

@@ -103,8 +103,8 @@ def _quantities() -> dict[str, _Quantity]:
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
-        # ``words.toml`` may state the name of a role, such as force, instead of a list of units;
-        # it stands for all units of force
+        # Instead of a list of units, ``words.toml`` may state the name of a role, such as force,
+        # which stands for all units of force
         if isinstance(units, str):
             units = UNITS[units]
         # The table of units states the sizes of units of length in µm. The entry ``one`` of a
@@ -190,8 +190,8 @@ _BAR_AND_NUMBER = re.compile(
 )
 # Regular expression for the end of a unit such as mm/min.
 _PER_MINUTE = re.compile(r"/\s?min\b", re.IGNORECASE)
-# Regular expression for words that mean the ball bar. It serves to remove these words from a line
-# before words for other balls are looked for.
+# Regular expression for words that mean the ball bar. These words are removed from a line before it
+# is searched for words that mean other balls.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 # Fields that state the load of a test: its force and its pressure.
 _LOADS = ("force_N", "pressure_bar")
@@ -261,7 +261,7 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _numbers_stated(
     text: str, line: int | str, is_extended: bool
 ) -> Iterator[tuple[str, LineStatement]]:
-    """Yield each field, such as ``radius_mm``, for which a line states a number, and this number.
+    """Yield each field, such as ``radius_mm``, together with the number that a line states for it.
 
     A line that gives the force as a function of the pressure states neither force nor pressure.
     ``line`` is the number of the line. ``is_extended`` says whether the bar has an extension.

@@ -289,7 +289,7 @@ class Hysteresis(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient of hysteresis, made from the coefficient's name.
+        """Return words for a coefficient of hysteresis, given its name.
 
         For example, hysteresis_cos2 is described as "hysteresis (cos 2θ)".
         """
@@ -418,7 +418,7 @@ class Drift(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a drift coefficient, made from the coefficient's name.
+        """Return words for a drift coefficient, given its name.
 
         For example, drift_time_length is described as "drift of the bar's length over time".
         """

@@ -90,7 +90,7 @@ class BarLength(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a bar-length coefficient, made from the coefficient's name.
+        """Return words for a coefficient of the bar's length error, given its name.
 
         For example, bar_length_150 is described as "bar length at R = 150 mm".
         """
@@ -175,7 +175,7 @@ class Mount(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient of this term, made from the coefficient's name.
+        """Return words for a coefficient of the mount's deflection, given its name.
 
         For example, the coefficient ``mount`` is described as "mount deflection".
         """

@@ -175,7 +175,7 @@ class JointLoad(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient of the nonlinear deflection, made from its name.
+        """Return words for a coefficient of a nonlinear deflection, given its name.
 
         For example, joint_load_X_contact is described as "contact of axis X under its own load".
         """
@@ -251,7 +251,7 @@ class Position(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the description of a coefficient of this term, made from the coefficient's name.
+        """Return words for a change of compliance along an axis, given the coefficient's name.
 
         For example, position_X_linear is described as "linear change of the compliance along X".
         """
