@@ -74,8 +74,8 @@ class Degeneracy:
     #: ``combination``. If a term is missing, its effect is not included in the credible intervals
     #: of the parameters.
     modelled: bool
-    #: whether a certificate or the user states the standard uncertainty of every nuisance
-    #: coefficient in ``combination``; false if one of these uncertainties has its default value
+    #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
+    #: by a certificate or by the user; false if one of them is only assumed
     stated: bool
     #: size of the degeneracy: root sum of squares of the changes of its coefficients, where each
     #: change is divided by the prior standard deviation of the coefficient

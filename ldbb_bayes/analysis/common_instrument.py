@@ -76,7 +76,7 @@ class _Campaign(NamedTuple):
 def joint_difference(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array]
 ) -> JointDifference:
-    """Return the difference of the parameters of two campaigns run with the same instrument.
+    """Return how the parameters differ between two campaigns run with the same instrument.
 
     Parameters
     ----------

@@ -90,9 +90,8 @@ _QUALITY_DRAWS = 1000
 # Together, their weights are at most the fraction ``_NEGLIGIBLE_WEIGHT`` of the sum of all weights.
 # ``_MOMENT_POINTS`` is the number of quasi-random points from which means and variances are
 # computed if no compliance may be negative. ``_MOMENT_NODES`` is the largest number of nodes. If
-# there are more nodes, ``_MOMENT_NODES`` of them are picked at random with probabilities
-# proportional to their weights. This causes an error of about 1 % of the posterior standard
-# deviation.
+# there are more nodes, ``_MOMENT_NODES`` of them are picked in proportion to their weights. This
+# causes an error of about 1 % of the posterior standard deviation.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 _MOMENT_NODES = 512

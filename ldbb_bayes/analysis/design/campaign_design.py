@@ -191,7 +191,7 @@ class Design(Forecast):
     shares: Records
     #: expected standard deviation of each parameter for a design in equal steps of force. All tests
     #: of this design have the first of the radii and the first of the clockings (pairs of ball
-    #: angles) that were given to `design`. The keys are the names of the parameters.
+    #: angles) to choose from. The keys are the names of the parameters.
     baseline: dict[str, Expected]
     #: designs that are compared with this one: a design in equal steps of force, and the campaigns
     #: that were given to `design` as ``against``

@@ -178,7 +178,7 @@ class CampaignFamily:
         )
 
     def minutes(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
-        """Return the machine time of ``tests`` [min] for the times that ``costs`` states."""
+        """Return the machine time of ``tests`` [min], computed from the times in ``costs``."""
         return minutes_of(costs, tests)
 
     def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:

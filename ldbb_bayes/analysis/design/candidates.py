@@ -214,8 +214,8 @@ def bind_tests(
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
     from the pilot. The model also has the parameters that only the pilot's tests can determine,
-    even if these tests are left out. An exception is hysteresis: whether it is in the model depends
-    only on the directions of travel of those tests to which the model is applied.
+    even if these tests are left out. An exception is hysteresis, whose coefficients depend on the
+    directions of travel: the directions of pilot tests that are left out do not count.
 
     Parameters
     ----------

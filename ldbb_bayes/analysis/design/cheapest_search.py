@@ -75,7 +75,7 @@ class FoundCampaign:
     #: the campaign as a plan: its tests in the order in which to run them, and the instrument with
     #: its certificates
     plan: Campaign
-    #: standard uncertainties of the parameters that are expected on every possible machine
+    #: standard uncertainties to expect for the parameters on every possible machine
     stated: StatedByMachines
 
     def price(self, costs: Costs) -> float:
@@ -238,8 +238,8 @@ def find_cheapest(
             break
         entry = heapq.heappop(queue)
         progress = entry.progress
-        # The queue holds the families of campaigns that are still searched. A family goes back into
-        # the queue unless the search has found a campaign of the family that meets the goals for
+        # The queue holds the families of campaigns that are still searched. A family leaves the
+        # queue when the search has found a campaign of the family that meets the goals for
         # uncertainties, or has shown that there is none.
         if not progress.started:
             goes_on = search.start(progress)
@@ -302,8 +302,8 @@ class _Search:
         # forecast than in a quick forecast (with known hyper-parameters). The smallest value is
         # used for a family that has no full forecast yet.
         self._inflation = np.inf
-        #: whether, with the largest number of circles allowed, all goals for uncertainties are
-        #: reached in at least one family of campaigns (same ball angles, radii and certificates)
+        #: whether all goals for uncertainties are reached in at least one family of campaigns (same
+        #: ball angles, radii and certificates) with the largest number of circles allowed
         self.is_reachable = False
         #: campaign that comes nearest to the goals for uncertainties without reaching them: the one
         #: that meets all goals on the largest share of the possible machines. Only the largest

@@ -78,7 +78,7 @@ class Costs(Result):
 
 
 def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
-    """Return the machine time of ``tests`` [min] for the times that ``costs`` states.
+    """Return the machine time of ``tests`` [min], computed from the times in ``costs``.
 
     The machine time does not depend on the order of the tests.
     """

@@ -115,7 +115,7 @@ class Variance:
 
 @dataclass(frozen=True)
 class LogBayesFactor:
-    """Criterion Φ: expected log Bayes factor in favour of whichever of two models is true.
+    """Criterion Φ: expected log Bayes factor of two models in favour of the true one.
 
     In one model, the s parameters of interest are free; in the other, they are zero. Both models
     are equally probable before the tests. B is the Bayes factor of the model with free parameters
@@ -152,12 +152,13 @@ class LogBayesFactor:
     def directions(self, root: Array) -> Array:
         """Return Q, shape (..., s, s), with Q Qᵀ = ∂Φ/∂S for the expected log Bayes factor Φ.
 
-        Φ is the expected log Bayes factor in favour of whichever of two models is true: in one, the
-        s parameters of interest are free; in the other, they are zero. S is the precision of these
-        parameters, in units of their prior precision; without readings, S is the identity. ``root``
-        is the Cholesky factor of S, shape (..., s, s). The columns of Q are the eigenvectors of S,
-        each multiplied by √(dΦ/dμ), where μ is the eigenvalue of S that belongs to the eigenvector.
-        The leading dimensions (...) run over designs or values of the hyper-parameters.
+        Φ is the expected log Bayes factor of two models in favour of the true one: in one model,
+        the s parameters of interest are free; in the other, they are zero. S is the precision of
+        these parameters, in units of their prior precision; without readings, S is the identity.
+        ``root`` is the Cholesky factor of S, shape (..., s, s). The columns of Q are the
+        eigenvectors of S, each multiplied by √(dΦ/dμ), where μ is the eigenvalue of S that belongs
+        to the eigenvector. The leading dimensions (...) run over designs or values of the
+        hyper-parameters.
         """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)

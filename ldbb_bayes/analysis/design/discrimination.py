@@ -83,7 +83,7 @@ def discrimination_of(
     threshold: float = DECISIVE,
     seed: int = 1,
 ) -> Discrimination:
-    """Return the expected log Bayes factor of slopes and the probabilities of decisive evidence.
+    """Return the expected log Bayes factor for slopes, and the probabilities of decisive evidence.
 
     Slopes are the changes of the compliances with force. B is the Bayes factor of the model with
     the slopes over the model without slopes.
@@ -162,7 +162,7 @@ def discrimination_of(
 
 @dataclass(frozen=True, eq=False)
 class _LogBayesFactorDistribution:
-    """Distribution of the log Bayes factor of slopes over no slopes, ½ (ln det C + Σ z²).
+    """Distribution of the log Bayes factor in favour of slopes, ½ (ln det C + Σ z²).
 
     Slopes are changes of compliance with force. C is the posterior covariance of the s slopes, for
     each of K values of the hyper-parameters, in units of the slopes' prior standard deviations. The

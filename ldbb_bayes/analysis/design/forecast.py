@@ -404,7 +404,7 @@ def expected_uncertainties(
 def stated_variances(
     bound: BoundModel, states: States, covariance: Array, *, truncated: bool = True
 ) -> Array:
-    """Forecast the posterior variances of the parameters from analyses of planned tests.
+    """Forecast the posterior variances that analyses of planned tests would give.
 
     A state is one possible machine. States in which a compliance is negative at a force of the new
     tests are left out, unless no state would remain. For every remaining state, possible results of

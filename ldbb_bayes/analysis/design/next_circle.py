@@ -67,8 +67,7 @@ _MOST_CIRCLES = 20
 # The uncertainty after very many circles is computed as if each of the best next circles were run
 # this number of times.
 _VERY_MANY = 1e6
-# Number of possible next circles that the result of the choice of the next circle lists, the best
-# first.
+# Number of possible next circles that the result lists, the best first.
 _LISTED = 5
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9
@@ -438,7 +437,7 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, with their progress towards the campaign's aims.
+    """Return a table of the best next circles, and how much nearer to its aims the campaign gets.
 
     ``order`` are the indices of the best circles among the possible circles, the best first.
     ``distance_now`` is the campaign's present total distance from all aims (`total_distance`).
