@@ -29,7 +29,7 @@ _LARGEST_GAP_STEPS = 5.0
 # Times are evenly spaced if no step differs from the median step by more than this fraction of
 # the median step.
 _EVEN_SHARE = 0.5
-# A note on a clock that was set back lists at most this number of the steps back in time.
+# A note on a clock that was set back lists at most this number of steps back in time.
 _ROWS_SHOWN = 5
 
 

@@ -280,7 +280,7 @@ class _SheetColumns:
         return statements
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return the different words in the column of directions of travel, with their first lines.
+        """Return the words in the column of directions, with the line in which each first appears.
 
         The keys of the returned dict are the words; the values are the numbers of the lines in
         which they first appear. An empty cell counts as the word "". If the column holds both

@@ -47,14 +47,13 @@ _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x2
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Separators of cells in a text file that seldom occur inside a cell.
 _SURE = (";", "\t", "|")
-# `_separator_score` computes a score of how well a character separates the cells of a text file. If
-# a character in ``_SURE``, such as the semicolon, has a score above this value, blanks are not
-# tried as separators.
+# Score (see `_separator_score`) above which a character such as the semicolon is taken as the
+# separator of a text file. Blanks are then not tried.
 _SURE_SCORE = 1.3
 # Number of lines of a text file that are used to compare the possible separators of cells.
 _SAMPLE_LINES = 200
-# The possible separators of cells are listed in order of preference in ``_SEPARATORS``. A later one
-# is chosen only if its score exceeds that of an earlier one by more than this value.
+# Among the possible separators of cells, an earlier one in ``_SEPARATORS`` is preferred. A later
+# one is chosen only if its score exceeds that of an earlier one by more than this value.
 _SCORE_MARGIN = 0.02
 
 
@@ -170,10 +169,10 @@ def _with_plain_cells(sheet: Sheet) -> Sheet:
 
 
 def _find_separator(lines: Sequence[str]) -> str:
-    """Return the character that most probably separates the cells of a text file.
+    """Return the character that probably separates the cells of a text file.
 
-    This character splits most lines into the same number of cells, and many of these cells are
-    numbers. The first third of the lines is not considered, because it may precede the table. If no
+    This character splits most lines into the same number of cells, many of which are numbers. The
+    first third of the lines is not considered, because these lines may stand above the table. If no
     character splits the lines, the comma is returned.
     """
     sample = [line for line in lines if line.strip()]
@@ -184,8 +183,8 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            # A separator such as the semicolon is almost certain. Blanks are then parts of cells,
-            # as in "100 N".
+            # The separator is almost certain, for example a semicolon. Blanks are then parts of
+            # cells, as in "100 N".
             continue
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:

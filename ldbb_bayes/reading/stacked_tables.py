@@ -43,8 +43,7 @@ _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
 # If only some values in a line above the first table also apply to a further table, these values
-# are written anew for the further table, in these forms. The keys are the fields that have the
-# values.
+# are repeated above the further table in these forms. The keys are the fields of the values.
 _STATED_AS = {
     "plane": "plane {}",
     "radius_mm": "radius {:g} mm",
@@ -56,11 +55,11 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     """Return the tables that stand below each other in a sheet, each as a separate sheet.
 
     A repeated header begins a further table in three cases: if a line such as ``Direction: CCW``
-    stands above this header, if a line names another run, as in ``Run 2``, or if the first cell
+    stands above it, if a line above it names another run, as in ``Run 2``, or if the first cell
     below it is the same as in the first table, such as 0°. Any other repeated header is removed,
-    together with a page number and a repeated title above it, and the table continues below the
-    header. A line above the first table also applies to a further table, unless the lines above the
-    further table state the same field.
+    together with a page number and a repeated title above it, and the table continues. A line above
+    the first table also applies to a further table, unless a line above the further table states
+    the same property, such as the force.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -126,14 +125,14 @@ def first_header(rows: Sequence[Row]) -> int | None:
     """Return the index of the first header of a table; None if there is no header.
 
     A header names columns, and one of the two rows below it holds numbers. A line of dashes below
-    the header is not counted. A row that states loads or directions for the columns, or a row that
-    is followed by a header of angles and readings, is not the header.
+    the header is not counted as one of these rows. A row is not a header if it states loads or
+    directions for the columns, or if the row below it names angles and readings.
     """
     for k in range(len(rows) - 1):
         cells = rows[k].cells
         if not (names_columns(cells) and any(names_any_role(cell) for cell in cells)):
             continue
-        # The row above the header may look like a header, for example a row of loads.
+        # A row above the header, for example a row of loads, may look like a header.
         if _describes_columns(cells) or _names_circle(rows[k + 1].cells):
             continue
         if any(count_numbers(row.cells) >= 2 for row in _rows_below(rows, k)):
@@ -175,10 +174,10 @@ def _describes_columns(cells: Sequence[str]) -> bool:
 
 
 def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int:
-    """Return the index of the row below a repeated header and its rows of units or dashes.
+    """Return the index of the row below a repeated header, after its rows of units or dashes.
 
-    Such rows below the header are recognised because they are equal to the rows below the first
-    header. ``first_header`` and ``header`` are the indices of the two headers among the rows.
+    A row of units or dashes is recognised because the same row stands below the first header.
+    ``first_header`` and ``header`` are the indices of the two headers among the rows.
     """
     n_repeated = 1
     while first_header + n_repeated < header and header + n_repeated < len(rows):
@@ -202,10 +201,10 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 
 
 def _name_another_run(sheet: Sheet, lines: Sequence[Row], further_lines: Sequence[Row]) -> bool:
-    """Return whether lines above a header name another run than the lines above a table.
+    """Return whether the lines above a further header name another run than those above a table.
 
     A line names a run if it consists of a word such as "Run" and a number. ``further_lines`` are
-    the lines above the header, and ``lines`` those above the table.
+    the lines above the further header, and ``lines`` those above the table.
     """
     names = [text.strip() for _, text in sheet.texts(lines)]
     for _, text in sheet.texts(further_lines):
@@ -226,8 +225,8 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
 
     A title differs from a line above the first table only in its numbers or by a word such as
     "continued". For example, ``Test 7, page 2`` repeats the title ``Test 7, page 1``. A line that
-    states a field other than a time is not a title. If there is such a line, a further test begins
-    here, and lines that state a time are kept as well.
+    states a property of a test other than its time, such as the force, is not a title. It shows
+    that a further test begins here; lines that state a time are then kept as well.
 
     Parameters
     ----------
@@ -265,9 +264,9 @@ def lines_that_still_apply(sheet: Sheet, first: Sequence[Row], lines: Sequence[R
     """Return the lines above the first table that also apply to a further table.
 
     ``first`` are all lines above the first table, and ``lines`` are the lines above the further
-    table. If ``lines`` state a field anew, the statement of this field in ``first`` does not apply;
-    the other statements in the same line do. For example, the date in front of each line of a log
-    does not apply if ``lines`` state another date, but the text after it does.
+    table. If ``lines`` state a field (such as the force) anew, its value in ``first`` does not
+    apply, but other values in the same line do. For example, a line of ``first`` may begin with a
+    date. If ``lines`` state another date, only the text after this date applies.
     """
     stated = _keys_of(sheet, lines)
     lines_that_apply = []
@@ -283,11 +282,11 @@ def lines_that_still_apply(sheet: Sheet, first: Sequence[Row], lines: Sequence[R
 
 
 def _without_fields(text: str, fields: Set[str]) -> str:
-    """Return a line without its statements of some ``fields``; all other statements are kept.
+    """Return a line without what it states about ``fields``, such as the force; the rest is kept.
 
     A segment of the line that states one of the fields is left out. If it also states another
-    field, as in ``238 N in plane ZX``, a segment such as ``plane ZX`` is added. The result is empty
-    if nothing remains.
+    field, as in ``238 N in plane ZX``, the value of this field is added as ``plane ZX``. The result
+    is empty if nothing remains.
     """
     if "time" in fields:
         text = without_stamps(text)
@@ -296,8 +295,8 @@ def _without_fields(text: str, fields: Set[str]) -> str:
         if not _keys_of_text(segment) & fields:
             segments.append(segment.strip())
     remaining = "; ".join(segments)
-    # Two segments of a line may state a field together, as in "Operator;Meier". If they still state
-    # one of the unwanted fields, nothing of the line is kept.
+    # Two segments of a line may state a field only together, as in "Operator;Meier". If the
+    # remaining segments together state one of ``fields``, none of them is kept.
     if _keys_of_text(remaining) & fields or not re.search(r"[^\W\d_]", remaining):
         remaining = ""
     restated = _restated(text, fields | _keys_of_text(remaining))
@@ -343,9 +342,9 @@ def _keys_of_text(text: str) -> set[str]:
 def named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
     """Return the tables that stand below each other in a sheet, each as a named sheet.
 
-    The name consists of the name of the sheet or file and the direction of travel that is stated
-    above the table. If the directions do not distinguish the tables, the numbers of the tables are
-    used in place of the directions. ``tables`` holds the rows of each table.
+    A table is named after its sheet or file and after the direction of travel that is stated above
+    the table. If the directions do not distinguish the tables, the tables are numbered instead.
+    ``tables`` holds the rows of each table.
     """
     names = []
     for number, rows in enumerate(tables, start=1):

@@ -29,8 +29,8 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# If times of day without dates span more than this [s], the campaign is assumed to have run across
-# midnight, unless it would then have lasted longer than ``_NIGHT_S``.
+# If times of day without dates span more than this [s], the tests are assumed to have been run
+# across midnight, but not if they would then span more than ``_NIGHT_S``.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
 # Longest duration of a campaign that is assumed to have run across midnight [s].
 _NIGHT_S = 6 * 3_600.0
@@ -42,9 +42,8 @@ _LIST_SHOWN = 200
 # Options by which the user can replace the start times of tests. If the files state start times,
 # notes name these options.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
-# Options by which the user can state the order of the tests. If the files state no start times,
-# notes name these options. Without such an option, the tests are assumed to have been run in the
-# order in which they are listed.
+# Options by which the user can state the order of the tests. Notes name these options if the files
+# state no start times, because the tests are then assumed to have been run as listed.
 _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 
@@ -53,7 +52,8 @@ class _Start(NamedTuple):
 
     title: str  # name of the test that began at this time
     stamp: Timestamp  # date, time of day, or both, at which the test began
-    source: str | CitedLine  # what states when the test began, for notes, such as "line 3"
+    # place that states when the test began, as notes name it, such as "line 3"
+    source: str | CitedLine
     # header of the column that states when the test began; empty if a line or a name states it
     column: str = ""
 
@@ -63,8 +63,8 @@ class _Times(NamedTuple):
 
     # time from the earliest start of all tests to the start of each test [s], shape (tests,)
     seconds: Array | None
-    # reason why the times are not known; if they are known, a note on how an ambiguous date was
-    # read, or an empty text
+    # reason why the times are not known. If they are known, the text says how an ambiguous date was
+    # read; it is empty if no date is ambiguous
     reason: str | CitedLine
 
 
@@ -74,10 +74,10 @@ def take_start_times(
     """Set the field ``time_s`` of every test to its start time, counted from the first test [s].
 
     Start times are the dates and times that columns, lines above the tables, and names of files
-    state. They are used, and noted, only if they are known for all tests and no test states the
-    field ``time_s``. If start times are not known for all tests, the tests are assumed to have been
-    run in the order in which they are listed. This assumption is noted with the reason, unless the
-    user gives an order or says that there is no drift.
+    state. They are used, and noted, only if they are known for all tests and if neither the user
+    nor a column states ``time_s``. If start times are not known for all tests, the tests are
+    assumed to have been run in the order in which they are listed. This assumption is noted with
+    the reason, unless the user gives an order or says that there is no drift.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def _states_time(recording: Recording) -> bool:
 
 
 def _start_of_test(recording: Recording) -> _Start | None:
-    """Return the start time of a test from the most reliable source; None if none states a time.
+    """Return the start time of a test from the most reliable source; None if nothing states it.
 
     The sources are columns, lines above the table, and the names of the test and its file. A time
     of day without a date gets the date that another source states.
@@ -165,7 +165,7 @@ def _start_of_test(recording: Recording) -> _Start | None:
 
 
 def _rank_of_source(start: _Start) -> Rank:
-    """Return how reliable the place that states the start of a test is; lower is more reliable.
+    """Return the rank of the place that states the start of a test; lower is more reliable.
 
     For example, a column of times has a lower rank than the name of a file.
     """
@@ -236,11 +236,11 @@ def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
 
 
 def _times_across_midnight(seconds: Array) -> Array:
-    """Return times [s] since the earliest start, computed from times of day without dates.
+    """Return the times [s] from the earliest start to each start, from times of day without dates.
 
     ``seconds`` are the times of day [s], shape (tests,). If they span more than twelve hours, the
-    tests may have been run across midnight. The times before the largest gap are then moved to the
-    next day, but only if all times then span at most six hours.
+    tests may have been run across midnight. In this case, the times before the largest gap are
+    moved to the next day, provided that all times then lie within six hours.
     """
     span = np.ptp(seconds)
     if span > _LONG_CAMPAIGN_S:
@@ -256,10 +256,9 @@ def _times_across_midnight(seconds: Array) -> Array:
 def _times_from_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     """Return the times [s] from the earliest start to each start, from timestamps with dates.
 
-    Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
-    lead to different times, the order is used for which all tests start within 24 hours. If both or
-    neither of the orders satisfy this condition, or if neither order makes all dates valid, the
-    result states that the times are not known.
+    Dates such as 03/04/2026 may have the day or the month first. If both orders give valid dates
+    but different times, the order is used in which all tests start within 24 hours. The times are
+    not known if this is true of both orders or of neither, or if no order makes all dates valid.
     ``seconds`` are the times of day [s], shape (tests,). ``stamps`` holds the timestamp of each
     test.
     """
@@ -314,9 +313,9 @@ def _first_ambiguous_date(stamps: Sequence[Timestamp]) -> str:
 def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> None:
     """Add the start times of the tests, and the sources of these times, to the log.
 
-    Further notes are added if the tests are not listed in the order of their times, and if the
-    first and the last test are more than a day apart. ``starts`` holds the start of each test with
-    its source, and ``times`` the times from the earliest start to each start.
+    A further note is added if the tests are not listed in the order of their times, and another if
+    the first and the last test are more than a day apart. ``starts`` holds the start of each test
+    with its source, and ``times`` the times from the earliest start to each start.
     """
     seconds = np.asarray(times.seconds)
     in_order = np.argsort(seconds, kind="stable").tolist()

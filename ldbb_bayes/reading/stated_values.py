@@ -1,8 +1,8 @@
 """Load, radius, feed and direction of travel of a test, from all sources.
 
-Values that the user or a column states are trusted. If another source contradicts such a value, a
-note is made. Values in lines above a table and in names of files are less reliable: their use is
-noted, and an `InputError` is raised if they contradict each other.
+Values that the user or a column states are trusted. If another source contradicts such a value, the
+contradiction is noted. Values in lines above a table and in names of files are less reliable. Their
+use is noted, and an `InputError` is raised if they contradict each other.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
 
-# Two lines of a file that state a quantity, such as the radius, agree if the relative difference of
-# their values is at most this number.
+# If two lines of a file state a quantity, such as the radius, their values agree if the relative
+# difference is at most this number.
 _ROUNDED_IN_LINE = 1e-3
-# If one of two values of a quantity is from the name of a file, sheet or test, the values agree if
-# their relative difference is at most this. Values in names are often rounded.
+# Values in the names of files, sheets and tests are often rounded. Such a value agrees with another
+# value of the quantity if their relative difference is at most this number.
 _ROUNDED_IN_NAME = 0.02
 # The forces (or the pressures) in all rows of a test count as equal if they agree within this
 # relative tolerance.
@@ -60,9 +60,9 @@ class _Evidence(NamedTuple):
     """Value of a quantity of a test, with the line, name or column that states it."""
 
     value: float  # stated value of the quantity; NaN if the number can be read in two ways
-    source: str | CitedLine  # what states the value, as messages name it, such as "line 3"
-    # the value may be rounded: two stated values of the quantity are taken as equal if their
-    # relative difference is at most this number
+    source: str | CitedLine  # place that states the value, as messages name it, such as "line 3"
+    # largest relative difference from another value of the quantity at which both are taken as
+    # equal, because the values may be rounded
     tolerance: float
     # reason why the stated value of the quantity is NaN; empty if the reason is only that a comma
     # or point in the number may separate thousands
@@ -138,12 +138,12 @@ def _agrees(evidence: _Evidence, value: float) -> bool:
 def _certain_evidence(
     recording: Recording, key: str, column_value: float | None
 ) -> list[_Evidence]:
-    """Return the values that the user and a column of the table state for a quantity.
+    """Return the values of a quantity that the user and a column of the table state.
 
-    The value that takes precedence is first. For a radius, the value of the column takes
-    precedence; for any other quantity, the value of the user does. ``key`` is the field of the
-    quantity, such as radius_mm; ``column_value`` is the value of its column, or None. ``recording``
-    holds the rows of the test in its file, and all statements about the test.
+    The value that takes precedence comes first. For a radius, this is the value of the column; for
+    any other quantity, it is the value of the user. ``key`` is the field of the quantity, such as
+    radius_mm; ``column_value`` is the value of its column, or None. ``recording`` holds the rows of
+    the test in its file, and all statements about the test.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -166,11 +166,10 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     """Return the values of a quantity that are stated in lines above the table or in names.
 
     Such values are used only if neither the user nor a column states the quantity. ``key`` is the
-    field of the quantity, such as force_N. The values in lines come first; among them, doubtful
-    values are last. They are followed by the values in names of test, column, sheet and file. For a
-    radius, the radii of arcs in G-code are added at the end. The feed in G-code is used only if no
-    other line states a feed. ``recording`` holds the rows of the test in its file, and all
-    statements about the test.
+    field of the quantity, such as force_N. Values in lines come first, doubtful ones after certain
+    ones. The values in the names of test, column, sheet and file follow. For a radius, the radii of
+    arcs in G-code are added at the end. The feed in G-code is used only if no other line states a
+    feed. ``recording`` holds the rows of the test in its file, and all statements about the test.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -196,8 +195,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
     """Return the radii of arcs that are programmed by G-code in lines above the table.
 
-    The list is empty if one of these radii agrees with a radius in ``evidence``, because all other
-    arcs are then paths to the circle and away from the circle.
+    ``evidence`` holds the radii from other sources. If one of the arcs has such a radius, it is the
+    circle, and the other arcs are paths to and from it. The list is then empty.
     """
     programmed = []
     for statement in recording.statements.get("programmed_radius_mm", ()):
@@ -263,12 +262,12 @@ def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict
 
 
 def _constant_load(recording: Recording, key: str) -> float | None:
-    """Return the force [N] or pressure [bar] of a test from its column; None without such a column.
+    """Return the force [N] or pressure [bar] of a test from its column; None if there is no column.
 
-    If the values in the column vary as measured values do (see `_is_measured`), the result is their
-    mean, which is noted. Raise an `InputError` if the values are not equal and do not vary as
-    measured values do. ``key`` is force_N or pressure_bar. ``recording`` holds the rows of the test
-    in its file, and all statements about the test.
+    If the values in the column vary like measured values (see `_is_measured`), the result is their
+    mean, which is noted. If they vary in another way, an `InputError` is raised. ``key`` is force_N
+    or pressure_bar. ``recording`` holds the rows of the test in its file, and all statements about
+    the test.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
@@ -300,8 +299,8 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
     """Return the advice to a user whose file has rows of one test with different loads.
 
-    The column of the loads may itself name the tests, if rows with the same load follow each other
-    and all have the same direction. ``key`` is force_N or pressure_bar.
+    If rows with the same load follow each other, and all rows have the same direction, the advice
+    is to take the loads as the names of the tests. ``key`` is force_N or pressure_bar.
     """
     header = recording.heading.headers[recording.heading.roles[LOAD_ROLES[key]]]
     is_one_direction = len(recording.direction_words) < 2
@@ -318,9 +317,9 @@ def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
 def _advice(recording: Recording, usual_advice: str) -> str:
     """Return the advice to a user whose file has rows of one test with different forces.
 
-    The rows may also differ in direction. The usual advice does not help if the tests are
-    identified by two columns together, but the user states only one of them as the column that
-    names the tests. In all other cases, ``usual_advice`` is returned.
+    The rows may also differ in direction. If two columns together identify the tests, but the user
+    states only one column of test names, the advice is to leave this option out. In all other
+    cases, ``usual_advice`` is returned.
     """
     headers = recording.numbering_headers
     if not headers or "test" not in recording.layout.columns:
@@ -330,10 +329,10 @@ def _advice(recording: Recording, usual_advice: str) -> str:
 
 
 def _advice_on_directions(recording: Recording) -> str:
-    """Return advice for the error message if rows of one test state different directions.
+    """Return the advice to a user whose file has rows of one test with different directions.
 
-    Another column may hold the names of the tests, so that all rows with the same name have the
-    same direction. The advice is then to state that this column names the tests.
+    If all rows with the same cell in another column have the same direction, this column may name
+    the tests. The advice is then to state that this column names the tests.
     """
     if "test" not in recording.layout.columns:
         column = recording.heading.roles["direction"]
@@ -362,11 +361,11 @@ class _StatedSenses(NamedTuple):
     """Directions of travel, CW and CCW, that a source outside the table states."""
 
     senses: set[str]  # stated directions of travel: CW, CCW, both or none
-    source: str | CitedLine  # what states the direction of travel, such as "line 3"
+    source: str | CitedLine  # place that states the direction of travel, such as "line 3"
 
 
 def _directions_above(recording: Recording) -> _StatedSenses:
-    """Return the directions of travel that are stated outside the table, from the first source.
+    """Return the directions of travel from the first source outside the table that states any.
 
     The sources are tried in this order: lines above and below the table together with names of
     files, G-code in lines above the table, and sheets without a table. If G-code or sheets without
@@ -391,8 +390,8 @@ def _source_of_direction(recording: Recording) -> str:
     """Return a text for messages that says where the direction of travel is stated.
 
     The text names a list of tests on another sheet, a line above or below the table, or the name of
-    the test. In ``recording``, an entry of a list of tests is stored with the lines above the
-    table, but with a text such as "3 of notes.txt" in place of the line number.
+    the test. The ``recording`` stores the entries of such a list among the lines above the table.
+    In place of the line number, they have a text such as "3 of notes.txt".
     """
     for line, text in recording.heading.lines_above:
         if directions_stated([(line, text)]):
@@ -422,9 +421,9 @@ def direction_of(recording: Recording) -> str | None:
     The sources of the direction are tried in this order: the user, the column of directions, lines
     above and below the table and names of files, G-code in lines above the table, sheets without a
     table. The first source that states a direction is used. G-code and sheets without a table that
-    state both directions are ignored. If another source states both directions, or if the column
-    has a word that means neither of them, an `InputError` is raised. ``recording`` holds the rows
-    of the test in its file, and all statements about the test.
+    state both directions are ignored. If another source states both directions, an `InputError` is
+    raised. It is also raised if the column has a word that means neither direction. ``recording``
+    holds the rows of the test in its file, and all statements about the test.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

@@ -19,13 +19,13 @@ __all__ = [
     "words_among_numbers",
 ]
 
-# The label of a row of statistics consists of words from this set, such as "mean".
+# The name of a statistic, such as the mean, consists of words from this set.
 _WORDS = frozenset(WORDS["statistics"]["words"].split())
-# Words which mean a row of statistics if a cell consists of such a word alone.
+# Words which show, if they are the whole text of a cell, that its row holds a statistic.
 _SURE_WORDS = frozenset(WORDS["statistics"]["sure"].split())
 # Words, such as "gain", which mean that a row states how the readings are to be converted.
 _CONVERSIONS = frozenset(WORDS["statistics"]["conversion"].split())
-# A column is one of numbers if at least this share of its filled cells are numbers.
+# A column holds numbers if at least this fraction of its filled cells are numbers.
 _SHARE_OF_NUMBERS = 0.9
 # Regular expression for a word of at least three letters at the beginning of a cell.
 _FIRST_WORD = re.compile(r"\W*[^\W\d_]{3,}")
@@ -34,8 +34,8 @@ _FIRST_WORD = re.compile(r"\W*[^\W\d_]{3,}")
 def statistics_among(cells: Sequence[str]) -> list[int]:
     """Return the indices of the cells of a column that name a statistic, such as "mean".
 
-    The list is empty if all cells of the column name a statistic, because the column then does not
-    distinguish some rows from the others.
+    The list is empty if all cells of the column name a statistic, because all rows are then of the
+    same kind.
     """
     statistics = [k for k, cell in enumerate(cells) if comparable(cell) in _SURE_WORDS]
     if len(statistics) == len(cells):
@@ -44,10 +44,10 @@ def statistics_among(cells: Sequence[str]) -> list[int]:
 
 
 def words_among_numbers(cells: Sequence[str]) -> list[int]:
-    """Return the indices of the cells of a column which show that their rows hold no readings.
+    """Return the indices of the cells of a column that mark their rows as rows without a reading.
 
-    These are words such as "gain" and "offset" in any column, and all words in a column that
-    otherwise holds numbers. A sign for a missing value is not a word. The list is empty if every
+    Such cells are words like "gain" and "offset". In a column of numbers without these words, all
+    other words are such cells; a sign for a missing value is not a word. The list is empty if every
     cell of the column is a word such as "gain".
     """
     conversions = [k for k, cell in enumerate(cells) if _names_conversion(cell)]
@@ -77,11 +77,11 @@ def _names_conversion(cell: str) -> bool:
 
 
 def label_of_statistics(row: Row, angle_column: int) -> str:
-    """Return the label of a row of statistics, such as "std. dev."; empty for any other row.
+    """Return the name of the statistic in a row, such as "std. dev."; empty for a row of readings.
 
-    The label stands in the column of angles or times, whose index is ``angle_column``, or else in
-    the filled cells before the first number. A row with a number in that column is not a row of
-    statistics.
+    The name stands in the column of angles or times, whose index is ``angle_column``, or else in
+    the cells before the first number. A row with a number in the column of angles or times is not a
+    row of statistics.
     """
     angle = "".join(row.cells[angle_column : angle_column + 1])
     if looks_like_number(angle):
@@ -100,7 +100,7 @@ def label_of_statistics(row: Row, angle_column: int) -> str:
 
 
 def rows_of_statistics(rows: Sequence[Row], angle_column: int) -> list[Row]:
-    """Return the rows of statistics of a table, at its end or between groups of readings.
+    """Return the rows of a table that hold statistics, such as the mean, instead of readings.
 
     ``angle_column`` is the index of the column of angles or times.
     """

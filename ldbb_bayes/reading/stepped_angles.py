@@ -1,4 +1,4 @@
-"""Angles of a table without a column of angles, from lines that state their start and step.
+"""Angles of a table without a column of angles, from lines that state the first angle and the step.
 
 Such lines stand above the table. Apart from the readings, the table has at most a column that
 numbers the points.
@@ -37,8 +37,8 @@ _STEP = re.compile(
     re.IGNORECASE,
 )
 _NAMES_ANGLE = re.compile("angle|winkel|angular", re.IGNORECASE)
-# The end angle that a file states must be a whole number of steps after the start. A deviation of
-# less than this share of a step is allowed.
+# The last angle that a file states must be a whole number of steps away from the first angle. A
+# deviation of less than this fraction of a step is allowed.
 _EVEN_SHARE = 0.01
 
 
@@ -67,8 +67,9 @@ def may_be_stepped(recording: Recording) -> bool:
 def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     """Return the angles [deg] that lines above a table state, shape (n,), one for each reading.
 
-    The use of these lines is noted. Return None if no line states a step other than zero, or if a
-    column with the numbers 0, 1, 2 and so on agrees with the lines, so that it may hold the angles.
+    The use of these lines is noted. Return None if no line states a step other than zero. Also
+    return None if the table has a column with the numbers 0, 1, 2 and so on that may be the angles,
+    because it agrees with the lines.
 
     Parameters
     ----------
@@ -80,9 +81,9 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     Raises
     ------
     InputError
-        If a step is stated without a start, or an end without a step; if the step is positive and
-        the test is run CW, but no end is stated; if the test leaves out rows of the table; or if
-        the end does not agree with the number of readings.
+        If a step is stated without a start, or an end without a step. The error is also raised if a
+        test with the direction CW has a positive step but no stated end, if the test leaves out
+        rows of the table, or if the end does not agree with the number of readings.
     """
     start = _stated_angle(recording, _START)
     end = _stated_angle(recording, _END)
@@ -148,9 +149,9 @@ def _check_no_end(
 def _usual_step(range_deg: float, n_readings: int) -> float:
     """Return the most probable step [deg] from one angle to the next.
 
-    ``range_deg`` is the stated end of the angles minus their start. It is divided by the number of
-    readings, or by one less, because the end may be the angle of the last reading or one step
-    further. Of the two quotients, the one with fewer digits is returned.
+    ``range_deg`` is the stated last angle minus the first angle. The last angle may be that of the
+    last reading or lie one step further. The range is therefore divided by the number of readings
+    minus one, and by the number of readings. The quotient with fewer digits is returned.
     """
     steps = [range_deg / (n_readings - 1), range_deg / n_readings]
     return min(steps, key=lambda step: len(f"{step:g}"))
@@ -159,8 +160,8 @@ def _usual_step(range_deg: float, n_readings: int) -> float:
 def _start_before(end: _StatedAngle | None, step: _StatedAngle, n_readings: int) -> float:
     """Return the angle [deg] at which a circle probably starts, computed from its end.
 
-    The end may be the angle of the last of ``n_readings`` readings, or one step further. Of the two
-    possible starts, the one nearest to 0° is returned. Without a stated end, the start is 0°.
+    The end may be the angle of the last of ``n_readings`` readings, or lie one step further. Of the
+    two possible starts, the one nearer to 0° is returned. If no end is stated, the start is 0°.
     """
     if end is None:
         return 0.0
@@ -195,9 +196,9 @@ def _stated_angle(
 ) -> _StatedAngle | None:
     """Return the first angle that a line above the table states in words that match a pattern.
 
-    A line without a unit must name the angle, unless it is clear from other lines that the words
-    are about an angle (``is_of_angle``). ``pattern`` matches words such as "start", the number and,
-    if there is one, the unit.
+    A line without a unit must contain a word such as "angle", unless ``is_of_angle`` is true. This
+    means that other lines show that angles are stated. ``pattern`` matches words such as "start",
+    the number and, if there is one, the unit.
     """
     for line, content in recording.heading.lines_above:
         match = pattern.search(content[:LONGEST_TEXT])
@@ -219,7 +220,7 @@ def _stated_angle(
 def _check_readings_are_complete(
     recording: Recording, start: _StatedAngle, end: _StatedAngle | None, step_deg: float
 ) -> None:
-    """Raise an `InputError` if the readings do not fit start, step and end of the angles.
+    """Raise an `InputError` if the readings do not fit the stated start, step and end.
 
     No reading may be missing. The end must be the angle of the last reading, or one step further.
     ``start`` and ``end`` are the stated angles, and ``step_deg`` is the step [deg]; ``end`` is None

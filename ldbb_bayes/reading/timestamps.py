@@ -47,8 +47,8 @@ _HALF_DAY_IN_FRONT = re.compile(
 _DATE_WITH_WORDS = re.compile(
     rf"(?P<day>\d\d?) de (?P<month>{_MONTH}) del? (?P<year>\d{{4}})", re.I
 )
-# Regular expression for a date. The year has four digits; if it follows a point or a slash, it may
-# also have two digits.
+# Regular expression for a date. The year has four digits; after a point or a slash, it may also
+# have two.
 _DATE = (
     r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?"
     rf"|\d\d?\.\s?(?:\d\d?\.|{_MONTH})\s?(?:\d{{4}}|\d\d)(?!\d)"
@@ -86,7 +86,7 @@ _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
 
 
 class Rank(IntEnum):
-    """Places in a file that may state when a test was run, the most reliable first."""
+    """Kinds of places in a file that may state when a test was run, the most reliable first."""
 
     COLUMN = 0  #: the start time of a test is in the first row of a column of times
     START = 1  #: the start time of a test is in a line with a word such as "start"
@@ -172,7 +172,7 @@ def unread_stamp(text: str) -> str:
 
 
 def _in_numbers(text: str) -> str:
-    """Return a text with dates and times in forms that have only numbers and names of months.
+    """Replace dates and times in a text by forms that have only numbers and names of months.
 
     For example, ``2026年11月20日 14时3分`` becomes ``2026-11-20 14:03``.
     """
@@ -183,13 +183,13 @@ def _in_numbers(text: str) -> str:
 
 
 def _time_in_numbers(match: re.Match[str]) -> str:
-    """Return a matched time of day with marks, such as 14时3分, as ``14:03``."""
+    """Return a time of day with East Asian marks in the usual form: ``14:03`` for 14时3分."""
     parts = [part.zfill(2) for part in match.groups() if part]
     return ":".join(parts)
 
 
 def _time_with_half_day(match: re.Match[str]) -> str:
-    """Return a matched time after a word for the morning or afternoon with AM or PM behind it."""
+    """Return a time after a word for morning or afternoon as a time with AM or PM: ``2:03 PM``."""
     return f"{match['time']} {'AM' if match['morning'] else 'PM'}"
 
 
@@ -199,7 +199,7 @@ def without_stamps(text: str) -> str:
 
 
 def _rank_from_words(words: str) -> Rank | None:
-    """Return how reliable a timestamp is as the time of a test, judged by the words before it.
+    """Return how certainly a timestamp is the time of a test, judged by the words before it.
 
     ``words`` is the text before the timestamp. It begins at the previous timestamp in the line, or
     at the beginning of the line if there is none. The result is None if the words show that the
@@ -224,8 +224,8 @@ def _has_date_and_time(match: re.Match[str]) -> bool:
 def _is_duration(words: str, match: re.Match[str]) -> bool:
     """Return whether a timestamp may be a duration, such as ``Time: 00:01:28``.
 
-    A timestamp may be a duration if it has no date and its hour is zero, unless the ``words``
-    before it are about a start or a clock.
+    A timestamp may be a duration if it has no date and its hour is zero. It is not taken as a
+    duration if the ``words`` before it are about a start or a clock.
     """
     parts = _parts_of_stamp(match)
     if "date" in parts or int(parts["hours"]) > 0:
@@ -288,8 +288,8 @@ class _Dates(NamedTuple):
 def _dates_of(text: str) -> _Dates:
     """Return the two dates that a text such as 03/04/2026 may mean: day first, and month first.
 
-    Both dates are equal if the form of the text leaves no choice, as in 2026-11-20. A date that
-    does not exist is None.
+    Both dates are equal if day and month cannot be confused, as in 2026-11-20. A date that does not
+    exist is None.
     """
     open_date = _OPEN_DATE.fullmatch(text)
     if open_date is None:
@@ -302,7 +302,7 @@ def _dates_of(text: str) -> _Dates:
 
 
 def _certain_date(text: str) -> date | None:
-    """Return the date of a text whose form leaves no choice between day and month.
+    """Return the date that a text states in a form in which day and month cannot be confused.
 
     An example is 2026-11-20 or 20.11.26. Return None if the date does not exist.
     """
@@ -364,9 +364,9 @@ def _zone_of(text: str) -> float | None:
 def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
     """Return the timestamp in the first name that contains one; None if no name contains one.
 
-    A timestamp is a date (year, month, day) with a time of day, which may lack the seconds. A name
-    whose date or time does not exist is passed over. ``names`` are the names of a test and its
-    file, such as ``2026-11-20_14-03-12 36N``.
+    A timestamp is a date (year, month, day) with a time of day, with or without seconds. Names with
+    a date or time that does not exist are left out. ``names`` are the names of a test and its file,
+    such as ``2026-11-20_14-03-12 36N``.
     """
     for name in names:
         match = _STAMP_IN_NAME.search(name[:LONGEST_TEXT])
@@ -381,7 +381,7 @@ def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
 
 
 def epoch_stamp(header: str, text: str) -> Timestamp | None:
-    """Return the timestamp that a number of seconds or milliseconds since 1970 stands for.
+    """Return the timestamp for a cell that states a time as seconds or milliseconds since 1970.
 
     ``text`` is the first cell of a column, and ``header`` is the header of this column. Return None
     if the text is not such a number, or if the header does not say that the column holds the time

@@ -37,8 +37,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
 
-# Readings are taken as distances between the balls if their median differs from the nominal radius
-# by less than this [mm]. A bar cannot measure larger deviations from the radius.
+# A bar cannot measure a larger deviation from the radius than this [mm]. Readings are taken as
+# distances between the balls if their median differs from the nominal radius by less than this.
 _LARGEST_DEVIATION_MM = 1.5
 # Readings are probably distances between the balls, and not deviations from the radius, if their
 # median is larger than this [mm] and their scatter is small.
@@ -46,8 +46,7 @@ _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation is below this fraction of
 # their median.
 _SMALLEST_SCATTER = 0.01
-# Usual units of angles and readings. They are passed to `unit_size` if the import has assumed no
-# unit, because the user or the file states one. The function then uses the stated unit.
+# Usual units of angles and readings. They are not used if the user or the file states a unit.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
 # Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
@@ -79,8 +78,10 @@ class Trace(NamedTuple):
 class _Log(NamedTuple):
     """Angles and direction of travel of a test whose table has times instead of angles."""
 
-    angle_deg: Array  # angles of the m readings on the circle [deg], shape (m,)
-    on_circle: NDArray[np.bool_]  # whether each of the n readings is on the circle, shape (n,)
+    # angles of the m readings on the circle, without run-in and run-out [deg], shape (m,)
+    angle_deg: Array
+    # whether each of the n readings is on the circle, and not in the run-in or run-out, shape (n,)
+    on_circle: NDArray[np.bool_]
     direction: str  # direction of travel, CW or CCW; CCW if nothing states it
 
 
@@ -151,7 +152,7 @@ def _angles_of_column(recording: Recording, direction: str | None) -> Array:
     Angles are counted from the plane's first axis, counter-clockwise, and continue beyond 360°.
     Raise an `InputError` if there is no column of angles. ``recording`` holds the rows of the test
     in its file, and all statements about the test. ``direction`` is the stated direction of travel.
-    Lines above the table may state start and step of the angles instead of a column.
+    Instead of a column, lines above the table may state the first angle and the step of the angles.
     """
     raw = recording.numbers.get("angle")
     if may_be_stepped(recording):
@@ -196,25 +197,23 @@ def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
 def _unit_of_counts(n_turns: float) -> str:
     """Return the unit of angles in counts (steps of an encoder), such as ``0.01 deg``.
 
-    The unit is the decimal fraction of a degree with which the angles cover about one turn.
-    ``n_turns`` is the number of turns that the angles would cover if they were in degrees.
+    The unit is 0.1 deg, 0.01 deg and so on, so that the angles cover about one turn. ``n_turns`` is
+    the number of turns that the angles would cover if they were in degrees.
     """
     return f"{10.0 ** -max(1, round(np.log10(n_turns))):g} deg"
 
 
 def _plane_of(recording: Recording) -> str:
-    """Return the plane of a test: that of the test, or else of the campaign, or else XY."""
+    """Return the plane that a test states, or else the plane of the campaign, or else XY."""
     return recording.fields.get("plane") or recording.campaign.get("plane") or "XY"
 
 
 def _start_of_circle(recording: Recording, direction: str | None) -> float:
     """Return the angle [deg] at which the circle of a test with times instead of angles starts.
 
-    If the user or the file states a value for ``start_deg``, this value is returned. Otherwise the
-    angle is that of the axis which a line of the file names as the start, such as +X. If no line
-    names an axis, it is the angle at which the programme (such as G-code) in the file starts the
-    circle, and zero without a programme. ``direction`` is the stated direction of travel, CW or
-    CCW, or None.
+    The angle is taken from the first of four sources: a stated value of ``start_deg``; a line that
+    names an axis as the start, such as +X; a programme in the file, such as G-code; and zero.
+    ``direction`` is the stated direction of travel, CW or CCW, or None.
     """
     if quantity_of(recording, "start_deg") is None:
         plane = _plane_of(recording)
@@ -267,7 +266,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _missing_feed(recording: Recording) -> InputError:
-    """Return the error to raise for a table with times instead of angles, but without a feed.
+    """Return the error for a table with times instead of angles if the feed is not stated.
 
     If the table also has positions along two axes, the message says how to compute angles from
     them.
@@ -287,7 +286,7 @@ def _missing_feed(recording: Recording) -> InputError:
 
 
 def _check_no_direction(recording: Recording) -> None:
-    """Raise an error if lines seem to state the direction of travel, but it remains unknown.
+    """Raise an error if the direction of travel is unknown although lines seem to state it.
 
     The error is raised if a line about the direction is not understood, or if G-code in lines above
     the table programs circles in both directions. The direction must be known, because the angles
@@ -358,7 +357,7 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 
 
 def _kind_of_readings(recording: Recording, reading_um: Array) -> str:
-    """Return the kind of a test's readings: "deviation" or "distance".
+    """Return "deviation" or "distance", depending on what the readings of a test are.
 
     Readings are either deviations from the nominal radius, or distances between the balls. If the
     user does not state which, the median of the readings decides. Raise an `InputError` if the
@@ -369,7 +368,7 @@ def _kind_of_readings(recording: Recording, reading_um: Array) -> str:
     radius_mm = recording.radius_mm
     # Readings are either distances between the balls or deviations from the radius. ``is_near`` is
     # true if they can be distances on a circle with the nominal radius. ``is_far`` is true if they
-    # are too large for deviations, so that they are probably distances on a circle of any radius.
+    # are probably too large for deviations; they are then distances on a circle of any radius.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM
@@ -403,13 +402,12 @@ def _kind_of_readings(recording: Recording, reading_um: Array) -> str:
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return the angles and readings of a test. Laps are averaged if the layout says so.
 
-    A lap is one turn of the bar. Laps are averaged only if the angles cover at least 1.02 turns;
-    otherwise, or if the layout does not say that laps are averaged, all readings are kept. If the
-    angles cover as much and the layout says nothing about laps, a note says that they are kept, and
-    the layout to be saved for a later import states it. A contradiction between the angles and the
-    stated direction of travel is noted, or raises an `InputError`. ``recording``
-    holds the rows of the test in its file, and all statements about the test; ``trace`` holds the
-    angles and readings of the test.
+    A lap is one turn of the bar. If the angles cover less than 1.02 turns, nothing is averaged. If
+    they cover more and the layout says nothing about laps, all readings are kept. This is noted,
+    and stored in the layout for later imports. A contradiction between the angles and the stated
+    direction of travel is noted, or raises an `InputError`. ``recording`` holds the rows of the
+    test in its file, and all statements about the test; ``trace`` holds the angles and readings of
+    the test.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

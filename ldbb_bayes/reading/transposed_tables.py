@@ -1,7 +1,7 @@
 """Tables with one row for each circle, and with the angles in a row instead of a column.
 
-If the rows name the angle and the loads, the table is read; for any other such table, an error
-says how to turn it.
+If the first cells of the rows name the angle and the loads, the table is read. For any other such
+table, an error says how to exchange its rows and columns.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _ANGLE = re.compile(
 )
 # A row is taken to be a row of angles only if it holds at least this number of angles.
 _FEWEST_ANGLES = 18
-# Numbers in a row are angles of a circle only if their range (largest minus smallest number, plus
-# one step) lies between these limits. The first limits are for degrees and gon, the second for
-# radians.
+# Numbers in a row are angles of a circle only if the range that they cover (largest minus smallest
+# number, plus one step) lies between these limits. The first two limits are for degrees and gon,
+# the others for radians.
 _RANGES = ((180.0, 405.0), (3.0, 6.4))
 # Angles are evenly spaced if their steps agree within this fraction of a step.
 _EVEN_SHARE = 0.02
@@ -42,16 +42,16 @@ _FEWEST_OF_MATRIX = 4
 def with_circles_in_columns(sheet: Sheet) -> Sheet:
     """Return a sheet in which each circle has a column, if each circle had a row in the file.
 
-    The first cell of a row must name the angle, and the other cells of this row must be angles over
-    at least half a circle. There must be several rows below, and each of them must begin with its
-    load, such as ``36 N``. These rows become columns with their loads as headers; the lines above
+    In the file, the first cell of a row must name the angle, and the other cells of this row must
+    be angles over at least half a circle. Several rows must follow, each of which begins with its
+    load, such as ``36 N``. These rows become columns with the loads as headers; the lines above
     them are not changed. Any other sheet is returned unchanged.
 
     Raises
     ------
     InputError
-        If a row of angles begins with the name of the angle, but a row below it does not begin with
-        a load, and the first cells of these rows are no angles either.
+        If a row of angles begins with the name of the angle, but the rows below it do not all begin
+        with a load. No error is raised if these rows begin with angles.
     """
     for k, row in enumerate(sheet.rows[:LONGEST_OVERVIEW]):
         if not _names_row_of_angles(row.cells):
@@ -66,7 +66,7 @@ def with_circles_in_columns(sheet: Sheet) -> Sheet:
 
 
 def _names_row_of_angles(cells: Sequence[str]) -> bool:
-    """Return whether a row holds the name of the angle, and then only the angles of a circle."""
+    """Return whether a row names the angle and then holds only the angles of a circle."""
     if not cells or not has_role(unit_of(cells[0]).name, "angle"):
         return False
     angles = _angles_in(cells[1:])
@@ -81,9 +81,9 @@ def _is_load(label: str) -> bool:
 def _with_rows_as_columns(sheet: Sheet, first: int, labels: Sequence[str]) -> Sheet:
     """Return a sheet in which the rows of the table have become columns.
 
-    The line number of each new row is that of the row of angles plus the index of the angle,
-    counted from 1. ``first`` is the index of the row of angles, and ``labels`` are the first cells
-    of the rows below it.
+    Each new row holds one angle. Its line number is that of the row of angles plus the index of the
+    angle, counted from 1. ``first`` is the index of the row of angles, and ``labels`` are the first
+    cells of the rows below it.
     """
     turned = sheet.rows[first:]
     line = turned[0].line
@@ -107,10 +107,11 @@ def _with_rows_as_columns(sheet: Sheet, first: int, labels: Sequence[str]) -> Sh
 def _turned_units(
     units: Mapping[tuple[int, int], str], turned: Sequence[Row]
 ) -> dict[tuple[int, int], str]:
-    """Return the units of cells for a table whose rows become columns.
+    """Return the units of the cells of a table after its rows have become columns.
 
-    The keys of ``units`` are line numbers and indices of columns. ``turned`` are the rows of the
-    table; the first cells of these rows become headers, in which units are part of the text.
+    Each key holds the line number and the column index of a cell. ``turned`` are the rows of the
+    table. Their first cells become headers and have no units in the result, because units are part
+    of the text of a header.
     """
     first_line = turned[0].line
     columns = {row.line: k for k, row in enumerate(turned)}
@@ -135,7 +136,8 @@ def check_not_transposed(sheet: Sheet) -> None:
     ------
     InputError
         If one of the first 1000 rows ends with evenly spaced angles over at least half a circle, or
-        if the table is a matrix in which each angle is the sum of a row's and a column's number.
+        if the table is a matrix in which each angle is the sum of the number of a row and that of a
+        column.
     """
     _check_no_matrix(sheet)
     for row in sheet.rows[:LONGEST_OVERVIEW]:
@@ -150,10 +152,10 @@ def check_not_transposed(sheet: Sheet) -> None:
 
 
 def _check_no_matrix(sheet: Sheet) -> None:
-    """Raise an error for a matrix of readings whose angles are sums of two numbers.
+    """Raise an error for a matrix of readings in which each angle is the sum of two numbers.
 
-    One number stands above the column, and the other in front of the row, as in a table with a row
-    for every 10° and a column for every degree.
+    One number stands above the column of a reading, the other in front of its row. An example is a
+    table with a row for every 10° and a column for every degree.
     """
     for k, row in enumerate(sheet.rows[:LONGEST_OVERVIEW]):
         units = _angles_in(row.cells)
@@ -176,7 +178,7 @@ def _check_no_matrix(sheet: Sheet) -> None:
 
 
 def _continue_each_other(columns: Array, rows: Array) -> bool:
-    """Return whether sums of the numbers of rows and columns are evenly spaced.
+    """Return whether the sums of row numbers and column numbers are evenly spaced angles.
 
     ``columns`` are the numbers above the columns, shape (n,), and ``rows`` the numbers in front of
     the rows, shape (m,).

@@ -43,8 +43,8 @@ _ARC = re.compile(
 # grade of balls or the name of a product.
 _OTHER_ARC = re.compile(_WORDS["other_arc"], re.IGNORECASE)
 _SENSES_OF_ARCS = {"2": "CW", "3": "CCW"}
-# Meaning of the letters R and L in a column of directions. The letters have this meaning only if
-# the column holds both letters and no other text.
+# Meaning of the letters R and L in a column of directions, if the column holds both letters and no
+# other text.
 _SIDES_BY_LETTER = {"R": "right", "L": "left"}
 # Regular expression for a word for "direction", with the text that follows it.
 NAMES_DIRECTION = re.compile(_WORDS["after"], re.IGNORECASE)
@@ -127,10 +127,10 @@ def direction_named(word: str) -> str:
 
 
 def with_sides_in_full(cells: Sequence[str]) -> list[str]:
-    """Return the cells of a column of directions, with "right" for R and "left" for L.
+    """Replace R by "right" and L by "left" in the cells of a column of directions.
 
-    The letters are replaced only if the column holds both, and no other word. R alone may mean
-    another word, such as "reverse".
+    The letters are replaced only if the column holds both and nothing else, because R alone may
+    mean another word, such as "reverse".
     """
     letters = [cell.strip().upper() for cell in cells]
     if {letter for letter in letters if letter} != set(_SIDES_BY_LETTER):
@@ -168,8 +168,8 @@ def directions_stated(
 
     In a line, a direction is accepted if it follows a word such as "direction", if the line also
     has a word such as "run" or "measured", or if the line is nothing but the direction. The words
-    G2 and G3 are accepted anywhere in a line, except in blocks of G-code that program an arc,
-    because not all of these arcs are the measured circle.
+    G2 and G3 are accepted anywhere in a line. They are ignored in blocks of G-code that program an
+    arc, because not all of these arcs are the measured circle.
 
     Parameters
     ----------
@@ -196,9 +196,9 @@ def directions_stated(
 def _directions_in_segments(text: str) -> set[str]:
     """Return the directions of travel that a statement names: CW, CCW or both.
 
-    The statement is searched segment by segment. For example, the second segment of ``Force 238 N;
+    Each segment of the statement is searched. For example, the second segment of ``Force 238 N;
     travel clockwise`` names a direction. The result is empty for a statement about angles, because
-    a direction may then be the sense in which angles are counted.
+    the direction may be the sense in which they are counted.
     """
     directions: set[str] = set()
     if not _is_about_angles(text):
@@ -208,10 +208,11 @@ def _directions_in_segments(text: str) -> set[str]:
 
 
 def _segments_with_labels(text: str) -> list[str]:
-    """Return the segments of a line. A direction alone, such as CW, is joined to its label.
+    """Return the segments of a line, with a direction alone, such as CW, joined to its label.
 
-    In ``Spindle;CW``, the direction belongs to the spindle. In ``Force 238 N;CW``, the words in
-    front of the direction are a complete statement.
+    In ``Spindle;CW``, "Spindle" is the label of the direction, and the line remains one segment. In
+    ``Force 238 N;CW``, the words before the direction are a complete statement. The line is then
+    divided into two segments.
     """
     segments: list[str] = []
     for segment in segments_of_line(text):
@@ -224,11 +225,11 @@ def _segments_with_labels(text: str) -> list[str]:
 
 
 def _is_whole_statement(text: str) -> bool:
-    """Return whether a text in front of a direction, such as CW, is a statement of its own.
+    """Return whether the text before a direction, such as CW, is a statement of its own.
 
-    A statement of its own contains a number or a plane, but no word for angles or for anything else
-    that may have a direction, such as a spindle. A text such as "Spindle" is not a statement of its
-    own, because it only names what the direction belongs to.
+    The text "Spindle" is not a statement of its own, because it only says to what the direction
+    belongs. A statement of its own, such as "Force 238 N", contains a number or a plane. It
+    contains no word for angles or for anything else that may have a direction, such as a spindle.
     """
     has_value = re.search(r"\d|\b[XYZ]{2}\b", text) is not None
     is_about_others = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) or _ANGLES.search(text)
@@ -289,12 +290,12 @@ def _sense_beside_load(text: str) -> set[str]:
 
 
 def _is_about_angles_and_travel(text: str) -> bool:
-    """Return whether a text has a word for angles and one for another subject, such as travel."""
+    """Return whether a text has words both for angles and for another subject, such as travel."""
     return _ANGLES.search(text) is not None and _NO_ANGLES.search(text) is not None
 
 
 def _is_about_travel(text: str) -> bool:
-    """Return whether a line states the direction of travel without a word such as "direction"."""
+    """Return whether a line without the word "direction" may be about the direction of travel."""
     if _is_about_angles(text) or _OTHER_DIRECTION.search(text):
         return False
     return is_direction(text.strip(" .;,|\t")) or _TRAVEL.search(text) is not None
@@ -306,7 +307,7 @@ def _is_about_angles(text: str) -> bool:
 
 
 def _direction_after(text: str) -> set[str]:
-    """Return the directions, CW and CCW, that a text on the direction of travel states.
+    """Return the directions, CW and CCW, that a text about the direction of travel states.
 
     ``text`` is what follows a word such as "direction", or a whole statement about travel that
     contains no such word. The words G2 and G3 count as CW and CCW. If the text names both
@@ -326,10 +327,10 @@ def _direction_after(text: str) -> set[str]:
 
 
 def _senses_of_arcs(text: str) -> set[str]:
-    """Return the directions, CW and CCW, that the words G2 and G3 in a text mean.
+    """Return the directions, CW or CCW, for the words G2 and G3 in a text.
 
-    The result is empty for a block of G-code that programs an arc. A line that consists only of G2
-    or G3 also counts as such a block. The result is also empty if the words are grades of balls.
+    The result is empty for a block of G-code that programs an arc, and for a line that consists
+    only of G2 or G3. It is also empty if G2 or G3 is the grade of a ball.
     """
     is_block = _ARC.fullmatch(text.strip()) is not None or programs_arc(text)
     if is_block or _OTHER_ARC.search(text):
@@ -363,9 +364,9 @@ def unread_direction(lines: Sequence[tuple[int | str, str]]) -> UnreadDirection 
 def _part_not_understood(text: str) -> str:
     """Return the part of a text that may state a direction of travel, but is not understood.
 
-    If the text also names another direction, such as that of a load, its first segment that may
-    state a direction of travel is returned; otherwise the whole text. The result is empty if the
-    text states no direction of travel, or if it is about angles.
+    In most cases, this is the whole text. If the text also names another direction, such as that of
+    a load, it is the first segment that may state a direction of travel. The result is empty if
+    there is no such text or segment, or if the text is about angles.
     """
     if _is_about_angles(text):
         return ""
@@ -381,8 +382,8 @@ def _may_state_direction(text: str) -> bool:
     """Return whether a line may state a direction of travel, clockwise or counter-clockwise.
 
     The result is False for a line about angles, or about a direction other than that of travel. For
-    a line about a load, it is True only if the line has a word such as clockwise. If the line has a
-    word for direction, the result is False if no text, or only a dash or "n/a", follows the word.
+    a line about a load, it is True only if the line has a word such as clockwise. A line with a
+    word for direction must also have text after this word; a dash or "n/a" does not count.
     """
     if _is_about_angles(text):
         return False

@@ -15,8 +15,8 @@ from ldbb_bayes.reading.words import ROLES, comparable, scaled_unit
 
 __all__ = ["unit_columns"]
 
-# Units, such as um, that can hardly be mistaken for other words. If all cells of a column are such
-# units, it is taken as a column of units, whatever its header is.
+# Units, such as um, that are hardly used as other words. If all cells of a column are such units,
+# it is taken as a column of units, whatever its header is.
 _PLAIN_UNITS = frozenset(
     {"um", "mm", "cm", "nm", "inch", "mil", "uinch", "deg", "rad", "gon", "kN"}
 )
@@ -28,14 +28,13 @@ _LARGEST_FACTOR = 10.0
 def unit_columns(
     headers: Sequence[str], cells: Sequence[Sequence[str]], numeric: Sequence[int]
 ) -> dict[int, int]:
-    """Return a dict with the column of units that belongs to each column of numbers.
+    """Return a dict that assigns to columns of numbers the columns that hold their units.
 
     The keys are the indices of the columns of numbers, and the values are the indices of the
     columns of units. Columns of numbers without units are left out. A column holds units if the
-    header says so, or if every cell is a unit. The units belong to the column of numbers that the
-    header names, as in ``theta_unit``. If the header names none, they belong to the nearest column
-    of numbers to the left that has no units yet. If there is none, they belong to the nearest such
-    column to the right.
+    header says so, or if every cell is a unit. Its header may name the column of numbers, as
+    ``theta_unit`` does. If it names none, the units belong to the nearest column of numbers on the
+    left that has no units yet, or else to the nearest one on the right.
 
     Parameters
     ----------
@@ -60,13 +59,13 @@ def unit_columns(
 
 
 def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:
-    """Return a dict with the columns of units whose headers name the columns of numbers.
+    """Return a dict with the columns of units whose headers say to which numbers they belong.
 
     The keys are the indices of the columns of numbers, and the values are the indices of the
     columns of units. For example, the column ``theta_unit`` holds the units of the column
-    ``theta``. If no column has the name in the header, the units belong to the columns with the
-    same role: the units in the column ``angle unit`` belong to the column ``phi``. ``numeric`` are
-    the indices of the columns of numbers, and ``headers`` are all headers.
+    ``theta``. If no column has the name in the header, the units belong to the columns of the same
+    quantity: the units in the column ``angle unit`` belong to the column of angles ``phi``.
+    ``numeric`` are the indices of the columns of numbers, and ``headers`` are all headers.
     """
     pairs: dict[int, int] = {}
     for column, header in enumerate(headers):
@@ -81,12 +80,12 @@ def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, 
 
 
 def _comparable_name(header: str) -> str:
-    """Return the name that a header states, without its unit, in a form for comparison."""
+    """Return a header without its unit, in a form in which names can be compared."""
     return comparable(unit_of(header).name)
 
 
 def _have_common_role(header: str, partner: str) -> bool:
-    """Return whether two names of columns mean the same role, such as angle.
+    """Return whether two names of columns mean the same quantity, such as the angle.
 
     The first name is taken from ``header``; ``partner`` is the other name.
     """

@@ -1,9 +1,9 @@
-"""Units that are assumed for readings and angles if nothing states these units.
+"""Units that are assumed for readings and angles if neither the user nor a file states them.
 
-The same unit is assumed for all tests of a campaign. A unit of the readings, such as mm, fits under
-two conditions. With this unit, the readings must not be larger than the deviations that a bar can
-measure. The change of the readings with force must also be possible for a machine, which can be
-neither arbitrarily stiff nor arbitrarily soft.
+The same unit is assumed for all tests of a campaign. A unit of the readings, such as mm, is
+possible under two conditions. In this unit, the readings must not be larger than the deviations
+that a bar can measure. The change of the readings with force must also fit the stiffness of real
+machines.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _SMALL_SCATTER = 0.01
 _TEXT_SHOWN = 60
 # Largest deviation from the radius that a bar can measure [µm].
 _LARGEST_DEVIATION_UM = 1500.0
-# The ratio of the largest reading to the largest force is assumed to be at least this [µm/N],
-# because hardly any machine is stiffer.
+# The largest reading divided by the largest force is assumed to be at least this [µm/N], because
+# hardly any machine is stiffer.
 _STIFFEST_UM_PER_N = 0.003
 # The change of the readings with the force is assumed to be at most this [µm/N], because hardly any
 # machine is softer.
@@ -72,12 +72,13 @@ _TURN_DEG = 360.0
 # multiple of a full turn by at most this number of steps. A step is the difference of successive
 # angles.
 _STEPS_OF_TURN = 1.5
-# Largest step from one angle of a circle to the next that is thought possible [deg].
+# Largest plausible step from one angle of a circle to the next [deg]. If a step in degrees would be
+# larger, other units of angle are tried.
 _LARGEST_STEP_DEG = 45.0
 
 
 class _ReadingSize(NamedTuple):
-    """Magnitude of readings whose unit is not stated, computed from the numbers in the files."""
+    """Size of readings whose unit is not stated, computed from the numbers in the files."""
 
     largest: float  # largest absolute value of the readings of all tests, in the unit of the files
     # absolute difference between the median readings of the tests with the smallest and the largest
@@ -87,13 +88,13 @@ class _ReadingSize(NamedTuple):
 
 
 def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
-    """Assume units for readings and angles whose units neither the files nor the user state.
+    """Assume units for readings and angles for which neither the files nor the user state a unit.
 
     Readings that are distances between the balls are in mm. All other readings without a stated
-    unit get the same unit, and so do all angles without a stated unit. The units are put into
-    ``assumed_units`` of the recordings. Forces without a stated unit are taken as newtons; an error
-    is raised if they are too small. ``campaign`` are the fields of the campaign that options or
-    files state.
+    unit get the same unit, and so do all angles without a stated unit. The units are stored in the
+    field ``assumed_units`` of the recordings. Forces without a stated unit are taken as newtons; an
+    error is raised if they are too small. ``campaign`` are the fields of the campaign that options
+    or files state.
 
     Raises
     ------
@@ -118,7 +119,7 @@ def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -
 
 
 def _lacks_unit(recording: Recording, role: str) -> bool:
-    """Return whether a test has a column with this role, but nothing states the column's unit."""
+    """Return whether a test has a column for ``role``, such as angle, but no stated unit for it."""
     return role in recording.numbers and not is_unit_stated(recording, role)
 
 
@@ -140,7 +141,7 @@ def _check_unit_of_forces(recordings: Sequence[Recording]) -> None:
 def _is_distance(recording: Recording) -> bool:
     """Return whether readings without a unit are taken as distances between the balls in mm.
 
-    They are taken as such distances if their median is near the radius of the circle in mm.
+    This is the case if their median is near the radius of the circle in mm.
     """
     median = float(np.median(recording.numbers["reading"]))
     return abs(median / recording.radius_mm - 1.0) < _NEAR_RADIUS
@@ -157,8 +158,8 @@ def _may_be_distance(recording: Recording) -> bool:
 def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
     """Assume the unit of the readings, µm or mm, if only one of the two units is possible.
 
-    The unit is recorded with its reason. Raise an `OpenQuestionError` if both units are possible or
-    neither is, if a line mentions a scale or another unit, or if the readings may be distances
+    The unit is recorded with its reason. Raise an `OpenQuestionError` if both units or none are
+    possible, if a line mentions a scale or another unit, or if the readings may be distances
     between the balls. If all readings are zero, no unit is assumed.
     """
     size = _size_of_readings(recordings, campaign)
@@ -206,16 +207,16 @@ def _lines_about_test(recording: Recording) -> Lines:
 def _check_factors(recording: Recording) -> None:
     """Raise an error if a header or a line says that readings are multiplied by a number.
 
-    If the header states a unit, a line that mentions a scale or another unit is noted. If the user
-    states the unit of the readings, no error is raised and no note is added.
+    If the header states a unit, but a line mentions a scale or another unit, this line is noted.
+    Nothing is checked if the user states the unit of the readings.
     """
     if "reading" not in recording.numbers or recording.layout.reading_unit is not None:
         return
     column = recording.heading.roles["reading"]
     header = recording.heading.headers[column]
     unit = recording.heading.units[column]
-    # A factor inside the unit, as in "10 µm", is not examined here: the function that reads units
-    # raises an error for it.
+    # A factor inside the unit, as in "10 µm", is not examined here, because the function that reads
+    # units raises an error for it.
     is_unit_plain = re.search(r"\d", unit) is None
     if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
@@ -254,11 +255,11 @@ def _mentions_other(line: int | str, text: str, unit: str) -> bool:
 def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
     """Return a note on a line or name that mentions ``unit``, the unit that fits the readings.
 
-    Lines outside the table of readings are searched, and the names of the test, its sheet and its
-    file. Lines that state a property of the test, such as its radius, are left out, because a unit
-    in them is not that of the readings. The note is empty if no line or name mentions ``unit``.
-    Raise an `OpenQuestionError`, which asks for the unit, if a line or name mentions another unit
-    of readings, or if a name mentions counts or a unit with a factor, such as 0.1um.
+    Lines outside the table of readings are searched, as are the names of the test, its sheet and
+    its file. Lines that state a property of the test, such as its radius, are left out, because
+    their units are not those of the readings. The note is empty if no line or name mentions
+    ``unit``. Raise an `OpenQuestionError` if a line or name mentions another unit of readings, or
+    if a name mentions counts or a unit with a factor, such as 0.1um.
     """
     note: str | CitedLine = ""
     mentions: list[tuple[str | CitedLine, str]] = []
@@ -286,10 +287,10 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
 
 
 def _other_fraction(text: str, unit: str) -> str:
-    """Return the fraction of a unit of length, such as 0.0001 inch, that a line mentions.
+    """Return a unit of readings that a line mentions as a fraction of a unit, such as 0.0001 inch.
 
-    The line must be about readings. The result is empty if the line mentions no such fraction, or
-    if the fraction has the size of ``unit``, as 0.001 mm has the size of um.
+    The line must be about readings. The result is empty if the line mentions no fraction, or if the
+    fraction is equal to ``unit``, as 0.001 mm is equal to um.
     """
     fraction = fraction_mentioned(text)
     size = size_of_unit("reading", fraction)
@@ -372,7 +373,7 @@ def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
 
 
 def _angle_unit_of_span(span: float) -> str:
-    """Return deg if the range of a test's angles is too large for radians, and rad otherwise.
+    """Return "deg" if the range of a test's angles is too large for radians, and "rad" otherwise.
 
     ``span`` is the range of the angles, in their unknown unit.
     """

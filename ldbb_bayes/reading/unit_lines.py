@@ -38,10 +38,10 @@ __all__ = [
 ]
 
 _WORDS = WORDS["unit_lines"]
-# Keys of the dict with the units that a line states. There is one key for the unit of each role of
-# a column. The key ``reading_scale`` is for the size of one count (digital step) of the instrument,
-# ``angle_scale`` for the size of one count of the encoder of the angles, and ``time_scale`` for the
-# time from one sample to the next.
+# Keys of the dict with the units that a line states. There is one key for the unit of each
+# quantity, such as ``angle_unit``. The key ``reading_scale`` is for the size of one count (digital
+# step) of the instrument, ``angle_scale`` for the size of one count of an encoder, and
+# ``time_scale`` for the time from one sample to the next.
 UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale", "angle_scale", "time_scale")
 # Regular expression for a line that states units: a label with a word such as "unit", a separator,
 # and the units.
@@ -79,7 +79,7 @@ _UNIT_ALONE = re.compile(
     r"(?P<unit>(?:(?:0[.,]0*1|1/10+|100?(?=\s?nm))\s?)?[^\W\d]+)\W*",
     re.IGNORECASE,
 )
-# Regular expression for the word "in" beside a sign, as in "+ = in". The word then means inward and
+# Regular expression for the word "in" beside a sign, as in "+ = in". Here the word means inward and
 # not inches.
 _SIGN_IN = re.compile(r"\s*[+\-−]\s*[:=]?\s*in\W*|\s*in\s*[:=]\s*[+\-−]\W*", re.IGNORECASE)
 # Regular expression for the separators in a list of quantities and units, such as the comma in
@@ -106,8 +106,8 @@ _MENTIONED = re.compile(
 )
 # Regular expression for a number at the end of a text, as in "1/10".
 _NUMBER_AT_END = re.compile(r"\d\s?$")
-# Regular expression for a factor after a unit, as in "µm/10". The factor must be the last part of
-# an entry in a list of units.
+# Regular expression for a factor after a unit, as in "µm/10". In a list of units, the factor must
+# be followed by the end of the list or by a separator.
 _FACTOR_BEHIND = re.compile(r"[^\W\d]\s?[/x×*·]\s?\d[\d.,]*\s*(?:$|[;,|)\]])")
 # Regular expression for a label, such as "Units:", in front of the units of a line.
 _LABEL_IN_FRONT = re.compile(rf"\W*(?:{_WORDS['label']})(?!\w)\s*[-–]?\s*", re.IGNORECASE)
@@ -161,8 +161,8 @@ _SAMPLE_RATE = re.compile(
 # Number of degrees in a turn.
 _TURN_DEG = 360.0
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
-# Units that are also ordinary words, such as "in". If a text contains such a word and also another
-# unit for the same kind of column, the word is not taken as a unit.
+# Units that are also ordinary words, such as "in". In a text with another unit of the same
+# quantity, such a word is not taken as a unit.
 _ALSO_WORDS = ("in",)
 
 
@@ -170,7 +170,7 @@ class _ListedUnit(NamedTuple):
     """Unit in a list such as ``deg / 0.1 µm``."""
 
     name: str  # unit without its factor, in the spelling of this package, such as "um"
-    # unit with the number before it, such as "0.1 um"; if there is no number, the unit alone
+    # unit with its factor, such as "0.1 um"; if it has no factor, the unit alone
     with_factor: str
     is_also_word: bool  # whether the unit is also an ordinary word, such as "in"
 
@@ -181,10 +181,9 @@ def units_stated(text: str) -> dict[str, str]:
     The keys are ``reading_unit``, ``angle_unit`` and so on. The value for the key ``reading_scale``
     is the size of one count (digital step) of the instrument, such as ``0.1 um``, and the value for
     ``angle_scale`` the size of one count of an encoder, such as ``0.01 deg``. The value for
-    ``time_scale`` is the time from one sample to the next, such as ``100 ms``. A unit that is not
-    known is returned as written, and several units for one role of a column (angle, reading, …)
-    are returned as one text. In both cases, an error is raised later, but only if the table itself
-    does not state the unit.
+    ``time_scale`` is the time from one sample to the next, such as ``100 ms``. An unknown unit is
+    returned as written, and several units for one quantity (angle, reading, …) are returned as one
+    text. In both cases, later code raises an error if the table itself does not state the unit.
     """
     text = joined_prefixes(text[:LONGEST_TEXT])
     stated = _sizes_of_counts(text)
@@ -221,10 +220,10 @@ def _sizes_of_counts(text: str) -> dict[str, str]:
 
 
 def _unit_before_remarks(text: str) -> str:
-    """Return the unit at the beginning of a text if semicolons separate it from other remarks.
+    """Return a unit without the remarks that follow it, as in ``0.001 deg; from +X; positive=CCW``.
 
-    An example is ``0.001 deg; from +X; positive=CCW``. Only a unit with a factor is returned alone,
-    and only if the remarks name no further unit; any other text is returned unchanged.
+    The unit must have a factor, and the remarks must name no other unit. Any other text is returned
+    unchanged.
     """
     first, *remarks = _BETWEEN_REMARKS.split(text)
     unit = scaled_unit(first.strip())
@@ -278,11 +277,12 @@ def _units_of_pairs(text: str) -> dict[str, str]:
 
 
 def _unit_of_pair(role: str, label: str, text: str) -> str:
-    """Return the unit in ``text``; empty if the text is a value or not a unit of the quantity.
+    """Return the unit in ``text``; empty if the text is a value or no unit of the quantity.
 
-    In a line such as ``Angle: deg``, the text stands after ``label``, the name of the quantity.
-    ``role`` is the role of a column that holds the quantity. Only a unit of readings or angles may
-    have a factor, which must be a power of ten, and less than one for angles.
+    In a line such as ``Angle: deg``, the text stands after ``label``, the name of the quantity. The
+    quantity ``role`` is denoted by a word such as angle. Units of readings may have a factor that
+    is a power of ten, such as 10 nm; units of angles may have one that is less than one. Other
+    units have no factor.
     """
     if comparable(text) == "grad" and "winkel" in comparable(label):
         return "deg"  # in German, Grad means degree
@@ -296,7 +296,7 @@ def _unit_of_pair(role: str, label: str, text: str) -> str:
 
 
 def _may_be_factor(role: str, text: str) -> bool:
-    """Return whether a text begins with a number that may be the factor of a unit of ``role``."""
+    """Return whether the number that a text begins with may be the factor of a unit of ``role``."""
     if _FACTOR_OF_TEN.match(text) is None:
         return False
     return role == "reading" or (role == "angle" and re.match(r"1\s?/|0[.,]", text) is not None)
@@ -306,9 +306,9 @@ def _units_of_list(text: str) -> dict[str, str]:
     """Return a dict with the units of a line that is nothing but a list of units.
 
     Examples are ``deg/0.1 µm`` and ``[°], [mm]``. The keys are ``angle_unit``, ``reading_unit`` and
-    so on. The list must contain a unit of readings. Two units with a slash between them are taken
-    as a list only if one is a unit of angles or the first is a unit of time; otherwise they may be
-    a rate such as mm/min. The dict is empty for any other line.
+    so on. The list must contain a unit of readings. Two units with a slash between them may be a
+    rate such as mm/min. They are taken as a list only if one is a unit of angles, or if the first
+    is a unit of time. The dict is empty for any other line.
     """
     if not _lists_units(text):
         return {}
@@ -389,10 +389,9 @@ def _has_unread_factor(text: str) -> bool:
 
 
 def _scaled_units(unit: str, role: str) -> dict[str, str]:
-    """Return a dict with a unit that has a factor, such as 10 nm.
+    """Return a dict with a unit that has a factor: ``{"reading_unit": "10 nm"}`` for 10 nm.
 
-    The key names the role of a column to which the unit belongs: it is ``reading_unit`` for 10 nm.
-    If ``role`` is not empty and the unit does not belong to this role, the dict is empty.
+    If ``role``, such as angle, is not empty, only a unit of this quantity is returned.
     """
     name = unit.split()[-1]
     roles = [role] if role else list(UNITS)
@@ -444,10 +443,10 @@ def _size_of_angular_count(text: str) -> str:
 
 
 def _role_of_label(label: str) -> str | None:
-    """Return the role of the column to which a label of a unit refers: force for ``Force unit``.
+    """Return the quantity to which the label of a unit refers: force for ``Force unit``.
 
     The result is an empty string for a label such as ``Units``, which refers to all columns. The
-    result is None if the label contains a word that names no role, or names several roles.
+    result is None if the words of the label do not all name one quantity.
     """
     words = []
     for word in _LABEL_WORD.findall(comparable(label)):
@@ -462,12 +461,11 @@ def _role_of_label(label: str) -> str | None:
 
 
 def _units_of_roles(text: str, role: str) -> dict[str, str]:
-    """Return a dict with the units in a text.
+    """Return a dict with the units in a text: ``{"angle_unit": "deg"}`` for ``deg``.
 
-    The keys are ``reading_unit``, ``angle_unit`` and so on. If ``role`` is not empty, only units
-    for this role of a column are returned. Several units for one role are joined by "and". If the
-    text has no known unit for these roles, the dict holds the whole text as the unit of ``role``,
-    or as the unit of readings if ``role`` is empty.
+    If ``role`` is not empty, only units of this quantity, such as angle, are returned. Several
+    units of one quantity are joined by "and". If the text has no known unit, the dict holds the
+    whole text as the unit of ``role``, or as the unit of readings if ``role`` is empty.
     """
     roles = [role] if role else list(UNITS)
     names: dict[str, list[str]] = {}
@@ -487,8 +485,8 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
 def _units_in(text: str) -> list[_ListedUnit]:
     """Return the known units in a text, in the order in which the text names them.
 
-    A number in front of a unit is its factor, with two exceptions: the text also has the unit
-    without a number, as in "um (range 1000 um)", or the number is large and the unit is a unit of
+    A number before a unit is its factor. There are two exceptions: the text also has the unit
+    without a number, as in "um (range 1000 um)", or the number is large and stands before a unit of
     angle, as in 360 deg.
     """
     matches = [match for match in _UNIT.finditer(text) if unit_named(match["unit"].strip("."))]
@@ -532,7 +530,7 @@ def is_unit_with_unread_factor(text: str) -> bool:
 
 
 def mentions_scale(text: str) -> bool:
-    """Return whether a line mentions a scale or factor, but not the size of one count.
+    """Return whether a line mentions a scale or factor, but does not state the size of one count.
 
     A count is a digital step of the instrument.
     """
@@ -541,14 +539,14 @@ def mentions_scale(text: str) -> bool:
 
 
 def multiplies_readings(text: str) -> bool:
-    """Return whether a line, such as ``Values x 10``, says that readings are scaled."""
+    """Return whether a line, such as ``Values x 10``, says that readings are multiplied."""
     return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
 
 
 def _words_outside_brackets(header: str) -> str:
-    """Return a header with blanks in place of brackets, the texts in them, and underscores.
+    """Return the words of a header outside brackets, with blanks in place of underscores and dots.
 
-    Dots that are no decimal points become blanks too.
+    Decimal points are kept.
     """
     words = _IN_BRACKETS.sub(" ", header[:LONGEST_TEXT]).replace("_", " ")
     return re.sub(r"(?<!\d)\.|\.(?!\d)", " ", words)
@@ -565,7 +563,7 @@ def header_has_factor(header: str) -> bool:
 def unit_mentioned(text: str) -> str:
     """Return the unit of readings that a text mentions, such as mm in ``Columns: deg, mm``.
 
-    The first unit of readings that has no number in front is returned. The result is empty if the
+    The first unit of readings without a number before it is returned. The result is empty if the
     text mentions no such unit. If the text has a unit with a factor that this package does not
     read, as in ``Unit - x 10 um``, this unit is returned with its factor.
     """
@@ -596,7 +594,7 @@ def inch_alone(line: str) -> str:
 
 
 def unknown_unit_in(line: str) -> str:
-    """Return the unknown unit in a line that is a label and a unit, such as V in ``Units (V)``.
+    """Return the unknown unit in a line such as ``Units (V)``, which is a label and a unit.
 
     The result is empty for any other line.
     """

@@ -12,7 +12,7 @@ __all__ = ["COMMENT_SIGN", "joined_factors", "row_of_units", "without_comment_si
 
 # Regular expression for a sign, such as #, with which a line of a file begins if it is a comment.
 COMMENT_SIGN = re.compile(r"^\s*(?:#|%|//)(?=\s|$)")
-# Signs that stand in place of a unit below the name of a column without a unit.
+# Signs, such as a dash, that a row of units may have below the name of a column without a unit.
 _DASHES = ("-", "–", "—")
 # Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
@@ -22,9 +22,8 @@ _FACTOR = re.compile(r"[\[({]?(?:1/)?\d+(?:[.,]\d+)?[x×*]?")
 # Largest number that may precede a unit in a row of units, such as 10 in "10 nm". After a larger
 # number, as in "100 mm", the cell is a length and not a unit.
 _LARGEST_FACTOR = 10.0
-# Largest number of characters of a cell in a row of units, if the cell is not a known unit. The
-# second number applies if the row has at least ``_MANY_UNITS`` known units, the first number to all
-# other rows.
+# Largest number of characters of an unknown unit in a row of units. The second number applies to a
+# row with at least ``_MANY_UNITS`` known units, the first number to any other row.
 _LONGEST_UNIT = 4
 _LONGEST_UNIT_AMONG_KNOWN = 8
 _MANY_UNITS = 3
@@ -51,7 +50,7 @@ def row_of_units(cells: Sequence[str], separator: str) -> list[str]:
 
 
 def without_comment_sign(cells: Sequence[str]) -> list[str]:
-    """Return the cells of a row without a sign, such as #, that marks the row as a comment."""
+    """Return the cells of a row without the sign, such as #, that marks the row as a comment."""
     if cells and COMMENT_SIGN.fullmatch(cells[0]):
         return list(cells[1:])
     return list(cells)
@@ -90,8 +89,8 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 
     At least two cells must be known units or texts in brackets, and at least one of these cells
     must be a known unit. A single known unit is enough if no other cell is filled, or if another
-    cell is the German word Grad (degree). All other filled cells must have at most four characters,
-    or eight characters in a row with three known units.
+    cell is the German word Grad (degree). All other filled cells must have at most four characters;
+    in a row with at least three known units, they may have eight.
     """
     n_known = 0
     n_bracketed = 0

@@ -67,7 +67,7 @@ _LONGEST_UNIT = 20
 
 
 def units_in_sentences(text: str) -> dict[str, str]:
-    """Return a dict with the units that sentences of a line state: ``All readings are in mm``.
+    """Return a dict with the units in sentences of a line, such as ``All readings are in mm``.
 
     The keys are ``reading_unit`` and ``angle_unit``. A sentence about another quantity, such as the
     radius, states no unit. An unknown unit at the end of the line is returned as written.
@@ -98,7 +98,7 @@ def units_in_sentences(text: str) -> dict[str, str]:
 
 
 def _unit_behind_readings(text: str) -> str:
-    """Return the unit of a line that begins as ``Readings: mm`` or ``Readings [mm];``.
+    """Return the unit at the beginning of a line such as ``Readings: mm`` or ``Readings [mm]; …``.
 
     The result is empty for any other line.
     """
@@ -114,27 +114,27 @@ def _unit_behind_readings(text: str) -> str:
 def _is_unit_in_words(text: str) -> bool:
     """Return whether a text is a unit of readings without a number, such as mm.
 
-    The result is also true for a word such as "tenths" and for a fraction of a unit in words, such
+    The result is also True for a word such as "tenths", and for a fraction of a unit in words, such
     as ``tenths of a micron``.
     """
     is_plain = unit_named(text.strip()) in UNITS["reading"]
-    # A word such as "tenths" alone does not say which unit is divided. It is accepted here as the
-    # unit of readings, and later code raises an error for it.
+    # The word "tenths" alone does not say tenths of which unit are meant. It is accepted here, and
+    # later code raises an error for it.
     is_share_alone = _SHARE_OR_COUNT.fullmatch(text.strip()) is not None
     return is_plain or is_share_alone or _is_of_role(unit_in_shares(text), "reading")
 
 
 def _is_of_role(unit: str, role: str) -> bool:
-    """Return whether a unit is known for the role of a column, such as reading."""
+    """Return whether a text is a known unit of the quantity ``role``, such as reading or angle."""
     return size_of_unit(role, unit) is not None
 
 
 def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str:
-    """Return the unit that the words after "in" state; empty if they state none.
+    """Return the unit in the words after "in", as in ``Readings in mm``; empty if there is none.
 
-    If the remark states another unit, as in ``mm (0.0001 in)``, the result names both units, joined
-    by "and". A word such as "tenths" without a unit, or the unit of another quantity than length,
-    is returned as written. Later code raises an error for such results.
+    If the remark states another unit, as in ``mm (0.0001 in)``, the result is both units, joined by
+    "and". A word such as "tenths" without a unit, and a unit of readings that is no unit of length,
+    such as V, are returned as written. Later code raises an error in these cases.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
     remark
         Text in brackets after these words, such as ``0.0001 in``; empty if there is none.
     role
-        Role of the column whose unit is stated, such as reading.
+        Quantity whose unit is stated: reading or angle.
     is_german
         Whether the line has the German word for angle; the word Grad then means degree.
     """
@@ -181,7 +181,7 @@ def _unit_with_remark(unit: str, unit_of_remark: str, role: str) -> str:
 
 
 def _unknown_unit(phrase: str) -> str:
-    """Return ``phrase`` if it may be an unknown unit, and otherwise an empty text.
+    """Return ``phrase`` if it may be an unknown unit; otherwise return an empty text.
 
     A short phrase may be a unit if it is a single word, or if one of its words is a known unit.
     For "the plane", for example, the result is empty.
