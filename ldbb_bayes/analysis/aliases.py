@@ -283,7 +283,7 @@ def _reading_changes(bound: BoundModel, columns: Array) -> Array:
 
     A coefficient is a parameter or describes an effect that is not of interest. The radial
     deviation of a test is described by 25 Fourier coefficients. ``columns``, shape (tests, 25, m),
-    states by how much they change per unit of each of the m coefficients. The k readings are taken
+    states by how much these change per unit of each of the m coefficients. The k readings are taken
     at the angles of the tests, at most ``_MOST_ANGLES`` for each test.
     """
     tests = {test.name: test for test in bound.campaign.tests}

@@ -72,11 +72,11 @@ class Contribution:
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
     #: scatter of the readings, "B" if it is evaluated by other means
     kind: Kind
-    #: whether the standard uncertainty of the source of uncertainty is measured in this campaign,
-    #: stated or assumed
+    #: whether the standard uncertainty of the source is measured in this campaign, stated or
+    #: assumed
     origin: Origin
-    #: standard uncertainty of the source of uncertainty, in the unit ``unit``; None if the source
-    #: has no single standard uncertainty, for example if it consists of several coefficients
+    #: standard uncertainty of the source itself, in the unit ``unit``; None if the source has no
+    #: single standard uncertainty, for example if it consists of several coefficients
     u: float | None
     unit: str  #: unit of ``u``, the standard uncertainty of the source
     #: sensitivity coefficient of the GUM: change of the parameter's estimate per unit of the source

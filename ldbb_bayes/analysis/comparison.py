@@ -725,7 +725,7 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
     """
 
     def change(model: HybridModel) -> HybridModel:
-        """Return a copy of the model with another scale of the prior of the slopes.
+        """Return a copy of the model with another width of the slopes' prior.
 
         Slopes are changes of compliance with force.
         """

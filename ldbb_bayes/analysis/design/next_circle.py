@@ -481,8 +481,8 @@ class _ModelOdds:
         The result is None if compliance is constant in the model of the campaign. The odds are
         averaged over alternative explanations of an apparent change of compliance with force.
         ``known`` is the posterior given the circles run so far. ``evidences`` computes the
-        evidences of the two models. ``confidence`` is the minimum probability that is enough for a
-        decision.
+        evidences of the two models. ``confidence`` is the minimum probability at which a decision
+        is made.
         """
         parameters = known.bound.parameters
         columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]

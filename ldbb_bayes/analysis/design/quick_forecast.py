@@ -179,10 +179,10 @@ class QuickForecast:
         return np.asarray(np.linalg.inv(precision))
 
     def _variances_of_goals(self, covariance: Array) -> Array:
-        """Return the variances of the goals' parameters, which are the last coefficients.
+        """Return the variances of the goals' parameters, shape (K, goals).
 
-        The result has the shape (K, goals). ``covariance``, shape (K, p, p), are the covariances of
-        all p coefficients, at K values of the hyper-parameters.
+        ``covariance``, shape (K, p, p), are the covariances of all p coefficients, at K values of
+        the hyper-parameters. The goals' parameters are the last of these coefficients.
         """
         number = self._limits.shape[1]
         return np.asarray(np.einsum("kii->ki", covariance)[:, -number:])
