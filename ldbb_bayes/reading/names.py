@@ -138,7 +138,7 @@ def load_is_ambiguous(names: Sequence[str]) -> bool:
 
 
 def radius_in_name(names: Sequence[str]) -> float | None:
-    """Return the radius [mm] that the name of a test, column, sheet or file states: ``R100``.
+    """Return the radius [mm] that the name of a test, column, sheet or file states, as in ``R100``.
 
     The first name that contains exactly one radius is used. Return None if there is no such name.
     """

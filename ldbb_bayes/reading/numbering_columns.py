@@ -25,7 +25,7 @@ def columns_that_number(
 
     Columns identify the circles if all rows with the same cells in these columns also have the same
     conditions, such as the force. Two columns are returned only if no single column identifies the
-    circles. The list is empty if no columns do.
+    circles. The list is empty if no such columns exist.
 
     Parameters
     ----------

@@ -75,8 +75,8 @@ class ProgrammedArc(NamedTuple):
     text: str  #: text of the block (line) of the NC programme that describes the arc
     direction: str  #: direction of travel: CW for G2 and DR-, CCW for G3 and DR+
     radius_mm: float | None  #: radius of the arc [mm]; None if the programme does not state it
-    #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; it may be
-    #: wrong if the arc is not a full circle; None if the blocks do not state the start
+    #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; None if the
+    #: blocks do not state the start. The start may be wrong if the arc is not a full circle
     start_mm: Mapping[str, float] | None
     #: feed rate that applies to the arc; None if no block (line) of the NC programme states a feed
     feed: ProgrammedFeed | None

@@ -90,7 +90,7 @@ _TEXT_SHOWN = 60
 
 
 def sign_of_readings(recording: Recording) -> int:
-    """Return the factor for the readings: −1 if a longer bar gives a smaller reading, else 1.
+    """Return the factor for the readings: −1 if a longer bar gives a smaller reading, otherwise 1.
 
     The sign that the user states takes precedence over the words of the file. Words that decide the
     sign, or that contradict the user, are noted.

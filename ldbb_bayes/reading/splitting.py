@@ -894,9 +894,9 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
     """Return the indices of two columns that only together identify the tests.
 
-    Examples are the columns ``run`` and ``pass``. Rows with the same cells in both columns have the
-    same force, pressure and direction; rows with the same cell in only one of them need not. Return
-    an empty list if there are no such columns. ``cells`` holds the cells of each column.
+    Examples are the columns ``run`` and ``pass``. All rows with the same cells in both columns have
+    the same force, pressure and direction. This is not true of one of the columns alone. Return an
+    empty list if there are no such columns. ``cells`` holds the cells of each column.
     """
     roles = heading.roles
     conditions = [roles[role] for role in ("force", "pressure", "direction") if role in roles]

@@ -74,8 +74,8 @@ def read_sheets(
     encoding, separator
         Encoding and separator of a text file; None to determine them from its content.
     sheets
-        Names of the sheets to read from a workbook. If no names are given, all sheets are read that
-        are neither empty nor hidden.
+        Names of the sheets to read from a workbook. If no names are given, all sheets except empty
+        and hidden ones are read.
 
     Raises
     ------

@@ -64,8 +64,8 @@ class _Evidence(NamedTuple):
     # largest relative difference from another value of the quantity at which both are taken as
     # equal, because the values may be rounded
     tolerance: float
-    # reason why the stated value of the quantity is NaN; empty if the reason is only that a comma
-    # or point in the number may separate thousands
+    # reason why the stated value is uncertain; empty if it is certain, or if the reason is only
+    # that its comma or point may separate thousands
     doubt: str = ""
 
 

@@ -508,10 +508,10 @@ def _units_in(text: str) -> list[_ListedUnit]:
 
 
 def partner_of_units(header: str) -> str:
-    """Return ``theta`` for a header such as ``theta_unit``.
+    """Return the name of the column whose units a column holds: ``theta`` for ``theta_unit``.
 
-    A column with this header holds the units of the column ``theta``. The result is empty if the
-    header does not name a column of units.
+    ``header`` is the header of the column of units. The result is empty if it names no other
+    column.
     """
     text = comparable(header[:LONGEST_NAME])
     for pattern in _PARTNERS:
