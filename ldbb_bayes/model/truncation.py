@@ -336,11 +336,11 @@ def _eliminate_last(
     below, above = _opposite_pairs(last)
 
     def combine(values: Array) -> Array:
-        """Return the coefficients, or the bounds, of the constraints without the last coordinate.
+        """Return the coefficients, or the bounds, of constraints that lack the last coordinate.
 
-        These are the old constraints that do not contain the last coordinate, and sums of two old
-        constraints in which it cancels. ``values`` holds the coefficients, or the lower bounds, of
-        the old constraints, with one row for each constraint.
+        Old constraints that lack the last coordinate are kept. The other constraints are sums of
+        two old constraints, in which the last coordinate cancels. ``values`` holds the
+        coefficients, or the lower bounds, of the old constraints, with one row for each constraint.
         """
         scale = last.reshape(-1, *[1] * (values.ndim - 1))
         pairs = values[below] / scale[below] - values[above] / scale[above]

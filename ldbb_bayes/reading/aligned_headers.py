@@ -17,7 +17,7 @@ __all__ = ["with_aligned_headers"]
 
 # Regular expression for the blanks between two names of columns in a header line.
 _GAP = re.compile(r"\s{2,}|\t")
-# Largest number of rows above the numbers in which a header is looked for. A row of units and a row
+# A header is looked for in at most this number of rows above the numbers. A row of units and a row
 # of dashes may stand between the header and the numbers.
 _HEADER_ROWS = 4
 # Successive rows of numbers are read as a table if there are at least this many.

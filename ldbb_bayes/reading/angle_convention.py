@@ -201,7 +201,7 @@ def _is_inseparable(text: str) -> bool:
 
 
 def _states_only_unit(line: int | str, text: str, fields: Collection[str]) -> bool:
-    """Return whether a line says more than the unit of angles, but only this unit is understood.
+    """Return whether only the unit of angles is understood in a line that also says something else.
 
     ``fields`` are the fields, such as ``angle_unit``, whose values were found in the line.
     """

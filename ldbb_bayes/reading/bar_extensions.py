@@ -10,8 +10,8 @@ from ldbb_bayes.reading.words import OTHER_QUANTITY, UNITS, WORDS, unit_named
 
 __all__ = ["length_of_sum", "names_extension"]
 
-# Regular expression for a plus sign between lengths. The plus in "+ = longer" states a sign, and in
-# "+Y" a direction.
+# Regular expression for a plus sign between lengths. It does not match the plus in "+ = longer",
+# which states a sign, or in "+Y", which states a direction.
 _PLUS = re.compile(r"\+(?!\s*[=:]|[XYZ](?!\w)|ve\b)|\bplus\b(?!\s*[=:])", re.IGNORECASE)
 # Regular expression for signs before a tolerance, such as +/- 0.01.
 _TOLERANCE = re.compile(r"\+\s?[/\-−]|±")

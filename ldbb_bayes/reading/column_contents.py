@@ -298,7 +298,7 @@ def check_angle_columns(sheet: Sheet, heading: Heading, cells: Sequence[Sequence
 
 
 def _free_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of the columns that are not empty, but are not used for any quantity.
+    """Return the indices of the columns that have contents and are not in use.
 
     ``cells`` holds the cells of each column.
     """

@@ -343,8 +343,8 @@ def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 
     Accents are ignored. A word of the name may be longer than the word for the role: ``angles``
-    begins with ``angle``. Only words for a role that are as short as ``t`` must be equal to a word
-    of the name. Words that begin like a word for time, but mean something else, are ignored for the
+    begins with ``angle``. A word for a role that is as short as ``t`` must be equal to a word of
+    the name. Words that begin like a word for time, but mean something else, are ignored for the
     role "time". For the role "test", every word of the name must be a word for a test or a word
     such as "number". For the roles "force" and "pressure", the name must not contain a word such as
     "maximum", which shows that the column holds another quantity.

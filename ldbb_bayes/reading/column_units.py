@@ -211,7 +211,7 @@ def _hint_on_unit_of_angle(unit: str) -> str:
 
 
 def _check_sensitivity(recording: Recording, unit: str) -> None:
-    """Raise an error for readings in volts if a line states their size, as in ``1 V = 10 µm``."""
+    """Raise an error for readings in volts if a line gives the length per volt (``10 µm/V``)."""
     for line, text in recording.lines_outside:
         stated = _SENSITIVITY.search(text[:LONGEST_TEXT])
         if stated is None or comparable(stated["volt"] or stated["per"]) != comparable(unit):

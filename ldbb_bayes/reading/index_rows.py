@@ -91,7 +91,7 @@ def _count_index_names(row: Row, above: Row, below: Row) -> int:
 
 
 def _hold_units(cells: Sequence[str]) -> bool:
-    """Return whether all cells of a row are units, as in the level ``°,mm,°,mm`` of a header."""
+    """Return whether all cells of a row are units, as in the row ``°,mm,°,mm`` of a header."""
     return all(unit_named(cell) for cell in cells)
 
 
@@ -142,8 +142,8 @@ def _without_directions(
 
     If all cells of a column hold the same direction, the column is removed. The direction is added
     to the headers of all columns in the same group as the removed column. Columns are in the same
-    group if they have the same names in all levels except the lowest. A level is one of the rows of
-    which the header consisted.
+    group if they have the same names in all levels except the lowest. A level is one of the rows
+    that were joined into the header.
 
     Parameters
     ----------

@@ -56,9 +56,9 @@ Lines = Sequence[tuple[int | str, str]]
 class LineStatement:
     """Value that a line above a table states for a field of a test or campaign."""
 
-    #: value that the line states for a field of a test or campaign, in the unit in the name of the
-    #: field, such as mm for ``radius_mm``; NaN for a number that can be read in two ways, such as
-    #: 1,000
+    #: value that the line states for a field of a test or campaign, in the unit with which the
+    #: field's name ends (mm for ``radius_mm``); NaN for a number that can be read in two ways, such
+    #: as 1,000
     value: Any
     unit: str  #: unit of the stated value as the line writes it; empty if the line states none
     #: number, in its file, of the line that states a value for a test; if the line is in another

@@ -23,11 +23,11 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 Hyper = str
 # Lists of a model's coefficients state the class name of the nuisance term (an effect modelled but
 # not of interest) to which each coefficient belongs. For the parameters of interest, which belong
-# to no nuisance term, they state this word.
+# to no nuisance term, the lists state this word.
 OWN = "Parameters"
 # Lists of the sources of noise state the class name of the nuisance term (an effect modelled but
 # not of interest) that causes each noise. For the white noise of the readings, which belongs to no
-# nuisance term, they state this word.
+# nuisance term, the lists state this word.
 NOISE = "ReadingNoise"
 # Order of the harmonics to which the scale τ of the balls' form errors and the scale ω of the
 # machine's errors of higher orders apply. For harmonics of another order n, the scales are
