@@ -1,4 +1,4 @@
-"""Examples of JCGM 106 (conformity): guard bands, a decision, and the risks of an inspection.
+"""Examples of JCGM 106 (conformity): single items, guard bands, a decision, and global risks.
 
 A specific risk is that of one item with its reading, a global risk the average over all items that
 a process makes and a measuring system inspects. Both follow here from the Gaussian kernel of the
@@ -22,6 +22,32 @@ GUIDE = "JCGM 106"
 # conformance.
 GUARD_BANDS = {"0.80": "0.84", "0.90": "1.28", "0.95": "1.64", "0.99": "2.33", "0.999": "3.09"}
 
+# 7.3 and 7.4: single items, each with its estimate, standard uncertainty, tolerance, unit, and the
+# printed probability that it conforms.
+SINGLE_ITEMS = {
+    "7.3 breakdown voltage of a Zener diode": (
+        -5.47,
+        0.05,
+        lb.analysis.Tolerance(upper=-5.40),
+        "V",
+        "0.92",
+    ),
+    "7.3 burst pressure of a container": (
+        509.7,
+        8.6,
+        lb.analysis.Tolerance(lower=490.0),
+        "kPa",
+        "0.99",
+    ),
+    "7.4 viscosity of motor oil": (
+        13.6,
+        1.8,
+        lb.analysis.Tolerance(12.5, 16.3),
+        "mm²/s",
+        "0.66",
+    ),
+}
+
 # 8.3: a car whose speed is measured by radar: speed limit [km/h], relative standard uncertainty of
 # a speed between 50 km/h and 150 km/h, and probability at which the limit counts as exceeded.
 SPEED_LIMIT = 100.0
@@ -42,7 +68,17 @@ NODES = 40
 
 def figures() -> list[Figure]:
     """Return the figures of JCGM 106 that are computed here."""
-    return [*_guard_bands(), *_speed(), *_resistors()]
+    return [*_single_items(), *_guard_bands(), *_speed(), *_resistors()]
+
+
+def _single_items() -> list[Figure]:
+    """Return the probabilities that single items conform."""
+    rows = []
+    for example, (estimate, u, tolerance, unit, printed) in SINGLE_ITEMS.items():
+        conformity = normal_conformity(unit, estimate, u, tolerance)
+        quantity = "probability of conformance"
+        rows.append(Figure(GUIDE, example, quantity, printed, conformity.probability))
+    return rows
 
 
 def _guard_bands() -> list[Figure]:

@@ -37,6 +37,7 @@ CONVENTIONAL_AIR_DENSITY = 1.2
 # 9.4: comparison loss of a power meter, x₁² + x₂², printed in units of 1e-6.
 U_REFLECTION = 0.005
 LOSS_UNIT = 1e-6
+CORRELATION_REFLECTION = 0.9
 
 # 9.5: the end gauge of H.1 with the distributions of Table 10 [nm].
 NOMINAL_LENGTH_NM = 50_000_000.0
@@ -106,6 +107,7 @@ def figures() -> list[Figure]:
         *_end_gauge(rng),
         *_sum_of_two(rng),
         *_polar(rng),
+        *_correlated_loss(rng),
     ]
 
 
@@ -248,6 +250,28 @@ def _comparison_loss() -> list[Figure]:
         u = float(loss.std()) / LOSS_UNIT
         rows.append(Figure(SUPPLEMENT_1, example, "estimate", printed_mean, mean, "1e-6"))
         rows.append(Figure(SUPPLEMENT_1, example, "u", printed_u, u, "1e-6"))
+    return rows
+
+
+def _correlated_loss(rng: np.random.Generator) -> list[Figure]:
+    """Return the figures of 9.4.3: random draws for correlated reflections."""
+    rows = []
+    standard = rng.standard_normal((DRAWS, 2))
+    first = U_REFLECTION * standard[:, 0]
+    rest = np.sqrt(1.0 - CORRELATION_REFLECTION**2) * standard[:, 1]
+    second = CORRELATION_REFLECTION * first + U_REFLECTION * rest
+    for printed_x, printed_mean, printed_u in (
+        ("0.000", "50", "67"),
+        ("0.010", "150", "121"),
+        ("0.050", "2551", "505"),
+    ):
+        loss = (float(printed_x) + first) ** 2 + second**2
+        drawn = propagate_distributions(loss / LOSS_UNIT)
+        example = f"9.4 comparison loss, x₁ = {printed_x}, r = {CORRELATION_REFLECTION}"
+        estimate = (SUPPLEMENT_1, example, "estimate", printed_mean, drawn.mean)
+        uncertainty = (SUPPLEMENT_1, example, "u", printed_u, drawn.u)
+        rows.append(_row(*estimate, drawn, "1e-6"))
+        rows.append(_row(*uncertainty, drawn, "1e-6"))
     return rows
 
 
