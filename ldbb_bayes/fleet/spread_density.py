@@ -67,9 +67,9 @@ _RANGE_ABOVE = 25.0
 # enough if its weights can be trusted and are not too unequal: the effective sample size must
 # exceed this fraction of the number of draws. Otherwise a second set is drawn.
 _EFFECTIVE_SHARE = 0.2
-# The machines' spreads (standard deviations about their mean) may be drawn a second time. The
-# covariance for these draws is the covariance of the first draws, plus this fraction of the
-# covariance that follows from the curvature of the density at its mode.
+# If the machines' spreads (standard deviations about their mean) are drawn a second time, the
+# covariance for these draws is that of the first draws plus a small addition. The addition is this
+# fraction of the covariance that follows from the curvature of the density at its mode.
 _ADDED_VARIANCE = 0.05
 # Smallest eigenvalue of the curvature matrix at the mode of the density of ln s; smaller
 # eigenvalues are replaced by this number. The spreads s are the standard deviations of machines

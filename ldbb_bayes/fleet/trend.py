@@ -75,9 +75,9 @@ __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 # the change is at least this value. Smaller probabilities would appear as zero, because the table
 # shows probabilities with three decimals.
 _UNLIKELY = 5e-4
-# The change of a parameter is stated in per cent of the level before the change only if this level
-# is more than this many times its standard uncertainty. The percentage neglects the standard
-# uncertainty, which is then below 20 % of the level.
+# The change of a parameter is also stated in per cent of the level before the change. This is done
+# only if that level divided by its standard uncertainty exceeds this value. The percentage neglects
+# the standard uncertainty, which is then below 20 % of the level.
 _KNOWN_LEVEL = 5.0
 # Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")

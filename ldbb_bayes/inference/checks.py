@@ -290,11 +290,11 @@ def _coefficients_above_order_12(test: CircularTest) -> Array:
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return the machine axes along which the centre of the circles shifts with force.
 
-    The shift that the parameters ``beta``, shape (p,), explain is first subtracted from the
-    centres. The centre along an axis is a Fourier coefficient of order 1. For each plane and each
-    of its two axes, Student's t-test of the slope of the centre over force gives a p-value. Only
-    planes with at least four tests and at least three different forces are checked. An axis is
-    reported if its smallest p-value in any plane, multiplied by the number of all p-values
+    The position of the centre along an axis is a Fourier coefficient of order 1. The shift that the
+    parameters ``beta``, shape (p,), explain is first subtracted. Then a p-value is computed for
+    each plane and each of its two axes, by Student's t-test of the slope of the position over
+    force. Only planes with at least four tests and at least three different forces are checked. An
+    axis is reported if its smallest p-value in any plane, multiplied by the number of all p-values
     (Bonferroni), is below 1 %. The keys of the result are the reported axes, and the values are
     their smallest p-values. ``bound`` is the model of the campaign.
     """

@@ -141,12 +141,13 @@ def shared_terms(
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return the change of each test's readings per unit of each nuisance coefficient [mm].
+    """Return the effect of each nuisance coefficient on the Fourier coefficients of each test [mm].
 
     Nuisances are effects that are modelled but not of interest. Each of the q nuisance coefficients
     is the size of such an effect. The q coefficients are common to several tests or, if ``private``
-    is True, belong to a single test. The result, shape (tests, 25, q), holds the changes of the 25
-    Fourier coefficients of each test. ``bound`` is the model of the campaign.
+    is True, belong to a single test. The result, shape (tests, 25, q), holds the change of each of
+    the 25 Fourier coefficients per unit of each nuisance coefficient. ``bound`` is the model of the
+    campaign.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]

@@ -202,9 +202,9 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 def fit_dependence(u: Array, weight: Array) -> Dependence:
     """Fit the mean and the width of each of h coordinates as functions of earlier coordinates.
 
-    Only the first k coordinates can have an influence on later coordinates; k is the smaller of h −
-    1 and 7. The mean and the log width are sums of polynomials, whose coefficients are fitted to n
-    weighted points. A coefficient is set to zero if its absolute value is at most three standard
+    Only the first k coordinates can influence later coordinates. The number k is at most 7, and at
+    most h − 1. The mean and the log width are sums of polynomials, whose coefficients are fitted to
+    n weighted points. A coefficient is set to zero if its absolute value is at most three standard
     errors. For these standard errors, the effective sample size of the weights is used as the
     number of points.
 

@@ -208,13 +208,14 @@ class _MeanRatio(NamedTuple):
 def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     """Return the mean of the ratio ρ = g / (f e^q) of densities, and its error.
 
-    f and g are similar densities. ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the
-    polynomial q that is fitted to ln(g / f), at the m nodes (points) of ``sample``. The mean is
-    taken under the density f e^q. Its error is computed from the residuals, the deviations of ρ
-    from the mean. Residuals at the nodes to which q is fitted are smaller than residuals at other
-    nodes. Each residual is therefore divided by one minus the leverage of its node. The error is
-    then too large rather than too small (MacKinnon and White, Journal of Econometrics 29 (1985)
-    305).
+    f and g are similar densities, and q is a polynomial that is fitted to ln(g / f) at the m nodes
+    (points) of ``sample``. ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and q at these
+    nodes. The mean is taken under the density f e^q.
+
+    The error of the mean is computed from the residuals, the deviations of ρ from the mean.
+    Residuals at the nodes to which q is fitted are smaller than residuals at other nodes. Each
+    residual is therefore divided by one minus the leverage of its node. The error is then too large
+    rather than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
     """
     share = sample.weight * np.exp(fitted - fitted.max())
     share = share / share.sum()
@@ -234,8 +235,8 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
     """Return whether the mean of the ratios ρ of two densities can be trusted.
 
     The ratios are known at m nodes (points). Their mean can be trusted if the ratios scatter little
-    and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` is (ρ − mean) /
-    mean, and ``log_residual`` is ln ρ. All have the shape (m,).
+    and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` the relative
+    deviations of ρ from its mean, and ``log_residual`` is ln ρ. All have the shape (m,).
     """
     if share @ residual**2 > _LARGEST_SCATTER**2:
         return False

@@ -174,10 +174,10 @@ class Evidences(Shown):
         """Return an ``Evidences`` object for the readings of all tests of the campaign but one.
 
         The object is new, and no evidence has been computed yet. ``test`` is the name of the test
-        left out, ``tests`` are the names of all tests. ``modes`` holds modes (maxima) of posteriors
-        of the hyper-parameters (such as the standard deviation of the noise). The key of a mode is
-        a tuple with the names of the hyper-parameters. For a model with exactly these
-        hyper-parameters, the search for the mode of the posterior starts at the mode given here.
+        left out, ``tests`` are the names of all tests. ``modes`` holds modes (maxima) of similar
+        posteriors, at which searches for modes start. The key of a mode is a tuple with the names
+        of the hyper-parameters (such as the standard deviation of the noise). A mode is used for
+        models with exactly these hyper-parameters.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)

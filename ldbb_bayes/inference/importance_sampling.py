@@ -88,12 +88,15 @@ def importance_sample(
     is f divided by the proposal. The proposal of the first round is fitted to f along directions
     through every mode. The proposal of a later round is fitted to the points of all earlier rounds.
     The number of points in a round is doubled as long as the error is too large and the weights are
-    not too unequal. The integral returned is from the earliest round that reaches the tolerance
-    with weights that can be trusted. If there is no such round, the round with the smallest error
-    is used; rounds with trusted weights are preferred. The first round is never returned. If no
-    round has weights that can be trusted, the rounds are repeated with other seeds, because a round
-    may miss a tail of f by chance. If no seed gives weights that can be trusted, the result of the
-    first seed is returned; its attribute ``trusted`` is false.
+    not too unequal.
+
+    The integral returned is from the earliest round that reaches the tolerance with weights that
+    can be trusted. If there is no such round, the round with the smallest error is used, if
+    possible one with trusted weights. The first round is never used.
+
+    A round may miss a tail of f by chance. If no round has weights that can be trusted, the rounds
+    are therefore repeated with other seeds. If no seed gives weights that can be trusted, the
+    result of the first seed is returned; its attribute ``trusted`` is false.
 
     Parameters
     ----------
@@ -136,11 +139,11 @@ def _best_of_rounds(
 ) -> Integral:
     """Return the earliest round of sampling that reaches the tolerance, or else the best round.
 
-    In a round, points are drawn and weighted to compute the integral of a density, whose logarithm
-    is ``log_density``. The best round is the round with the smallest error. A round with weights
-    that cannot be trusted is returned only if no round has weights that can be trusted. The first
-    round only serves to fit the proposal, which is the density from which points are drawn, and is
-    never returned. The arguments are the same as in `importance_sample`.
+    In a round, points are drawn and weighted to compute the integral of the density whose logarithm
+    is ``log_density``. If no round reaches the tolerance, the round with the smallest error is
+    returned. Rounds with weights that can be trusted are preferred. The first round is never
+    returned: it only serves to fit the proposal, which is the density from which points are drawn.
+    The arguments are the same as in `importance_sample`.
     """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
@@ -290,9 +293,9 @@ def _fit_to_rounds(
     ``rounds`` holds the points of each round (values of the hyper-parameters in unbounded
     coordinates), and ``proposals`` the density from which the points of each round were drawn. The
     weight of a point is the density to integrate divided by the mixture of all ``proposals``. In
-    the mixture, the share of a proposal is proportional to the number of points of its round. If
-    the effective sample size of the weights is too small for the fit, ``_even_out`` makes the
-    weights more equal first.
+    this mixture, each proposal has a share proportional to the number of points of its round. If
+    the effective sample size of the weights is too small for the fit, the weights are first made
+    more equal (``_even_out``).
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])

@@ -160,13 +160,14 @@ def _propose_untruncated(
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
     φ is drawn from ``proposal``, in coordinates without bounds, such as logarithms of standard
-    deviations. The weight of a draw of φ is the posterior density of these coordinates divided by
-    the density from which they were drawn. A draw with a weight below one is accepted with a
-    probability equal to its weight; a draw with a larger weight may be accepted several times
-    (`_accept`), and each copy has a β of its own. If compliances must not be negative, several β
-    are drawn for each φ, at first without this condition. The weight of φ is then multiplied by the
-    share of these β that have no negative compliance. ``share_inside`` is an estimate of the mean
-    of this share. For each accepted φ, one β without negative compliances is returned.
+    deviations. The weight of φ is proportional to its posterior density divided by the density of
+    the proposal. If the weight is below one, φ is accepted with a probability equal to the weight.
+    If the weight is larger, φ may be accepted several times (`_accept`), each time with another β.
+
+    If compliances must not be negative, several β are drawn for each φ, at first without this
+    condition. The weight of φ is then multiplied by the share of these β that have no negative
+    compliance. One of these β is returned for each accepted φ. ``share_inside`` is an estimate of
+    the mean of the share.
     """
     tries = 1
     if posterior.truncated:

@@ -211,9 +211,9 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 
     ``proposal`` is the mixture before the fit. ``points``, shape (n, h), holds n points in h
     dimensions; ``weight``, shape (n,), holds their weights, which sum to one. The weight of each
-    point is divided among the components, in proportion to the density of each component at the
-    point times the share of the component in the mixture. The new share of a component is the total
-    weight that it receives, but at least 2 %; the shares are then scaled to sum to one. A component
+    point is divided among the components. The part that a component receives is proportional to its
+    share in the mixture times its density at the point. The new share of a component is the total
+    weight that it receives, but at least 2 %. The shares are then scaled to sum to one. A component
     that receives at most 2 % is not refitted.
     """
     by_component = proposal.by_component(points)

@@ -552,12 +552,13 @@ class HyperPosterior:
         """Maxima of the posterior density with one hyper-parameter held near zero.
 
         There is at most one maximum for each hyper-parameter that is a length; negligible maxima
-        are left out. The posterior density may extend far towards zero in one hyper-parameter, and
-        the other hyper-parameters there may have other values than at the mode. The proposal (the
-        density from which points are drawn) covers this region if it is also fitted at these
-        maxima. Each maximum is described by two arrays. The first, shape (h,), holds its normal
-        scores, coordinates in which most of the priors are standard normal. The second, shape (h,
-        h), is a square root of the inverse of minus the Hessian of the log density there.
+        are left out. The posterior density may extend far towards zero in one hyper-parameter. The
+        most probable values of the other hyper-parameters there may differ from those at the mode.
+        The proposal (the density from which points are drawn) covers this region if it is also
+        fitted at these maxima. Each maximum is described by two arrays. The first, shape (h,),
+        holds its normal scores, coordinates in which most of the priors are standard normal. The
+        second, shape (h, h), is a square root of the inverse of minus the Hessian of the log
+        density there.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -618,10 +619,10 @@ class HyperPosterior:
         ``point``, shape (h,), holds the normal scores of the h hyper-parameters, coordinates in
         which most of the priors are standard normal. The density is their posterior density. If the
         probability that no compliance is negative is a factor of this density, it is replaced by a
-        smooth upper bound. Among the hyper-parameters are noise factors, each of which multiplies
-        the noise of one circle; the noise factors of two circles hardly depend on each other.
-        If ``exact`` is False, mixed second derivatives with respect to two noise factors are
-        therefore taken to be zero. The work then grows only in proportion to the number of circles.
+        smooth upper bound. Some hyper-parameters are noise factors, each of which multiplies the
+        noise of one circle. The noise factors of two circles hardly depend on each other. If
+        ``exact`` is False, mixed second derivatives with respect to two noise factors are therefore
+        taken to be zero. The work then grows only in proportion to the number of circles.
         """
         is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)

@@ -2,12 +2,12 @@
 
 The hyper-parameters φ are quantities such as the standard deviation of the noise. The normal score
 z of a value of a hyper-parameter is defined by Φ(z) = P. P is the prior probability of smaller
-values, and Φ is the standard normal distribution function. The logarithm of a scale that the
-readings hardly determine extends far towards minus infinity, with an exponential tail. The normal
-score of such a scale, in contrast, has a Gaussian tail. In normal scores, the posterior of φ
-therefore resembles a Gaussian more closely, and an integral over φ needs fewer nodes (weighted
-values of φ). For the factors that multiply the noise of single circles, the logarithms are used
-instead, because they are nearly normal.
+values, and Φ is the standard normal distribution function. If the readings hardly determine a
+scale, the density of its logarithm has an exponential tail, which extends far towards minus
+infinity. The density of its normal score has a Gaussian tail instead. In normal scores, the
+posterior of φ therefore resembles a Gaussian more closely, and an integral over φ needs fewer nodes
+(weighted values of φ). For the factors that multiply the noise of single circles, the logarithms
+are used instead, because they are nearly normal.
 """
 
 from __future__ import annotations

@@ -291,9 +291,10 @@ def _read_tree(source: Path) -> xr.DataTree:
 
 @contextmanager
 def _silent_finalizers() -> Iterator[None]:
-    """Suppress messages about errors that arise while Python deletes objects, in a ``with`` block.
+    """Suppress messages about errors that arise while Python deletes objects.
 
-    Such errors arise when the object of a file that could not be opened is deleted.
+    The messages are suppressed inside a ``with`` block. Such errors arise when the object of a file
+    that could not be opened is deleted.
     """
     hook = sys.unraisablehook
     sys.unraisablehook = _ignore_unraisable
@@ -521,15 +522,16 @@ def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
 
 
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
-    """Return posterior draws, separately for each set of alternative explanations in the models.
+    """Return posterior draws, grouped by the alternative explanations that their models contain.
 
-    If the posterior is of one model, the list returned has one item. The models of an average may
-    differ in their alternative explanations: effects that look like a change of compliance with
-    force. The effect of an alternative explanation on the readings can be computed only from draws
-    of models that contain this explanation. An item of the list therefore holds the draws of all
-    models with the same alternative explanations. Each draw has all parameters of the average;
-    parameters that the model of the draw lacks are zero. If ``size`` is not None, at most that many
-    draws are returned in total, evenly spaced.
+    Alternative explanations are effects that look like a change of compliance with force. The
+    models of an average may contain different ones. The effect of an alternative explanation on the
+    readings can be computed only from draws of models that contain this explanation. Each item of
+    the list therefore holds the draws of all models with the same alternative explanations. The
+    list has one item if the posterior is of one model.
+
+    Each draw has all parameters of the average; parameters that the model of the draw lacks are
+    zero. If ``size`` is not None, at most that many draws are returned in total, evenly spaced.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
