@@ -128,8 +128,8 @@ class PooledParameter(Result):
     """
 
     unit: str  #: unit of one parameter of the machines, made of mm, N and rad, such as mm/N
-    #: standard deviation of the prior of the parameter's mean over the population, in ``unit``;
-    #: this prior has the mean zero
+    #: prior standard deviation of the parameter's mean over the population, in ``unit``; the prior
+    #: mean is zero
     prior_sd: float
     mean: Summary  #: mean of one parameter over the machines of the population
     #: spread of one parameter: the standard deviation of the machines about their mean
@@ -213,8 +213,8 @@ class Population(Result):
     spread_scale: float
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
-    #: Pareto shape k̂ of the weights of the random draws of the spreads (standard deviations from
-    #: machine to machine); the lower k̂ is, the more reliable are the draws
+    #: Pareto shape k̂ of the weights with which the spreads (standard deviations from machine to
+    #: machine) are drawn at random; the lower k̂ is, the more reliable are the draws
     pareto_k: float
     #: whether ``pareto_k`` is low enough to trust the random draws of the spreads (standard
     #: deviations from machine to machine)

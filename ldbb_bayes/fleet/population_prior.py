@@ -28,7 +28,7 @@ _SAME_FORCE = 1e-9
 
 @dataclass(frozen=True)
 class PopulationPrior(Shown):
-    """Prior of the compliances C of a further machine of a population: C ~ N(mean, sd²).
+    """Prior for a further machine of a population; its compliances C follow N(mean, sd²).
 
     The prior is for compliances at the population's reference force, in internal units (mm, N,
     rad). Changes of compliances with force (slopes) and geometric errors keep the priors of the

@@ -312,8 +312,8 @@ class Spreads:
     #: importance weights of the k random draws of the spreads (standard deviations from machine to
     #: machine), Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
-    #: Pareto shape k̂ of the weights of the random draws of the spreads (standard deviations from
-    #: machine to machine); the larger k̂ is, the less reliable are the weights
+    #: Pareto shape k̂ of the weights with which the spreads (standard deviations from machine to
+    #: machine) are drawn at random; the larger k̂ is, the less reliable are the weights
     pareto_k: float
     #: largest Pareto shape k̂ of the weights with which the random draws of the spreads (standard
     #: deviations from machine to machine) can be trusted

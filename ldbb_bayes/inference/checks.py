@@ -405,8 +405,8 @@ class _Scatter(NamedTuple):
     the standard deviations of the sources; each posterior draw has its own S.
     """
 
-    #: change of k residuals of a test's readings per unit of each of v independent sources of
-    #: scatter, shape (k, v)
+    #: effects of v independent sources of scatter on k residuals of a test's readings, per unit of
+    #: each source, shape (k, v)
     columns: Array
     #: standard deviations of v independent sources of scatter of a test's readings, for every
     #: posterior draw, shape (draws, v)

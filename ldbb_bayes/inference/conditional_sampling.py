@@ -48,7 +48,7 @@ def conditional_draws(
         Generator of random numbers.
     truncated : bool, optional
         Whether the density is restricted to compliances that are not negative. Default: True if the
-        model does not allow negative compliances.
+        model forbids negative compliances.
 
     Returns
     -------
@@ -99,8 +99,8 @@ def draw_parameters_given(
     Raises
     ------
     InputError
-        If repeated rejection finds no draw without negative compliances for some value of the
-        hyper-parameters. The readings then contradict the condition that no compliance is negative.
+        If every draw for some value of the hyper-parameters has a negative compliance, even after
+        many attempts. The readings then contradict the condition that no compliance is negative.
     """
     beta = np.zeros((len(free), len(bound.names)))
     missing = np.arange(len(free))

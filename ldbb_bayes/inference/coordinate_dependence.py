@@ -42,8 +42,8 @@ _LARGEST_LOG_WIDTH = 1.0
 # standard errors. The polynomials describe how the mean and the logarithm of the width of a
 # coordinate depend on other coordinates.
 _SIGNIFICANT = 3.0
-# Number of steps of Fisher's method of scoring by which the widths of a density along its
-# coordinates are fitted.
+# The widths of a density along its coordinates are fitted by this number of steps of Fisher's
+# method of scoring.
 _STEPS = 4
 
 
@@ -152,9 +152,9 @@ class _Polynomials:
     # weighted skewness of each of the first k coordinates of n points (values of the
     # hyper-parameters), shape (k,)
     skewness: Array
-    # weighted standard deviations over n points (values of the hyper-parameters), shape (k,). They
-    # are those of the polynomials of degree two, one for each of k coordinates, before these are
-    # scaled to a standard deviation of one.
+    # weighted standard deviations of the k polynomials of degree two over n points (values of the
+    # hyper-parameters), before the polynomials are scaled to a standard deviation of one, shape
+    # (k,)
     square_sd: Array
     # values at n points of k orthonormal polynomials of degree one, one for each of k coordinates
     # of the points, shape (n, k)

@@ -87,11 +87,11 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ). It is the log density of
     the readings of test r, given the readings of all other tests and the hyper-parameters φ (such
     as the standard deviation of the noise). All unknowns on which the readings depend linearly are
-    integrated out. If the model does not allow negative compliances, the integral is only over
-    values without negative compliances. If the model has a factor λ_r, this factor is integrated
-    out as well. If circle r is left out, the predictive density of its readings is the harmonic
-    mean of p(y_r | y_−r, φ) over the draws (Bürkner, Gabry and Vehtari 2021). For this reason
-    ``arviz.loo`` estimates the same quantity that `compare` computes.
+    integrated out. If the model forbids negative compliances, they are left out of the integral. If
+    the model has a factor λ_r, this factor is integrated out as well. If circle r is left out, the
+    predictive density of its readings is the harmonic mean of p(y_r | y_−r, φ) over the draws
+    (Bürkner, Gabry and Vehtari 2021). For this reason ``arviz.loo`` estimates the same quantity
+    that `compare` computes.
 
     The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,
     because leaving out circle r changes the density of the hyper-parameters other than λ_r only
@@ -298,8 +298,8 @@ def _log_evidence(bound: BoundModel, phi: Array) -> Array:
     """Return ln p(y | φ) of the readings y at w values of the hyper-parameters φ, shape (w,).
 
     φ are the h hyper-parameters, such as the standard deviation of the noise; ``phi``, shape (w,
-    h), holds w values of them. If the model allows no negative compliances, the result is ln p(y, T
-    | φ), where T is the condition that no compliance is negative. The density is joint, and
+    h), holds w values of them. If the model forbids negative compliances, the result is ln p(y,
+    T | φ), where T is the condition that no compliance is negative. The density is joint, and
     therefore not divided by the prior probability of T. ``bound`` is the model of the campaign.
     """
     if not bound.truncation.active:

@@ -170,9 +170,9 @@ class LogDensity(Shown):
         """Return the log prior density ln p(x) at x.
 
         x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
-        numbers each, shape (n, d). If the model does not allow negative compliances, the result is
-        −inf where a compliance is negative. If the parameters have a flat prior, the result is the
-        log prior density of the hyper-parameters alone.
+        numbers each, shape (n, d). If the model forbids negative compliances, the result is −inf
+        where a compliance is negative. If the parameters have a flat prior, the result is the log
+        prior density of the hyper-parameters alone.
         """
         return self._evaluate(x, self._log_prior)
 
@@ -191,8 +191,8 @@ class LogDensity(Shown):
         x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
         numbers each, shape (n, d). ``u``, of the same shape, holds a number between 0 and 1 for
         each coordinate of x. It is the prior probability of smaller values of the coordinate, given
-        the coordinates before it. If the model does not allow negative compliances, no compliance
-        is negative at any x returned.
+        the coordinates before it. If the model forbids negative compliances, no compliance is
+        negative at any x returned.
 
         Raises
         ------
@@ -239,7 +239,7 @@ class LogDensity(Shown):
 
         A point holds the d coordinates: the parameters, then the hyper-parameters. The points are
         drawn at random, with the given ``seed``, and are spread a little wider than the posterior.
-        If the model does not allow negative compliances, no compliance is negative at any point.
+        If the model forbids negative compliances, no compliance is negative at any point.
         """
         joint = JointDensity(self.bound)
         random = np.random.RandomState(seed)
@@ -384,8 +384,8 @@ class LinearRedraw:
 
     A sampler proposes these draws to its walkers as their next points. φ is drawn from a density
     fitted to p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ
-    and y. If the model does not allow negative compliances, β is drawn from a density that is
-    shifted towards non-negative compliances; importance weights correct for this shift.
+    and y. If the model forbids negative compliances, β is drawn from a density that is shifted
+    towards non-negative compliances; importance weights correct for this shift.
     """
 
     density: JointDensity  #: joint posterior density of parameters and hyper-parameters
@@ -425,9 +425,9 @@ class LinearRedraw:
 
         ``points``, shape (n, p + h), holds p parameters and h hyper-parameters in the coordinates
         of `JointDensity`. The weight of a point is the posterior density at the point divided by
-        the density from which `draw` draws points, up to a constant factor. If the model does not
-        allow negative compliances, the caller must ensure that no compliance is negative at any of
-        the points; this is not checked.
+        the density from which `draw` draws points, up to a constant factor. If the model forbids
+        negative compliances, the caller must ensure that no compliance is negative at any of the
+        points; this is not checked.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)
@@ -447,8 +447,8 @@ def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState)
     The points are in the coordinates of `JointDensity`. The h hyper-parameters (such as the
     standard deviation of the noise) are drawn from a density a little wider than their posterior.
     The p parameters (compliances, their changes with force, geometric errors) are drawn from their
-    density given the hyper-parameters and the readings. If the model does not allow negative
-    compliances, no compliance is negative at any point. ``redraw`` makes the draws.
+    density given the hyper-parameters and the readings. If the model forbids negative compliances,
+    no compliance is negative at any point. ``redraw`` makes the draws.
 
     Raises
     ------

@@ -91,8 +91,8 @@ class RatioIntegral(NamedTuple):
     """Integral of a density, computed with the nodes (weighted points) of a similar density."""
 
     integral: Integral  #: integral of a density, with its nodes (weighted points)
-    #: weighted mean, over the nodes (points), of the numerical errors of the logarithm of the
-    #: density to be integrated [nat]
+    #: numerical error of the log density to be integrated, averaged over the weighted nodes
+    #: (points) [nat]
     value_error: float
 
     @property
@@ -173,9 +173,9 @@ class _Sample:
 class _Decomposition(NamedTuple):
     """Singular value decomposition U Σ Vᵀ of the matrix with which a polynomial is fitted.
 
-    The polynomial is fitted at m nodes. Row i of the matrix belongs to node i. It holds the terms
-    of the polynomial (such as x, y and x y) times the square root of the node's weight. Singular
-    values Σ that are zero except for rounding errors are left out.
+    The polynomial is fitted at m nodes (points). Row i of the matrix belongs to node i. It holds
+    the terms of the polynomial (such as x, y and x y) times the square root of the node's weight.
+    Singular values Σ that are zero except for rounding errors are left out.
     """
 
     #: left singular vectors of the matrix with which a polynomial is fitted, shape (m, rank). The
@@ -235,8 +235,9 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
     """Return whether the mean of the ratios ρ of two densities can be trusted.
 
     The ratios are known at m nodes (points). Their mean can be trusted if the ratios scatter little
-    and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` the relative
-    deviations of ρ from its mean, and ``log_residual`` is ln ρ. All have the shape (m,).
+    and have no heavy tail. ``share`` holds the weights of the nodes, ``residual`` holds the
+    relative deviations of ρ from its mean, and ``log_residual`` holds ln ρ. All have the shape
+    (m,).
     """
     if share @ residual**2 > _LARGEST_SCATTER**2:
         return False

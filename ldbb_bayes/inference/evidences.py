@@ -123,8 +123,7 @@ class Evidences(Shown):
 
         - how compliances change with force;
         - which alternative explanations of such a change they contain (for example joints that
-        deflect under their own load);
-
+          deflect under their own load);
         - whether negative compliances are allowed.
 
         The nodes of related models are derived from the nodes of the largest of these models.

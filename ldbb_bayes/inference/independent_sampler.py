@@ -211,16 +211,16 @@ class _StandardDraws(NamedTuple):
     """Random draws of the p parameters, in coordinates in which they are standard normal.
 
     ``standard``, shape (w, tries, p), holds several draws for each of w values of the
-    hyper-parameters. If the model does not allow negative compliances, draws with negative
-    compliances are not usable. ``usable``, shape (w,), is the number of usable draws for each
-    value; these draws come first.
+    hyper-parameters. If the model forbids negative compliances, draws with negative compliances are
+    not usable. ``usable``, shape (w,), is the number of usable draws for each value; these draws
+    come first.
     """
 
     #: random draws of p parameters, in coordinates in which they are standard normal, for each of w
     #: values of the hyper-parameters, shape (w, tries, p)
     standard: Array
     #: number of usable draws for each of w values of the hyper-parameters, shape (w,); if the model
-    #: does not allow negative compliances, draws with negative compliances are not usable
+    #: forbids negative compliances, draws with negative compliances are not usable
     usable: Array
 
 

@@ -155,7 +155,7 @@ class Integral:
 
     @cached_property
     def grid_difference(self) -> float:
-        """Absolute difference of ln ∫ f, for a density f, between a lattice's two grids [nat]."""
+        """Absolute difference between the values of ln ∫ f from a lattice's two grids [nat]."""
         share = np.maximum(np.bincount(self.estimate, self.weight), _TINY)
         return abs(float(np.diff(np.log(share))[0]))
 

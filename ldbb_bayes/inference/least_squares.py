@@ -45,8 +45,8 @@ class LeastSquares(Result):
 
     #: table of the least-squares estimates of the parameters, with the columns unit, estimate and
     #: u, in mm, N and rad. u is the standard uncertainty from the scatter of the residuals, taken
-    #: as white noise. If the readings do not determine all parameters, or if the number of readings
-    #: is not larger than the number of parameters, all estimates and all u are NaN.
+    #: as white noise. All estimates and all u are NaN if the readings do not determine every
+    #: parameter, or if there are at most as many readings as parameters.
     table: ByRow
     #: root-mean-square residual over all readings and for each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the article on the model)

@@ -42,9 +42,10 @@ _BATCHES = 16
 
 
 class _Truncation(NamedTuple):
-    """Intervals to which Gaussians are truncated, and their probabilities before truncation.
+    """Intervals to which Gaussians are truncated, and the probabilities of these intervals.
 
-    All arrays have the shape (n, p), for n Gaussians of each of p parameters.
+    The probabilities are those before truncation. All arrays have the shape (n, p), for n Gaussians
+    of each of p parameters.
     """
 
     #: lower bounds of truncated Gaussians (n for each of p parameters), as distances from their

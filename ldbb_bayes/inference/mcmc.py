@@ -186,8 +186,9 @@ class WeightedPoints(NamedTuple):
     """
 
     points: Array  #: random points with d coordinates for a sampler, shape (size, d)
-    #: log importance weight of each random point, ln(density from which the sampler is to draw /
-    #: density from which the points are drawn), up to a constant, shape (size,)
+    #: log importance weights of the random points, shape (size,). The weight of a point is the
+    #: density from which the sampler is to draw, divided by the density from which the point is
+    #: drawn, up to a constant factor.
     log_weight: Array
     #: logarithm of the target density, from which a sampler is to draw, at each random point, shape
     #: (size,)
@@ -378,7 +379,7 @@ def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
 
 
 class _StoredBlock(NamedTuple):
-    """Stored random draws from one block of steps of all ensembles of walkers (moving points)."""
+    """Random draws stored from one block of steps, for all ensembles of walkers (moving points)."""
 
     thin: int  #: number of steps of the sampler from one stored draw to the next
     #: stored draws of the d coordinates of all walkers, shape (ensembles, draws, walkers, d)

@@ -48,9 +48,9 @@ _EM_STEPS = 3
 # the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
-# After it is fitted to points, a proposal (the density from which points are drawn) is widened by
-# this factor. For importance sampling, a proposal that is too narrow is worse than one that is too
-# wide.
+# A proposal (the density from which points are drawn) is widened by this factor after it has been
+# fitted to points. For importance sampling, a proposal that is too narrow is worse than one that is
+# too wide.
 _WIDER = 1.05
 # Largest number of weighted points to which the tails of a proposal (the density from which points
 # are drawn) are fitted. If there are more points, this number of points is picked in proportion to
@@ -359,8 +359,9 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     for side in (0, 1):
         log_tail = _log_tail(square, scale[side], freedom[side])
         tails = tails + (side_weights[side] * log_tail).sum(axis=0)
-    # The split density is one at ``offset`` before it is divided by its integral, the sum of the
-    # integrals of its two sides. ``tails`` is the weighted mean of −ln of the undivided density.
+    # Before the split density is divided by its integral, it is one at ``offset``. The integral is
+    # the sum of the integrals of its two sides. ``tails`` is the weighted mean of −ln of the
+    # undivided density.
     log_likelihood = -np.log(_side_masses(scale, freedom).sum(axis=0)) - tails
     return _AxisFit(np.full(h, offset), scale, freedom, log_likelihood)
 

@@ -79,13 +79,13 @@ _CORNER_GAIN = 1e-2
 # Gaussian fitted at the highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# The probability that no compliance is negative is not computed at the nodes (values of the
-# hyper-parameters) of smallest weight. The share of the integral that belongs to these nodes is at
-# most the tolerance [nat] divided by this number.
+# The nodes (values of the hyper-parameters) of smallest weight are skipped when the probability
+# that no compliance is negative is computed. The share of the integral that belongs to these nodes
+# is at most the tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
-# The probability that no compliance is negative is not computed at the nodes (values of the
-# hyper-parameters) of smallest weight. These nodes hold at most this share of the integral, however
-# large the tolerance is.
+# The nodes (values of the hyper-parameters) of smallest weight are skipped when the probability
+# that no compliance is negative is computed. These nodes hold at most this share of the integral,
+# however large the tolerance is.
 _LARGEST_LEFT_OUT = 5e-4
 # Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
 # a quarter of that of the log evidence, but at least this value.
@@ -123,8 +123,8 @@ _SPARE = 1e-7
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
 # Quantiles of parameters are computed from a mixture of Gaussians. Gaussians that are too narrow
-# are widened: their standard deviation is at least this fraction of the standard deviation of the
-# means of all Gaussians.
+# are widened: their standard deviation is raised to this fraction of the scatter (standard
+# deviation) between the means of all Gaussians.
 _LEAST_SD_SHARE = 1e-6
 
 
@@ -425,8 +425,8 @@ class HyperPosterior:
         P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
         ``free``, shape (n, h), holds the values of the h hyper-parameters in unbounded coordinates
         (mostly ln(value − lower bound)). The error of the mean is twice the standard error, plus
-        the mean numerical error of P(T | y, φ). The standard error follows from the scatter of P(T
-        | y, φ) between these values. ``tolerance`` is the error allowed in ln P(T | y) [nat].
+        the mean numerical error of P(T | y, φ). The standard error follows from the scatter of
+        P(T | y, φ) between these values. ``tolerance`` is the error allowed in ln P(T | y) [nat].
         """
         log_values = []
         errors = []
@@ -459,9 +459,8 @@ class HyperPosterior:
         """Weighted random values of the hyper-parameters, drawn from a mixture.
 
         The mixture is fitted to the posterior density, and further values can be drawn from it. The
-        weights represent the posterior density. If ``truncated`` is true, this density has the
-        probability that no compliance is negative as a factor; here, an upper bound takes the place
-        of this probability.
+        weights represent the posterior density. If ``truncated`` is true, a factor of the density
+        is an upper bound of the probability that no compliance is negative.
         """
         sample = importance_sample(
             self._smooth_of_scores,
@@ -487,9 +486,9 @@ class HyperPosterior:
     def coarse(self) -> Integral:
         """Coarse nodes of the posterior density: weighted values of the hyper-parameters.
 
-        The error allowed in the log integral from coarse nodes is 0.2 nat. If the posterior density
-        includes, as a factor, the probability that no compliance is negative (``truncated``), this
-        probability is replaced by its upper bound.
+        The error allowed in the log integral from coarse nodes is 0.2 nat. If ``truncated`` is
+        true, a factor of the density is an upper bound of the probability that no compliance is
+        negative.
         """
         return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
@@ -805,8 +804,8 @@ class Nodes:
         readings. All draws are in units made of mm, N and rad. For p parameters and h
         hyper-parameters, the results have the shapes (size, p) and (size, h). If the posterior of
         the nodes is ``truncated``, no compliance is negative in any draw. ``rng`` generates the
-        random numbers. Raise an `InputError` if repeated rejection finds no draw without negative
-        compliances.
+        random numbers. Raise an `InputError` if every draw has a negative compliance, even after
+        many attempts.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)

@@ -49,7 +49,7 @@ class GaussianFactor:
     #: index, among the h coordinates of a point, of the coordinate that a Gaussian density
     #: describes
     axis: int
-    #: change of the mean of one coordinate of a point per unit of each of the other h − 1
+    #: slopes of the mean of one coordinate of a point as a linear function of the other h − 1
     #: coordinates, shape (h − 1,)
     slopes: Array
     #: mean of one coordinate of a point if all other coordinates are zero

@@ -192,10 +192,10 @@ class NormalScores:
         bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded
         coordinates, mostly ln(value − lower bound). The result is a tuple of two arrays, each of
         shape (..., k). The first holds log probabilities of the intervals from a to the values, the
-        second those of the intervals from the values to b. They are computed as if the prior
-        density in the whole interval were as large as at the bound, and are therefore accurate only
-        for short intervals. If b is infinite, the log probability of the interval up to b is
-        replaced by infinity.
+        second those of the intervals from the values to b. The probabilities are computed as if the
+        prior density in the whole interval were as large as at the bound. They are therefore
+        accurate only for short intervals. If b is infinite, the log probability of the interval up
+        to b is replaced by infinity.
         """
         lower, upper = self._bounds
         restricted = free[..., self._has_normal_prior]

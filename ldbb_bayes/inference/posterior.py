@@ -99,7 +99,7 @@ MODEL_EDITION = 3
 # a posterior states about its campaign. Because of the cache, all analyses of a posterior use the
 # same `Campaign` object and the results that are stored in it.
 _CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
-# Largest number of campaigns that the cache of the posteriors' campaigns holds.
+# Largest number of campaigns in the cache of campaigns from which posteriors were computed.
 _KEPT_CAMPAIGNS = 8
 # If a file cannot be read, at most this many characters of the library's error message are quoted.
 _LONGEST_REASON = 120
@@ -181,7 +181,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
 def _no_lock_of_dask() -> AbstractContextManager[Any]:
     """Return a context in which xarray does not ask a cluster of Dask workers for a file lock.
 
-    No lock is needed, as the file is first written to the memory of this process.
+    No lock is needed, because the file is first written to the memory of this process.
     """
     try:
         import dask.config  # The library Dask need not be installed.
@@ -305,7 +305,7 @@ def _silent_finalizers() -> Iterator[None]:
 
 
 def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
-    """Do nothing, so that Python does not print an exception that it cannot raise.
+    """Do nothing, where Python would print an exception that it cannot raise.
 
     Such exceptions arise, for example, while Python deletes an object.
     """
@@ -430,8 +430,8 @@ def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
     """Return the key of a posterior's campaign in the cache of campaigns.
 
     The first part of the key is the entry ``campaign`` of the posterior's record, the JSON text
-    that states how the posterior was made. The second part is the angles and readings of the
-    campaign.
+    that states how the posterior was made. The second part consists of the angles and readings of
+    the campaign.
     """
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
@@ -498,8 +498,8 @@ def draws_of(
 ) -> tuple[Array, Array]:
     """Return posterior draws of the p parameters and of the h hyper-parameters.
 
-    Parameters are compliances, their changes with force, and geometric errors, in mm, N and rad;
-    hyper-parameters are quantities such as the standard deviation of the noise, and those that are
+    Parameters are compliances, their changes with force, and geometric errors, in mm, N and rad.
+    Hyper-parameters are quantities such as the standard deviation of the noise; those that are
     lengths are in mm. The draws of all chains are joined. The results have the shapes (draws, p)
     and (draws, h). If ``size`` is not None, at most that many draws are returned, evenly spaced.
     ``bound`` is the posterior's model of the campaign.
@@ -581,8 +581,8 @@ def elastic_draws_of(
 ) -> ElasticDraws:
     """Return posterior draws of compliances and of the elastic deflection around circles.
 
-    ``circles`` holds the indices of the tests for whose circles the deflection is returned;
-    ``force_N``, shape (n,), holds n forces of the bar [N]; see `elastic_draws`. At most ``size``
+    ``circles`` holds the indices of the tests for whose circles the deflection is returned.
+    ``force_N``, shape (n,), holds n forces of the bar [N], see `elastic_draws`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
     several models, the draws are in the order of `model_draws_of`. Draws of models with the same
     alternative explanations (effects that look like a change of compliance with force) are then
