@@ -414,9 +414,9 @@ def fit_population(
     spread_scale : float
         Scale of the prior of each parameter's spread (standard deviation from machine to machine).
         The prior is HalfNormal(spread_scale · sd), where sd is the reference standard deviation of
-        the parameter. The reference standard deviation is the standard deviation of the parameter's
-        default prior or, if this is larger, the median of the prior standard deviations in the fits
-        of the campaigns.
+        the parameter. This reference is the larger of two values: the standard deviation of the
+        parameter's default prior, and the median of its prior standard deviations in the fits of
+        the campaigns.
     one_instrument : bool
         Whether all campaigns used the same bar. If so, the errors of the mount's deflection and of
         the force are the same in all campaigns and do not average out.

@@ -59,8 +59,8 @@ _DIFFERENCE_STEP = 1e-4
 _MODE_GAIN = 1e-10
 # Random draws of ln s are limited to the range from ln τ − ``_RANGE_BELOW`` to m +
 # ``_RANGE_ABOVE``. The spreads s are the standard deviations of machines about the mean of their
-# population, and τ is the scale of their prior. m is ln τ or, if that is larger, the largest
-# element of the mode of ln s.
+# population, and τ is the scale of their prior. m is the larger of two numbers: ln τ, and the
+# largest element of the mode of ln s.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
 # A set of random draws of the machines' spreads (standard deviations about their mean) is good

@@ -306,8 +306,8 @@ def find_trend(
 
     The model assumes at most one lasting step of one parameter. The prior of the size of this step
     is N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter.
-    The reference standard deviation is the standard deviation of the parameter's default prior or,
-    if this is larger, the median of the prior standard deviations in the fits of the campaigns.
+    This reference is the larger of two values: the standard deviation of the parameter's default
+    prior, and the median of its prior standard deviations in the fits of the campaigns.
 
     Parameters
     ----------
