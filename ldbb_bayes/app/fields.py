@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.cli.arguments import (
-    LAYOUT_OPTIONS,
     campaign_fields,
     instrument_fields,
     model_from,
 )
 from ldbb_bayes.cli.fit_results import with_tolerances
+from ldbb_bayes.cli.layout_options import LAYOUT_OPTIONS
 from ldbb_bayes.cli.options import NUMBERS, Kind, Option, group, option, options_of
 from ldbb_bayes.cli.questions import MACHINES
 from ldbb_bayes.cli.reporting import REPORT_OPTIONS

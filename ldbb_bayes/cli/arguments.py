@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.options import Kind, Option, group, options_of
+from ldbb_bayes.cli.layout_options import LAYOUT_FLAGS, LAYOUT_OPTIONS
+from ldbb_bayes.cli.options import Option, group, options_of
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.terms import Term
@@ -24,7 +25,6 @@ __all__ = [
     "ESS",
     "FORCE",
     "JSON",
-    "LAYOUT_OPTIONS",
     "PRIOR_FROM",
     "QUIET",
     "SAMPLER",
@@ -49,8 +49,6 @@ __all__ = [
 # Default deflection of the work ball's mount per unit of pressure [µm/bar], from the published
 # experiment. The pressure is that of the regulator that produces the force.
 _MOUNT_UM_PER_BAR = 2.33
-# Quantities, such as angle and reading, that the columns of an imported table can hold.
-_COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
 
 def campaign_from(path: Path, **options: Any) -> lb.Campaign:
@@ -111,7 +109,7 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
     layout_options = {}
     certificates = {}
     for option_name in list(options):
-        if option_name in _LAYOUT_KEYWORDS:
+        if option_name in LAYOUT_FLAGS:
             layout_options[option_name] = options.pop(option_name)
         elif option_name in _CERTIFICATE_KEYWORDS:
             certificates[option_name] = options.pop(option_name)
@@ -119,7 +117,7 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
     source = ReportSource(
         files,
         matching(files),
-        _layout(**layout_options),
+        LAYOUT_OPTIONS.make(**layout_options),
         campaign_fields(**options),
         instrument_fields(bar_length_mm=bar_length_mm, **certificates),
     )
@@ -249,44 +247,6 @@ def campaign_fields(
     return fields
 
 
-def _column_in(text: str) -> str | int:
-    """Return the number or the heading by which the user names a column of a table.
-
-    If ``text`` consists only of digits, it is the number of the column, counted from 1. Otherwise
-    it is the heading of the column.
-    """
-    return int(text) if text.isdecimal() else text
-
-
-def _read_column(text: str, flag: str) -> str | int:
-    """Return the column of a table that the user typed: its number (from 1) or its heading."""
-    return _column_in(text)
-
-
-def _read_columns(entries: list[str], flag: str) -> list[str | int]:
-    """Return the columns of a table that the user typed: their numbers (from 1) or headings."""
-    return [_column_in(text) for text in entries]
-
-
-def _read_sheets(text: str, flag: str) -> list[str]:
-    """Return the names of a workbook's sheets, which the user typed with commas between them."""
-    return [name.strip() for name in text.split(",")]
-
-
-def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return the layout (how imported tables are to be read) from a layout file and options.
-
-    ``layout`` is the path of the file, or None if there is no file. ``options`` holds values of
-    fields of `Layout`; the keys are names of fields. These values replace those in the file.
-    """
-    from_file = lb.reading.Layout() if layout is None else lb.reading.read_layout(layout)
-    columns = dict(from_file.columns)
-    for role in _COLUMN_ROLES:
-        if f"{role}_column" in options:
-            columns[role] = options.pop(f"{role}_column")
-    return from_file.with_given({"columns": columns, **options})
-
-
 def _model_options() -> dict[str, Option]:
     """Return the command-line options with which the user describes the model of the readings.
 
@@ -388,15 +348,6 @@ _CERTIFICATE_KEYWORDS = [
     "bar_certificate",
     "force_certificate",
 ]
-# Options that say how tables are to be read. `_LAYOUT_KEYWORDS` are the names of the keyword
-# arguments that get the values of these options.
-_LAYOUT_OPTIONS = options_of(
-    "layout",
-    column=Kind(str, _read_column),
-    columns=Kind(list[str], _read_columns),
-    sheets=Kind(str, _read_sheets),
-)
-_LAYOUT_KEYWORDS = [option.to or name for name, option in _LAYOUT_OPTIONS.items()]
 # Options that several commands share; the keys are the names of the options. Each constant below is
 # one of these options.
 _SHARED = options_of("shared")
@@ -437,7 +388,9 @@ _FILES = inspect.Parameter(
 )
 GivenReadings = Annotated[
     "SourceCampaign",
-    group(readings_from, _FILES, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS, **_LAYOUT_OPTIONS),
+    group(
+        readings_from, _FILES, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS, **LAYOUT_OPTIONS.options
+    ),
 ]
 Certificates = Annotated[dict[str, Any], group(instrument_fields, **_CERTIFICATE_OPTIONS)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)]
@@ -448,5 +401,4 @@ OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
 ReportOutput = Annotated[
     Output, group(Output, **{**options_of("output"), **options_of("report_output")})
 ]
-LAYOUT_OPTIONS = group(_layout, **_LAYOUT_OPTIONS)
 ChosenLayout = Annotated["lb.reading.Layout", LAYOUT_OPTIONS]

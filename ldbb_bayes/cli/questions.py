@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import typer
 
 import ldbb_bayes as lb
+from ldbb_bayes.cli.layout_options import LAYOUT_FLAGS
 from ldbb_bayes.cli.options import CATALOGUE
 from ldbb_bayes.cli.values import ball_in
 from ldbb_bayes.errors import InputError, require
@@ -91,7 +92,7 @@ def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) ->
         value: Any = answer
         if question.field == "sign" and answer in question.answers:
             value = int(answer)
-        return layout.with_given({question.field: value})
+        return layout.with_given({question.field: value}, LAYOUT_FLAGS)
 
     typer.echo(str(question), err=True)
     completed: lb.reading.Layout = _ask(", ".join(question.answers), "", read)

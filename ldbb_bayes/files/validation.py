@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache, wraps
 from typing import Any, NamedTuple, TypeVar, cast, get_args
 
@@ -29,7 +29,12 @@ def _adapter(model: type[Any]) -> TypeAdapter[Any]:
     return TypeAdapter(model)
 
 
-def validated(model: type[T], content: dict[str, Any], place: str) -> T:
+def validated(
+    model: type[T],
+    content: dict[str, Any],
+    place: str,
+    flags: Mapping[str, str] | None = None,
+) -> T:
     """Check the content of a file, and return it as an object of the class ``model``.
 
     Parameters
@@ -40,6 +45,10 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
         Content of the file.
     place
         Name of the file, for the message of an `InputError`.
+    flags
+        Flags of the command-line options that set the entries, such as ``--unit``; the keys are the
+        names of the entries. The message names such an entry by its flag alone. Default: no entry
+        was set by an option.
 
     Returns
     -------
@@ -81,7 +90,10 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
         first["type"] != "missing",
         f"{place}: {key!r}{table} must be given, got nothing. Add it.",
     )
-    raise InputError(f"{place}: {_describe_invalid(f'{key!r}{table}', first)}")
+    subject = f"{place}: {key!r}{table}"
+    if flags is not None:
+        subject = flags.get(" ".join(location.keys), subject)
+    raise InputError(_describe_invalid(subject, first))
 
 
 class _Location(NamedTuple):

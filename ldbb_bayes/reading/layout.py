@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -223,7 +224,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
                 raise ValueError(f"the {role} must be one column")
         return columns
 
-    def with_given(self, options: dict[str, Any]) -> Layout:
+    def with_given(self, options: dict[str, Any], flags: Mapping[str, str] | None = None) -> Layout:
         """Return the layout after replacing fields by the given command-line options.
 
         The keys of ``options`` are names of fields; an option with the value None changes nothing.
@@ -231,6 +232,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         for all tests, such as the direction, is removed from these entries. An option that lists
         forces or pressures replaces all forces and pressures that the layout and its entries
         [[test]] state.
+
+        ``flags`` holds the flags of options, such as ``--unit`` for the field ``reading_unit``; the
+        keys are the names of the fields. An error message names a field by its flag, or by its name
+        if no flags are given.
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
@@ -241,7 +246,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
             stated = {key: [] for key in _LOAD_LISTS} | stated
         if keys_of_tests and "test" not in options:
             stated["test"] = [_without(entry.stated(), keys_of_tests) for entry in self.test]
-        return validated(Layout, {**self.model_dump(by_alias=True), **stated}, "options")
+        return validated(Layout, {**self.model_dump(by_alias=True), **stated}, "options", flags)
 
 
 def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
