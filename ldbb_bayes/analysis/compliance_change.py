@@ -61,7 +61,9 @@ class ChangeWithForce(Result):
     True
     """
 
-    unit: str  #: internal unit (mm, N, rad) of a compliance and of its change with force
+    #: unit of a compliance, composed of mm, N and rad, such as mm/N; the change of the compliance
+    #: over the tested forces has the same unit
+    unit: str
     #: probability of the credible intervals of a compliance and of its change with force
     prob: float
     smallest_force_N: float  #: smallest force tested, F_min [N]

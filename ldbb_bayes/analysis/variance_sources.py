@@ -271,11 +271,12 @@ class AveragedVariance:
 
     @cached_property
     def shares_by_term(self) -> dict[str, Array]:
-        """Shares of every model term in the variances of q quantities, shape (q,) each.
+        """Dict with the share of each model term in the variances of q quantities.
 
-        The quantities are parameters, and changes of compliances with force. The keys are class
-        names of terms. The priors of all parameters together count as one term. The choice between
-        the models of an average counts as a term, too.
+        The quantities are the parameters and the changes of the compliances with force. Each key is
+        the class name of a term; each value has the shape (q,). The priors of all parameters count
+        together as one term. If the results are averaged over several models, the uncertainty about
+        the right model counts as one more term.
         """
         shares: dict[str, Array] = {}
         if not self.models[0].information.flat:

@@ -42,8 +42,8 @@ _NUMBER_ELEMENTS = ("real", "realListXMLList")
 # 2 of the D-SI (Digital SI), the second key the name in version 1. Each value is the name of the
 # inner element that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-# Names of the XML elements of the D-SI (Digital SI) that state a standard uncertainty. Each value
-# is the name of the inner element that holds the number.
+# XML elements of the D-SI (Digital SI) that state a standard uncertainty. Each key is the name of
+# such an element; the value of the dict is the name of the inner element that holds the number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",

@@ -267,8 +267,8 @@ class _CatalogueEntry(NamedTuple):
 def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
     """Yield the name and the declaration of each option in a group of the file ``options.toml``.
 
-    ``entries`` is the content of the group. An option in a panel of the help gets the heading of
-    the panel.
+    ``entries`` is the content of the group. The help shows some options in a panel, which is a box
+    with a heading. The heading is added to the declarations of these options.
     """
     for name, entry in entries.items():
         if isinstance(entry, str):

@@ -221,26 +221,37 @@ def read_batch(
 ) -> pd.DataFrame:
     """Return the rows of one batch or of several batches as one table.
 
-    The columns are: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
-    topology, planes, compliances (JSON text that states the weighted sum of joint compliances for
-    each fitted compliance), tolerances (JSON text), tests (number of tests), readings (number of
-    readings), force_min_N, force_max_N, reference_force_N, degree, terms, model_sha256, sampler,
-    seed, versions (of software), converged (whether the sampler reached its target), state (how far
-    the fit can be trusted), kinds (of all warnings and misfits), verdict (sentence on the fit),
-    misfits, warnings, log_prob_truncation [nat] (log probability that no compliance is negative),
-    rmse_um, log_bayes_factor (linear over constant compliance) and log_bayes_factor_error [nat].
+    A batch is a set of campaigns that `run_batch` has fitted; each campaign has one row. The
+    columns are:
 
-    Every parameter and hyper-parameter (scale of the noise or of another effect) has five columns:
-    NAME.mean, NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high, in internal units (mm, N, rad)
-    that ``attrs["units"]`` states. Stiffnesses by direction at the reference force have the same
-    five columns. Their names are k_min, k_max, k_ratio, softest_direction [deg], stiffest_direction
-    [deg], principal_axis [deg] and C_XXX_minus_C_YYY. If there are several planes, the plane
-    follows the name (k_min_YZ). If three planes were tested, there are also k_1, k_2 and k_3; see
-    `stiffness`. Every quantity with a tolerance has the columns NAME.probability (of conformity)
-    and NAME.decision. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
-    instrument errors that `find_trend` and `fit_population` use. These posterior moments are
-    computed without the condition that no compliance is negative. The column of the covariance
-    matrix lists its lower triangle row by row.
+    - ``campaign``, ``name``, ``sha256``, ``machine_id``, ``date``: which campaign this is.
+    - ``status``: "done" or "failed". ``reason``: why the fit failed.
+    - ``topology``, ``planes``, ``tests``, ``readings``, ``force_min_N``, ``force_max_N``,
+      ``reference_force_N``: the machine and its tests; ``tests`` and ``readings`` are numbers.
+    - ``compliances``: JSON text that states the weighted sum of joint compliances for each fitted
+      compliance. ``tolerances``: JSON text with the tolerances.
+    - ``degree``, ``terms``, ``model_sha256``, ``sampler``, ``seed``, ``versions``: the model, the
+      sampler and the versions of the software.
+    - ``converged``: whether the sampler reached its target. ``state``: how far the fit can be
+      trusted. ``verdict``: a sentence on the fit. ``warnings``, ``misfits``: their texts.
+      ``kinds``: the kind of each warning and misfit.
+    - ``log_prob_truncation``: log probability that no compliance is negative [nat].
+    - ``rmse_um``: root mean square of the residuals [µm].
+    - ``log_bayes_factor``, ``log_bayes_factor_error``: log Bayes factor of linear over constant
+      compliance, and its numerical error [nat].
+    - ``NAME.mean``, ``NAME.sd``, ``NAME.median``, ``NAME.ci_low``, ``NAME.ci_high``: five columns
+      for each parameter, hyper-parameter (scale of the noise or of another effect) and stiffness
+      quantity. Internal units (mm, N, rad) are used; ``attrs["units"]`` states them. The stiffness
+      quantities belong to the reference force: ``k_min``, ``k_max``, their ratio ``k_ratio``, the
+      directions ``softest_direction``, ``stiffest_direction`` and ``principal_axis`` [deg], and the
+      difference ``C_XXX_minus_C_YYY``. With several planes, the name of the plane is added, as in
+      ``k_min_YZ``. With three planes there are also ``k_1``, ``k_2`` and ``k_3``; see `stiffness`.
+    - ``NAME.probability``, ``NAME.decision``: probability of conformity and decision, for each
+      quantity with a tolerance.
+    - ``gaussian_…``: posterior and prior moments of parameters and instrument errors, which
+      `find_trend` and `fit_population` use. The posterior moments are computed without the
+      condition that no compliance is negative. The column of the covariance matrix lists its lower
+      triangle row by row.
 
     Parameters
     ----------

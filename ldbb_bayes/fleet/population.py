@@ -89,12 +89,10 @@ class _DrawLimits(NamedTuple):
     A spread is the standard deviation of a parameter from machine to machine.
     """
 
-    #: limit of the number of machines times the number of random draws of the spreads (standard
-    #: deviations from machine to machine). At least ``lowest`` draws are made, even if they exceed
-    #: this limit.
+    #: upper limit of a product: the number of machines, multiplied by the number of random draws of
+    #: the spreads. At least ``lowest`` draws are made, even if the product then exceeds the limit.
     pairs: int
-    #: smallest number of random draws of the spreads (standard deviations from machine to machine),
-    #: however many machines there are
+    #: smallest number of random draws of the spreads, however many machines there are
     lowest: int
     #: largest number of random draws of the spreads (standard deviations from machine to machine),
     #: however few machines there are

@@ -396,9 +396,8 @@ def _not_negative(
         Weight of each compliance in the sum that each kept compliance represents, shape (number of
         kept compliances, m).
     """
-    # A kept compliance represents a weighted sum of compliances. Divide the weights by typical
-    # magnitudes of the forces and moments, so that the elements of the matrices of weights become
-    # comparable.
+    # The weights of compliances in different units differ by orders of magnitude. Divide them by
+    # typical magnitudes of the forces and moments, so that all elements of A_k are comparable.
     unit = dict.fromkeys(COMPONENTS, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:

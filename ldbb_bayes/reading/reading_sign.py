@@ -221,10 +221,10 @@ def _sign_of_name(source: str | CitedLine, text: str) -> int | None:
 
 
 def _texts_about_sign(recording: Recording, header: str) -> list[tuple[str | CitedLine, str]]:
-    """Return the sources and the texts that may state the sign of a test's readings, as pairs.
+    """Return the texts that may state the sign of a test's readings, as pairs (source, text).
 
-    The texts are ``header``, the header of the readings, and the statements in lines outside the
-    table. A source says where the text is, such as "line 3".
+    The texts are the header of the readings (``header``) and the statements in lines outside the
+    table. A source says where a text stands, such as "line 3".
     """
     texts: list[tuple[str | CitedLine, str]] = [(f"the header {header!r}", header)]
     for line, text in recording.lines_outside:

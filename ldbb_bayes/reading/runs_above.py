@@ -1,4 +1,7 @@
-"""Names of runs in a row above the header: ``Run 1, Run 2`` above two columns ``Deviation``."""
+"""Names of runs that stand in the row above the header.
+
+For example, ``Run 1`` and ``Run 2`` stand above two columns that are both headed ``Deviation``.
+"""
 
 from __future__ import annotations
 

@@ -942,8 +942,8 @@ def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
-    # The units after numbers are not stored in the cells of the table. They are added here, because
-    # 100 N may be the name of a test.
+    # A cell of the table holds a number without the unit that the file states behind it. The unit
+    # is added to the number again here, because a label such as "100 N" may be the name of a test.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels and _names_tests_once(labels):
         header = columns.heading.headers[columns.heading.roles["test"]][:LONGEST_NAME]

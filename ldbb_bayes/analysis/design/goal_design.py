@@ -308,11 +308,11 @@ class _Steps:
     done: int = 0
 
     def finish_one(self) -> None:
-        """Count one more search or forecast for goals as finished, and report this."""
+        """Count one more step (search or forecast) as finished, and report the progress."""
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:
-        """Record how many searches and forecasts for goals are finished, and report this number."""
+        """Record how many steps (searches and forecasts) are finished, and report the progress."""
         self.done = done
         if self.progress is not None:
             self.progress(done, 2 * _SHOWN + _CUSTOMARY)

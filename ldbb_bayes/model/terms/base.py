@@ -384,9 +384,10 @@ class Term(Shown):
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of a term's settings that allow only certain values.
+    """Return the permitted values of those settings of a term that are chosen from a list.
 
-    ``kind`` is the class of the term. The result is a dict; its keys are the names of the settings.
+    ``kind`` is the class of the term. The result is a dict: each key is the name of such a setting,
+    each value is the tuple of its permitted values.
     """
     return {
         name: get_args(hint)
