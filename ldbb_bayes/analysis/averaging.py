@@ -270,9 +270,9 @@ def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
     same_force = bound.setting.reference_force_N == largest.setting.reference_force_N
     if not (same_terms and fewer_parameters and same_force):
         raise InputError(
-            "models must be nested, those of fewer parameters the largest with some fixed at zero,"
-            " got others (other terms, parameters or reference force). Make one from the other:"
-            " linear.with_degree(0)."
+            "models must be nested, which means that each is the largest model with some parameters"
+            " fixed at zero, got models with other terms, parameters or reference force. Make one"
+            " from the other: linear.with_degree(0)."
         )
 
 

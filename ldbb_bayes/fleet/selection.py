@@ -266,7 +266,7 @@ def _is_undated_or_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bo
     if since is None:
         return pd.Series(False, index=rows.index, dtype=bool)
     try:
-        first = moment(since or "0001-01-01")
+        first = moment(since)
     except ValueError:
         raise InputError(
             f"since must be a date or time in ISO 8601, got {since!r}. For example 2026-03-01."

@@ -286,6 +286,7 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
             "must be a campaign or machine of the batch, got 'm2'. Did you mean 'M2'",
         ),
         ({"since": "March"}, "since must be a date or time in ISO 8601, got 'March'"),
+        ({"since": ""}, "since must be a date or time in ISO 8601, got ''"),
         (
             {"since": "2030-01-01"},
             "campaigns must be left to rely on, got none of 8. Left out, without a date",
