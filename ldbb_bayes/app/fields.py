@@ -18,7 +18,7 @@ from ldbb_bayes.cli.arguments import (
 )
 from ldbb_bayes.cli.fit_results import with_tolerances
 from ldbb_bayes.cli.layout_options import LAYOUT_OPTIONS
-from ldbb_bayes.cli.options import NUMBERS, Kind, Option, group, option, options_of
+from ldbb_bayes.cli.options import FORCES, PRESSURES, Kind, Option, group, option, options_of
 from ldbb_bayes.cli.questions import MACHINES
 from ldbb_bayes.cli.reporting import REPORT_OPTIONS
 from ldbb_bayes.cli.sources import ReportSource, SourceCampaign
@@ -176,7 +176,7 @@ def typed_value(field_option: Option, name: str, text: str, folder: Path) -> Any
         return _typed_lines(name, text)
     if typed in (int, float):
         return _typed_number(field_option, flag, text)
-    if field_option.kind is NUMBERS and ";" in text:
+    if field_option.kind in (FORCES, PRESSURES) and ";" in text:
         # The text that the user typed has decimal commas, and semicolons between numbers. Replace
         # the commas by decimal points, and the semicolons by commas.
         return text.replace(",", ".").replace(";", ",")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli.options import Kind, Option, options_of
-from ldbb_bayes.cli.ranges import read_clockings, read_range
+from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
 from ldbb_bayes.cli.values import names_in, pairs_in
 
 __all__ = ["COST_OPTIONS", "DESIGN_OPTIONS"]
@@ -51,7 +51,8 @@ def _read_prices(entry: str, flag: str) -> dict[str, float]:
 # Options of the command ``design`` of ``ldbb-bayes``; the keys are the names of the options.
 DESIGN_OPTIONS: Mapping[str, Option] = options_of(
     "design",
-    range=Kind(str, read_range),
+    force_levels=Kind(str, read_force_levels),
+    radii=Kind(str, read_radii),
     clockings=Kind(str, read_clockings),
     designs=Kind(list[str], _read_designs),
     directions=Kind(str, _read_directions),

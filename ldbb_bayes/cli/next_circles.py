@@ -9,16 +9,21 @@ import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.options import Kind, command, group, options_of
-from ldbb_bayes.cli.ranges import read_clockings, read_range
+from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
 
 if TYPE_CHECKING:
     from ldbb_bayes.cli.sources import SourceCampaign
 
 __all__ = ["next_"]
 
-# Options of the command ``next`` that become arguments of `next_circle`, such as --range.
+# Options of the command ``next`` that become arguments of `next_circle`, such as --radii.
 _OPTIONS = group(
-    **options_of("next", range=Kind(str, read_range), clockings=Kind(str, read_clockings))
+    **options_of(
+        "next",
+        force_levels=Kind(str, read_force_levels),
+        radii=Kind(str, read_radii),
+        clockings=Kind(str, read_clockings),
+    )
 )
 
 

@@ -7,7 +7,6 @@ The file ``options.toml`` holds the names, help texts and defaults of the option
 
 from __future__ import annotations
 
-import functools
 import inspect
 import math
 import os
@@ -15,6 +14,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial, wraps
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, NoReturn
 
@@ -28,7 +28,8 @@ __all__ = [
     "EXIT_BAD_INPUT",
     "EXIT_INTERRUPTED",
     "EXIT_MISSED",
-    "NUMBERS",
+    "FORCES",
+    "PRESSURES",
     "REQUIRED",
     "Group",
     "Kind",
@@ -310,7 +311,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             keyword = inspect.Parameter.KEYWORD_ONLY
             parameters.append(parameter.replace(kind=keyword, annotation=annotation))
 
-    @functools.wraps(function)
+    @wraps(function)
     def run(**typed: Any) -> None:
         """Run the command with the typed values of its options.
 
@@ -390,8 +391,10 @@ def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
     return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
 
 
-# Kind of a command-line option whose value is a comma-separated list of numbers.
-NUMBERS = Kind(str, numbers_in)
+# Kinds of command-line options whose value is a comma-separated list of forces [N] or of pressures
+# [bar].
+FORCES = Kind(str, partial(numbers_in, example="36,389,742"))
+PRESSURES = Kind(str, partial(numbers_in, example="0.4,3.2,6"))
 # Types of the values of command-line options: Python types, or objects of the class `Kind`. The
 # keys are the names of these types in the file options.toml.
 _KINDS: Mapping[str, Any] = {
@@ -403,7 +406,8 @@ _KINDS: Mapping[str, Any] = {
     "texts": list[str],
     "list": Kind(str, _read_names, "LIST"),
     "names": Kind(str, _read_names),
-    "numbers": NUMBERS,
+    "forces": FORCES,
+    "pressures": PRESSURES,
     "ball": Kind(str, ball_in, "G20|0.5um"),
     "negated": Kind(bool, _read_negated),
     "points": Kind(list[str], points_in, "X,Y,Z"),

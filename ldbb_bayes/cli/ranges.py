@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ldbb_bayes.cli.values import numbers_in
 from ldbb_bayes.errors import InputError
 
-__all__ = ["read_clockings", "read_range"]
+__all__ = ["read_clockings", "read_force_levels", "read_radii"]
 
 # Largest number of values in a range LO:HI:STEP. A larger number is probably due to a mistyped
 # step.
@@ -17,21 +17,40 @@ _MOST_VALUES = 5000
 # 0:0.3:0.1, for example, must have three steps and end at 0.3, although a computer cannot store 0.1
 # exactly.
 _ROUNDING = 1e-8
+# Angles [deg] of work ball and tool ball, WORK/TOOL, as an example in messages.
+_PAIRS = "0/0,45/90"
 
 
-def read_range(entry: str, flag: str) -> tuple[float, ...]:
+def read_force_levels(entry: str, flag: str) -> tuple[float, ...]:
+    """Return the forces [N] that the user typed as a range LO:HI:STEP or as a list.
+
+    ``flag`` names the option in error messages.
+    """
+    return _read_range(entry, flag, "36:742:1", "36,364,742")
+
+
+def read_radii(entry: str, flag: str) -> tuple[float, ...]:
+    """Return the radii [mm] that the user typed as a range LO:HI:STEP or as a list.
+
+    ``flag`` names the option in error messages.
+    """
+    return _read_range(entry, flag, "100:200:50", "100,150,200")
+
+
+def _read_range(entry: str, flag: str, range_example: str, list_example: str) -> tuple[float, ...]:
     """Return the numbers that the user typed as the value of an option.
 
     The string ``entry`` is a range LO:HI:STEP, with both ends included, or a comma-separated list.
-    ``flag`` names the option in error messages.
+    ``flag`` names the option in error messages. These messages contain one of the two examples, or
+    both.
     """
     if ":" not in entry:
-        return numbers_in(entry, flag)
+        return numbers_in(entry, flag, list_example)
     limits = _finite_numbers(entry.split(":"))
     if len(limits) != 3 or limits[2] <= 0 or limits[1] < limits[0]:
         raise InputError(
             f"{flag} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {entry!r}. For"
-            " example 36:742:1 or 36,364,742."
+            f" example {range_example} or {list_example}."
         )
     low, high, step = limits
     steps = (high - low) / step
@@ -64,14 +83,14 @@ def read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
     pairs WORK/TOOL. ``flag`` names the option in error messages.
     """
     if "/" not in entry:
-        return tuple((angle, 0.0) for angle in read_range(entry, flag))
+        return tuple((angle, 0.0) for angle in _read_range(entry, flag, "0:315:45", "0,120,240"))
     clockings = []
     for pair in entry.split(","):
-        angles = numbers_in(pair, flag, "/")
+        angles = numbers_in(pair, flag, _PAIRS, "/")
         if len(angles) != 2:
             raise InputError(
                 f"{flag} must be all angles of the work ball, or all WORK/TOOL, got {entry!r}. For"
-                " example 0/0,45/90."
+                f" example {_PAIRS}."
             )
         clockings.append((angles[0], angles[1]))
     return tuple(clockings)

@@ -11,6 +11,9 @@ from ldbb_bayes.units import setting_to_inside
 
 __all__ = ["ball_in", "names_in", "numbers_in", "pairs_in", "points_in"]
 
+# Coordinates X,Y,Z [mm] of a point, as an example in messages.
+_POINT = "0,-200,350"
+
 
 def names_in(text: str) -> tuple[str, ...]:
     """Return the names in a comma-separated string.
@@ -64,7 +67,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
     return values
 
 
-def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
+def numbers_in(text: str, flag: str, example: str, separator: str = ",") -> tuple[float, ...]:
     """Return the finite numbers that a string lists, with a separator such as a comma between them.
 
     Parameters
@@ -73,6 +76,8 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
         Typed string, for example ``"36,742"``.
     flag
         Flag of the option, for messages.
+    example
+        Numbers that would suit the option, as they are to be typed, for messages.
     separator
         Text between two numbers.
 
@@ -92,7 +97,7 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
         numbers = (math.nan,)
     require(
         all(math.isfinite(number) for number in numbers),
-        f"{flag} must hold numbers, got {text!r}. Write them like 36{separator}2e-6.",
+        f"{flag} must hold numbers, got {text!r}. Write them like {example}.",
     )
     return numbers
 
@@ -117,12 +122,11 @@ def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
     InputError
         If an entry does not consist of three numbers.
     """
-    points = [numbers_in(text, flag) for text in entries]
+    points = [numbers_in(text, flag, _POINT) for text in entries]
     for point in points:
         require(
             len(point) == 3,
-            f"{flag} must hold three numbers X,Y,Z in mm, got {len(point)}. For example"
-            " 0,-200,350.",
+            f"{flag} must hold three numbers X,Y,Z in mm, got {len(point)}. For example {_POINT}.",
         )
     return points
 

@@ -8,7 +8,7 @@ from campaigns import refuses
 import ldbb_bayes as lb
 from ldbb_bayes.cli.arguments import _model_options
 from ldbb_bayes.cli.questions import _read_topology
-from ldbb_bayes.cli.ranges import read_range
+from ldbb_bayes.cli.ranges import read_force_levels
 from ldbb_bayes.cli.values import ball_in
 
 
@@ -23,18 +23,18 @@ from ldbb_bayes.cli.values import ball_in
     ],
 )
 def test_a_range_has_each_end_once(entry: str, values: tuple[float, ...]) -> None:
-    assert read_range(entry, "--forces-N") == pytest.approx(values, rel=1e-12)
+    assert read_force_levels(entry, "--forces-N") == pytest.approx(values, rel=1e-12)
 
 
 def test_a_range_has_at_most_5000_values() -> None:
-    assert len(read_range("1:5000:1", "--forces-N")) == 5000
+    assert len(read_force_levels("1:5000:1", "--forces-N")) == 5000
     message = "--forces-N must give at most 5000 values, got 5001. Take a longer step."
-    refuses(message, read_range, "0:5000:1", "--forces-N")
-    refuses("got 5001", read_range, "0:4999.5:1", "--forces-N")
+    refuses(message, read_force_levels, "0:5000:1", "--forces-N")
+    refuses("got 5001", read_force_levels, "0:4999.5:1", "--forces-N")
 
 
 def test_a_range_ends_exactly() -> None:
-    assert read_range("0:0.3:0.1", "--forces-N")[-1] == 0.3
+    assert read_force_levels("0:0.3:0.1", "--forces-N")[-1] == 0.3
 
 
 @pytest.mark.parametrize(
