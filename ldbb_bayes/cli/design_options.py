@@ -9,6 +9,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli.options import Kind, Option, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
 from ldbb_bayes.cli.values import names_in, pairs_in
+from ldbb_bayes.errors import check_known
 
 __all__ = ["COST_OPTIONS", "DESIGN_OPTIONS"]
 
@@ -22,12 +23,14 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
 def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
     """Return the directions of travel, such as CW (clockwise), that the user typed.
 
-    The string ``both`` means CW and CCW (counter-clockwise). ``flag``, the flag of the option, is
-    not used.
+    The string ``both`` means CW and CCW (counter-clockwise). ``flag`` names the option in error
+    messages. Raise an `InputError` for any other word.
     """
     if entry.strip().lower() == "both":
         return ("CW", "CCW")
-    return names_in(entry)
+    directions = names_in(entry)
+    check_known(flag, directions, ("CW", "CCW", "both"))
+    return directions
 
 
 def _read_prices(entry: str, flag: str) -> dict[str, float]:

@@ -44,7 +44,7 @@ def test_a_goal_that_is_not_reached_ends_with_code_1(folder: Path, invoke: Invok
         (("--goal", "C_XXX=5%", "--tests", 6), "goals must go without tests"),
         (("--goal", "C_XXX=5%", "--certificates", "bar"), "--certificates must be NAME=PRICE"),
         (("--goal", "C_XXX=5%", "--certificates", "bar=x"), "Write it like 'bar=150'"),
-        (("--goal", "C_XXX=5%", "--directions", "up"), "direction must be one of"),
+        (("--goal", "C_XXX=5%", "--directions", "up"), "--directions must be one of CW, CCW, both"),
         (("--hours", 2), "--hours must go with --goal"),
         (("--certificates", "bar=150"), "--certificates must go with --goal"),
     ],
