@@ -153,7 +153,7 @@ def display_unit(unit: str) -> tuple[float, str]:
     return DISPLAY_UNITS[unit]
 
 
-def to_inside(text: str, unit: str, subject: str = "value") -> float:
+def to_inside(text: str, unit: str, subject: str = "value", more: str = "") -> float:
     """Convert a quantity that a text states with a unit to a number in an internal unit.
 
     For the text "0.5 nm/N" and the internal unit mm/N, the result is 5e-7. Any unit of the same
@@ -169,6 +169,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
         without a unit.
     subject
         Name of the quantity, for the error message.
+    more
+        Further advice that is appended to the error message for a missing or wrong unit.
 
     Returns
     -------
@@ -197,7 +199,7 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
         label = DISPLAY_UNITS[unit][1] if unit in DISPLAY_UNITS else unit
         raise InputError(
             f"{subject} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5"
-            f" {label}."
+            f" {label}.{more}"
         )
     # The converted number is rounded to fifteen digits, so that 60 nm/N is 6e-5 mm/N and not
     # 6.000000000000001e-05.

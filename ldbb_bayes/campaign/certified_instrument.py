@@ -24,13 +24,16 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Ball", "Instrument"]
 
-# Largest peak-to-valley deviation from sphericity [µm] that ISO 3290 allows for a ball of each
+# Largest peak-to-valley deviation from sphericity [µm] that ISO 3290-1 allows for a ball of each
 # grade.
 _SPHERICITY_BY_GRADE_UM = {
     "G3": 0.08,
     "G5": 0.13,
     "G10": 0.25,
+    "G16": 0.4,
     "G20": 0.5,
+    "G24": 0.6,
+    "G28": 0.7,
     "G40": 1.0,
     "G100": 2.5,
     "G200": 5.0,

@@ -76,7 +76,11 @@ def test_a_goal_survives_json():
     [
         ({"C_XXY": "5%"}, "goal must be one of .* Did you mean"),
         ({"C_XXX": "10 µrad"}, "goal of C_XXX must be a number with its unit.*in nm/N"),
-        ({"C_XXX": "5"}, "goal of C_XXX must be a number with its unit"),
+        (
+            {"C_XXX": "5"},
+            "got '5'. Write it in nm/N, .*Or write a percentage of the value, like 5 %.",
+        ),
+        ({"E_C0YX": "5"}, r"got '5'\. Write it in µrad, like 0\.5 µrad\.$"),
         ({"C_XXX": ""}, "goal of C_XXX must be a number with its unit"),
         ({"C_XXX": "-5 %"}, "goal of C_XXX must be an uncertainty above 0, got -5 %"),
         ({"C_XXX": "−2 nm/N"}, "goal of C_XXX must be an uncertainty above 0"),

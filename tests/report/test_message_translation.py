@@ -119,6 +119,16 @@ def test_every_remark_on_a_campaign_has_german_words(kind: str) -> None:
             "my test.csv: Der Radius muss eindeutig sein; angegeben ist 1,5 mm (Zeile 1) und 100 mm"
             " (Zeile 2). Bitte angeben: --radius-mm.",
         ),
+        (
+            "goal of C_XXX must be a number with its unit, got '5'. Write it in nm/N, like 0.5"
+            " nm/N. Or write a percentage of the value, like 5 %.",
+            "Das Ziel für C_XXX muss eine Zahl mit Einheit sein, angegeben ist '5'. In nm/N"
+            " schreiben, etwa 0,5 nm/N. Oder in Prozent des Werts schreiben, etwa 5 %.",
+        ),
+        (
+            "--forces-N must hold numbers, got '36,x'. Write them like 36,389,742.",
+            "--forces-N muss Zahlen enthalten, angegeben ist '36,x'. So schreiben: 36,389,742.",
+        ),
     ],
 )
 def test_a_message_in_german(english: str, german: str) -> None:

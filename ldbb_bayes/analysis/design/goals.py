@@ -165,7 +165,7 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
             " Correct the name.",
         )
     elif isinstance(entry, str):
-        goal = _goal_from_text(subject, name, unit, entry)
+        goal = _goal_from_text(subject, name, unit, group, entry)
     elif isinstance(entry, int | float) and not isinstance(entry, bool):
         goal = Goal(name, unit, absolute=float(entry))
     else:
@@ -177,16 +177,18 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
     return goal
 
 
-def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
+def _goal_from_text(subject: str, name: str, unit: str, group: str, text: str) -> Goal:
     """Return the goal that a string such as "5 %" or "2 nm/N" states.
 
-    A goal is the largest expanded uncertainty that a parameter may have. ``name`` and ``unit`` are
-    the name and the unit of the parameter. ``subject`` names the goal in error messages.
+    A goal is the largest expanded uncertainty that a parameter may have. ``name``, ``unit`` and
+    ``group`` are the name, the unit and the group of the parameter. ``subject`` names the goal in
+    error messages.
     """
     number = _SIGN.sub("", text)
     percentage = _PERCENTAGE.fullmatch(number)
     if percentage is None:
-        return Goal(name, unit, absolute=to_inside(number, unit, subject))
+        more = " Or write a percentage of the value, like 5 %." if group == "compliance" else ""
+        return Goal(name, unit, absolute=to_inside(number, unit, subject, more))
     percent = float(percentage[1].replace("−", "-"))
     return Goal(name, unit, share=float(f"{percent / 100.0:.15g}"))
 
