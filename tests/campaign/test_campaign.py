@@ -261,6 +261,25 @@ def test_certificates_go_where_the_campaign_goes() -> None:
 
 
 @pytest.mark.parametrize(
+    ("grade", "sphericity_um"),
+    [
+        ("G3", 0.08),
+        ("G5", 0.13),
+        ("G10", 0.25),
+        ("G16", 0.4),
+        ("G20", 0.5),
+        ("G24", 0.6),
+        ("G28", 0.7),
+        ("G40", 1.0),
+        ("G100", 2.5),
+        ("G200", 5.0),
+    ],
+)
+def test_a_grade_states_the_sphericity_of_iso_3290(grade: str, sphericity_um: float) -> None:
+    assert lb.Ball(grade=grade).stated_sphericity_um == sphericity_um
+
+
+@pytest.mark.parametrize(
     ("kind", "stated", "message"),
     [
         (lb.Ball, {"grade": "G21"}, "Did you mean 'G20'"),
