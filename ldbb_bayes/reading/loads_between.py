@@ -21,8 +21,8 @@ _FEWEST_ROWS = 9
 # Regular expression for the words "step" and "load step". These words are removed before a line is
 # searched for quantities other than the load.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
-# Text that is added to a line above a table to state its load, such as "Force: 100 N". The keys are
-# the two kinds of load.
+# Forms of the text, such as "Force: 100 N", that states the load of a table. The text is added to a
+# line above the table. The keys of the dict are the two kinds of load.
 _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value:.10g} bar"}
 
 
@@ -89,11 +89,11 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
 
 
 def _store_numbers(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
-    """Store successive rows of numbers as a table, if there are enough of them for a table.
+    """Store successive rows of numbers as a table, if they are enough for a table.
 
-    Each item of ``blocks`` holds a table and the rows above it. If the rows of numbers in
-    ``successive`` form a table, it is stored in the last block, and a new block is begun. If they
-    are too few, they are added to the rows above the table of the last block.
+    Each block is a table with the rows above it. If the rows in ``successive`` are enough for a
+    table, they become the table of the last block, and a new block is begun. If they are too few,
+    they are added to the rows above the table of the last block.
     """
     if len(successive) < _FEWEST_ROWS:
         blocks[-1].heading += successive
@@ -125,11 +125,12 @@ def _heading_with_loads(
     loads: dict[int, NamedLoad],
     header_rows: Sequence[Row],
 ) -> list[Row]:
-    """Return the rows above a table in a new order: the rows that state loads come first.
+    """Return the rows above a table, sorted so that the rows that state loads come first.
 
-    If the rows do not repeat the header of the first table, this header is added at the end.
-    ``heading`` are the rows above the table. ``loads`` holds the loads that these rows state; the
-    keys are the line numbers. ``header_rows`` are the rows of the header of the first table.
+    Every table needs a header. If the rows above the table do not repeat the header of the first
+    table, this header is added below them. ``heading`` are the rows above the table. ``loads`` is a
+    dict with the loads that these rows state; the keys are their line numbers. ``header_rows`` are
+    the rows of the header of the first table.
     """
     rows = []
     for row in heading:
@@ -143,10 +144,10 @@ def _heading_with_loads(
 
 
 def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:
-    """Return a row with one cell: the text of ``row``, with ``Force: 200 N`` or the like added.
+    """Join the cells of ``row`` to one cell, and add its load in a form such as ``Force: 200 N``.
 
-    Nothing is added if the text of ``row`` already states the load in a form that is understood.
-    ``load`` is the load that ``row`` states.
+    Nothing is added if the row already states the load in a form that this package reads. ``load``
+    is the load that ``row`` states.
     """
     text = sheet.text_of(sheet.cells_as_written(row))
     if load.key in statements_in([(row.line, text)]):

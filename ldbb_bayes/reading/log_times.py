@@ -16,9 +16,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["times_of_log"]
 
-# Earliest and latest time [s since 1970] at which readings may have been recorded: the beginning of
-# the years 2000 and 2100. If the first number in a column of times lies between these limits in one
-# of ``_STAMP_UNITS``, all numbers in the column are taken to be times since 1970 in this unit.
+# Earliest and latest time at which readings may have been recorded, in seconds since 1970: the
+# beginning of the year 2000 and the beginning of the year 2100. If the first number in a column of
+# times lies between these limits in one of ``_STAMP_UNITS``, all numbers in the column are taken to
+# be times since 1970 in this unit.
 _FIRST_STAMP_S = 946_684_800.0
 _LAST_STAMP_S = 4_102_444_800.0
 # Units in which programs count the time since 1970.

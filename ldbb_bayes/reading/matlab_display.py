@@ -127,8 +127,8 @@ def displays_of_matlab(sheet: Sheet, text: str) -> list[Sheet]:
 def _shown_matrices(rows: Sequence[Row], written: Sequence[str]) -> list[_ShownMatrix]:
     """Return the matrices in a text from MATLAB's command window, each with the lines above it.
 
-    The last item of the result holds the lines below the last matrix. ``rows`` are the rows of the
-    text, split into cells, and ``written`` are the lines of the text.
+    The last item of the result holds no matrix, but the lines below the last matrix. ``rows`` are
+    the rows of the text, split into cells, and ``written`` are the lines of the text.
     """
     shown = [_ShownMatrix([], [])]
     # rows of numbers of the matrix that is being read; all have the same number of cells
@@ -238,7 +238,7 @@ def _rows_of_display(sheet: Sheet, first: _Display, display: _Display) -> list[R
 
 
 def _column_names(content: str, width: int) -> list[str]:
-    """Return the names of a matrix's columns from a line; empty unless it names all columns.
+    """Return the names of a matrix's columns if a line states all of them; otherwise an empty list.
 
     The names are the words of the line, or the parts of a comment that are separated by commas.
     ``width`` is the number of columns.
@@ -255,9 +255,9 @@ def _column_names(content: str, width: int) -> list[str]:
 
 
 def _line_of_command(line: int, content: str) -> list[Row]:
-    """Return a line of MATLAB's command window without its prompt, as a list of one row.
+    """Return a line of MATLAB's command window without its prompt, as a list of rows.
 
-    The row has one cell. The list is empty for a line with nothing but a prompt.
+    The list holds one row with one cell. It is empty for a line with nothing but a prompt.
 
     If the comment after an assigned number is a unit of force or pressure, a statement of the load
     is added, as in ``F = 490; % N; Force: 490 N``.

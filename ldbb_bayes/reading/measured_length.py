@@ -27,7 +27,7 @@ _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
 # Regular expression for words, such as "not", that negate what follows them.
 _DENIED = re.compile(_WORDS["denied"])
-# Regular expression for the words at the beginning of a text, up to the first mark such as a comma.
+# Regular expression for the beginning of a text, up to the first punctuation mark, such as a comma.
 _TO_NEXT_MARK = re.compile(r"[^,;:()|\t]*")
 # Regular expression for words which show that a line is about the readings.
 _READINGS = re.compile(_WORDS["line"])
@@ -71,12 +71,12 @@ def _without_denied_lengths(words: str) -> str:
 
 
 def measured_length_stated(text: str) -> dict[str, str]:
-    """Return the length, radius or diameter, that the readings measure according to a line.
+    """Return a dict that says, if a line does, whether readings measure the radius or the diameter.
 
-    For the line ``Values: diameter deviation``, the result is the dict {"measured": "diameter"}.
-    The dict is empty if the line is not about readings, or if it contains a number other than a
-    load or the number of a column. If the line as a whole does not name one length, its segments
-    are tried. In ``Force 238 N; diameter deviation``, the last segment names the diameter.
+    For the line ``Values: diameter deviation``, the dict is {"measured": "diameter"}. It is empty
+    if the line is not about readings, or if it contains a number other than a load or the number of
+    a column. If the line as a whole does not name one length, its segments are tried. In ``Force
+    238 N; diameter deviation``, the last segment names the diameter.
     """
     lengths = {_length_of_readings(text)}
     if lengths == {""}:
@@ -140,8 +140,9 @@ def _may_be_measured_diameter(text: str) -> bool:
 def _states_diameter(words: str) -> bool:
     """Return whether a text names a diameter and has a number that may be its value.
 
-    Such a number stands after the word for diameter, directly before it, or before a unit of
-    length. In ``table 3: diameter deviation``, the number is not the value of a diameter.
+    A number may be the value if it stands after the word for diameter or directly before this word.
+    A number that stands further in front must have a unit of length. In ``table 3: diameter
+    deviation``, the number is not the value of a diameter.
     """
     match = _DIAMETER.search(words) or _LONG_WORD.search(words)
     if match is None:

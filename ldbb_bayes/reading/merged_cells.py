@@ -69,10 +69,10 @@ def _starts_of_even_groups(cells: Sequence[str]) -> list[int]:
 
 
 def _with_groups_filled(cells: Sequence[str], starts: Sequence[int]) -> list[str] | None:
-    """Return the cells of a row with the text of each group of columns in all cells of the group.
+    """Return a row in which every cell of a group of columns holds the text of the group.
 
-    ``starts`` are the indices of the columns at which the groups begin. Return None if a group does
-    not have exactly one filled cell.
+    In ``cells``, only one cell of each group holds this text. Return None if a group does not have
+    exactly one filled cell. ``starts`` are the indices of the columns at which the groups begin.
     """
     filled = list(cells[: starts[0]])
     ends = [*starts[1:], len(cells)]

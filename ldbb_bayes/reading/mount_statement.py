@@ -44,7 +44,7 @@ _LINE_SHOWN = 80
 
 
 def mount_state(statement: str) -> str:
-    """Return "raw" or "compensated" if a statement says which of the two the readings are.
+    """Return "raw" or "compensated" if a statement says that the readings are raw or compensated.
 
     Raw readings contain the deflection of the work ball's mount; compensated readings do not. The
     result is empty for any other statement. It is also empty for a statement with unknown words,

@@ -78,7 +78,8 @@ _MISSING = (
 # Several steps of an import examine whether the same cells are numbers. The results for at most
 # this number of cells are stored, so that they need not be computed again.
 KEPT_CELLS = 4096
-# Mark, comma or point, that may separate thousands; the keys are the decimal marks.
+# The mark that may separate thousands for each decimal mark: the comma if the point is the decimal
+# mark, and the point if the comma is. The keys are the decimal marks.
 OTHER_MARK = {".": ",", ",": "."}
 # Largest plausible value of a quantity; the keys are the names of the quantities. A comma or point
 # before three digits may separate thousands only if the resulting value does not exceed this limit:
@@ -250,8 +251,8 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
         Line number and text of every cell.
     """
     certain: str | None = None
-    # The keys are the comma and the point. The value for the comma is the first cell that contains
-    # a comma and no point; the value for the point is the first cell with a point and no comma.
+    # Line number and text of the first cell that contains a comma and no point, and of the first
+    # cell that contains a point and no comma. The keys are the comma and the point.
     single: dict[str, tuple[int, str]] = {}
     for line, cell in cells:
         has_comma = "," in cell

@@ -52,9 +52,9 @@ def is_octave(text: str) -> bool:
 def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
     """Return one sheet for each table in a text file of Octave.
 
-    If the file holds vectors, they form one table together with the columns of the matrices. If
-    not, each matrix is a table. Strings, and variables with few numbers, become lines above the
-    tables.
+    If the file holds vectors, all vectors and the columns of all matrices form one table. If it
+    holds no vectors, each matrix is a table. Strings, and variables with few numbers, become lines
+    above the tables.
 
     Parameters
     ----------

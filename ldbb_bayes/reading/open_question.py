@@ -1,4 +1,4 @@
-"""Error for a missing fact that has few possible values, one of which the user must choose."""
+"""Error for a question that the user must answer by choosing one of a few possible values."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class OpenQuestionError(InputError):
     def __init__(self, message: str, field: str, answers: Sequence[str]) -> None:
         """Build the error.
 
-        ``message`` is its text, ``field`` the field of the layout that the user must set, and
-        ``answers`` are the possible values of this field.
+        ``message`` is the text of the error, ``field`` is the field of the layout that the user
+        must set, and ``answers`` are the possible values of this field.
         """
         super().__init__(message)
         self.field = field

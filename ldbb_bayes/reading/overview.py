@@ -26,8 +26,8 @@ from ldbb_bayes.reading.words import WORDS, comparable
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
 
-# Largest number of rows that are examined in a sheet without a table, or above a table. A table
-# that begins further down in a sheet is not found.
+# Largest number of rows of a sheet that are searched for a table, or for statements above a table.
+# A table that begins below these rows is not found.
 LONGEST_OVERVIEW = 1000
 # A sheet is not read as a list of tests if at least this number of its rows hold numbers without
 # the name of a test. These rows may be the readings of a circle.
@@ -60,9 +60,9 @@ def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
 
 
 def _names_tests(rows: Sequence[Sequence[str]], column: int, wanted: set[str]) -> bool:
-    """Return whether a column of a sheet names tests, and the sheet holds no readings of a circle.
+    """Return whether a sheet is a list of tests whose names stand in a certain column.
 
-    ``rows`` are the cells of each row of the sheet, ``column`` is the index of the column, and
+    ``rows`` are the cells of each row of the sheet, ``column`` is the index of this column, and
     ``wanted`` are the names of tests, without blanks.
     """
     names = []
@@ -78,12 +78,12 @@ def _names_tests(rows: Sequence[Sequence[str]], column: int, wanted: set[str]) -
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
-    """Return the lines of sheets that apply to all tests, and the cells that describe one test.
+    """Return the lines that apply to all tests, and the cells that describe one test.
 
-    ``names`` are the possible spellings of the name of this test. A list of tests is a table with
-    one row for each test. Lines outside such lists apply to all tests. A row in a list describes
-    the test if one of its cells is among ``names``. Each cell of the row is returned as
-    ``header: cell``.
+    The lines and cells are searched for in ``sheets``, which have no table of readings. Such a
+    sheet may hold a list of tests: a table with one row for each test. A row of the list describes
+    the test if one of its cells is among ``names``, the possible spellings of the test's name. Each
+    cell of this row is returned as ``header: cell``. Lines outside such lists apply to all tests.
     """
     lines = OverviewLines()
     wanted = {_without_blanks(name) for name in names}
@@ -93,10 +93,10 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 
 
 def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
-    """Add what a sheet without a table of readings states about one test, or about all tests.
+    """Add to ``lines`` what a sheet without a table of readings states about tests.
 
-    The lines about all tests, and the cells about one test, are added to ``lines``. ``wanted`` are
-    the possible spellings of the name of this test, without blanks.
+    These statements are lines that apply to all tests, and cells that describe one test in a list
+    of tests. ``wanted`` are the possible spellings of the name of this test, without blanks.
     """
     header: list[str] = []
     # cells of the last row that names columns; this row may be the header of a list of tests

@@ -107,10 +107,11 @@ def _states_something(line: str) -> bool:
 
 
 def _remove_titles(lines: list[str], marked: int, separator: str) -> int:
-    """Empty the lines beside a page number that repeat an earlier line, such as a title.
+    """Empty lines next to a page number if they repeat an earlier line, such as a title.
 
-    Return how many lines were emptied. Lines that name columns are kept. ``marked`` is the index of
-    the line with the page number.
+    Return how many lines were emptied. Above and below the page number, the search ends at the
+    first line that repeats no earlier line, holds numbers or names columns. ``marked`` is the index
+    of the line with the page number.
     """
     earlier = {line.strip() for line in lines[:marked]}
     n_removed = 0

@@ -66,7 +66,7 @@ def _columns_of_angles(names: Sequence[str]) -> list[int]:
 
 
 def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
-    """Return whether the cells of a column number the rows of a table, beginning with 0 or 1.
+    """Return whether a column holds the numbers of the rows of a table, counted from 0 or 1.
 
     ``column`` is the index of the column, counted from 0.
     """
@@ -116,12 +116,11 @@ def _check_whole_circles(sheet: Sheet, angles_of_tables: Sequence[Sequence[float
 
 
 def _with_last_gap(names: Sequence[str]) -> list[str]:
-    """Return the headers of tables beside each other, with empty headers for missing last columns.
+    """Return the headers of a sheet, with empty headers for columns that are missing at its end.
 
-    Empty columns may separate tables that stand beside each other in a sheet. Files often lack the
-    empty columns after the last table. An empty header is added for each missing column, so that
-    all tables have the same number of columns. ``names`` are the headers of all columns in the
-    file.
+    Empty columns may separate tables that stand beside each other in a sheet. Such columns are
+    often missing after the last table. With the added headers, all tables have the same number of
+    columns. ``names`` are the headers of all columns in the file.
     """
     padded = list(names)
     starts = _columns_of_angles(names)
@@ -155,11 +154,11 @@ def _width_of_tables(names: Sequence[str]) -> int:
 def _table_in_columns(
     sheet: Sheet, header: int, columns: range, numbering: range, title: str
 ) -> Sheet:
-    """Return the table in the given columns of a sheet as a separate sheet with a title.
+    """Return the table in the given columns of a sheet as a separate sheet named ``title``.
 
     ``header`` is the index of the row of headers. The rows above this row are kept in every table.
-    ``numbering`` are the columns that number the rows of the sheet; they are put behind the columns
-    of the table.
+    ``numbering`` are the columns with the numbers of the rows; in the separate sheet, they follow
+    the columns of the table.
     """
     rows = list(sheet.rows[:header])
     for row in sheet.rows[header:]:
@@ -197,11 +196,11 @@ def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
 def _units_in_columns(
     units: Mapping[tuple[int, int], str], columns: range
 ) -> dict[tuple[int, int], str]:
-    """Return the units of the cells in the given columns, which form one table.
+    """Return the units of the cells in the given columns of a sheet, which form one table.
 
-    Each key holds the line number and the column index of a cell. In ``units``, columns are counted
-    from the first column of the sheet; in the result, they are counted from the first column of the
-    table.
+    Both the result and ``units`` are dicts; each key holds the line number and the column index of
+    a cell. The index is counted from the first column of the sheet in ``units``, and from the first
+    column of the table in the result.
     """
     in_table = {}
     for (line, column), unit in units.items():

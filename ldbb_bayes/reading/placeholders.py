@@ -23,8 +23,9 @@ __all__ = ["placeholders_in"]
 # Regular expression for a number of at least three nines, such as -999, 99.99 or -9.999, which may
 # stand in place of a missing number.
 _NINES = re.compile(r"[+\-−–]?(?=(?:[.,]?9){3})9+(?:[.,]9*0*)?")
-# Digits of the largest and smallest numbers of integer types, such as 32767 for signed 16-bit
-# integers. In a placeholder, a decimal mark may stand between these digits.
+# Largest and smallest numbers of integer types, without sign, such as 32767 and 32768 for signed
+# 16-bit integers. A number with these digits may be a placeholder, even if a decimal mark stands
+# between the digits.
 _LIMITS_OF_INTEGERS = {
     "32767",
     "32768",

@@ -97,11 +97,11 @@ class _Programme:
     #: whether the word F of the G-code states a feed rate, and not a feed per revolution or an
     #: inverse time
     has_feeds: bool
-    #: coordinates [mm] at which the last motion of the NC programme ends; the keys are axes; empty
-    #: if the end is not known
+    #: coordinates of the end of the last motion in the NC programme [mm]; the keys are the axes;
+    #: the dict is empty if the end is not known
     position: dict[str, float] = field(default_factory=dict)
-    #: coordinates [mm] of the pole (centre of later arcs) for a Heidenhain control; the keys are
-    #: axes; empty if the pole is not known
+    #: coordinates of the pole (centre of later arcs) for a Heidenhain control [mm]; the keys are
+    #: the axes; the dict is empty if the pole is not known
     pole: dict[str, float] = field(default_factory=dict)
     #: feed rate that applies to the block (line) of the NC programme that is read next
     feed: ProgrammedFeed | None = None
@@ -141,8 +141,8 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 def _read_block(programme: _Programme, line: int | str, text: str) -> ProgrammedArc | None:
     """Return the arc that a block (line) of a programme describes; None if it describes no arc.
 
-    ``text`` is the block. If it states a feed, a motion or a pole (the centre of an arc), the feed,
-    the end of the motion or the pole is stored in ``programme`` for later blocks.
+    ``text`` is the block. Values that later blocks need are stored in ``programme``: the feed, the
+    end of a motion, and the pole (centre of later arcs).
     """
     path = _ARC.search(text) or _ARC_AROUND_POLE.search(text)
     is_motion = path is not None or _STRAIGHT.search(text) is not None

@@ -1,4 +1,4 @@
-"""Tables inside other texts: in a mail that quotes them, and in the output of a database."""
+"""Tables inside other texts: in a mail that quotes a table, or in the output of a database."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ _QUOTE_MARKS = re.compile(r"\s*>[> ]*")
 # A text is regarded as quoted if at least this number of lines, and at least half of all lines that
 # are not empty, begin with quote marks.
 _FEWEST_QUOTED = 10
-# Regular expressions for the lines before and after the rows of a table in a dump, which is the
-# content of a database as text.
+# Regular expressions for the lines directly before and after the rows of a table in a dump. A dump
+# is the content of a database as text.
 _COPY = re.compile(r"COPY \S+ \((?P<columns>[^)]+)\) FROM stdin;\s*")
 _END_OF_ROWS = re.compile(r"\\\.\s*")
-# Regular expression for a query of a database in one line, with the prompt of the program in front.
+# Regular expression for a query of a database in one line. The prompt of the program may stand in
+# front of the query.
 _QUERY = re.compile(
     r"\s*(?:\S*>\s*)?select\s.*?\sfrom\s+[^;]*?(?:\swhere\s+(?P<condition>[^;]*?))?"
     r"(?:\sorder\s+by\s[^;]*)?;?\s*",

@@ -170,9 +170,9 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
 
 
 def _words_on_sign(text: str) -> str:
-    """Return a text for a message. A long text is shortened to its words on the sign of readings.
+    """Return a text about the sign of readings, shortened for a message if it is long.
 
-    The shortened text begins at the first word for a sign or for a shorter or longer bar. It begins
+    The shortened text begins at the first word for a sign or for a shorter or longer bar, or
     earlier if this word is near the end of the text.
     """
     text = text.strip()
@@ -202,9 +202,9 @@ def _sign_of_difference(text: str) -> int | None:
 def _sign_of_name(source: str | CitedLine, text: str) -> int | None:
     """Return the sign of readings that follows from their name: −1 for ``Shortening [um]``.
 
-    The text is the header of the readings, or a line that consists of the name alone or of the name
-    after words such as "Readings:". The result is None for any other text. ``source`` tells where
-    the text is, such as "line 3".
+    ``text`` is the header of the readings, or a line. A line must hold nothing but the name of the
+    readings, alone or after words such as "Readings:". The result is None for any other text.
+    ``source`` tells where the text is, such as "line 3".
     """
     words = LOAD_IN_NAME.sub("", _words_of_header(text))
     label = _NAME_LABEL.match(words)
@@ -233,7 +233,7 @@ def _texts_about_sign(recording: Recording, header: str) -> list[tuple[str | Cit
 
 
 def _leaves_sign_open(source: str | CitedLine, text: str) -> bool:
-    """Return whether a text is about the sign of readings, but does not say which sign they have.
+    """Return whether a text is about the sign of readings, but does not determine it.
 
     ``source`` tells where the text is, such as "line 3".
     """
@@ -295,10 +295,10 @@ def is_about_sign(text: str) -> bool:
 
 
 def leaves_difference_unread(text: str) -> bool:
-    """Return whether a text defines a difference of two radii, but also names another subject.
+    """Return whether a text defines readings as a difference, but leaves their sign uncertain.
 
-    An example is ``Force 238 N nominal minus measured``. Such a text does not determine the sign of
-    the readings.
+    The difference is that of the nominal and the actual radius. Its sign is uncertain if the text
+    also names another subject, as in ``Force 238 N nominal minus measured``.
     """
     words = _words_of_header(text)
     is_difference = _NOMINAL_LESS_ACTUAL.search(words) or _ACTUAL_LESS_NOMINAL.search(words)
@@ -391,7 +391,7 @@ def _says_sign_is_reversed(text: str) -> bool:
 
 
 def _meanings_of_sign_words(text: str) -> list[str]:
-    """Return the meanings of the words for signs and bar lengths in a text, in their order.
+    """Return the meanings of a text's words for signs and bar lengths, in the order of the words.
 
     The meanings are positive, negative, shorter and longer. The list is empty unless the text has a
     word for a sign and a word for a longer or shorter bar.

@@ -112,7 +112,8 @@ class Recording:
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
-    #: headers of two columns that only together identify the tests; empty if there are none
+    #: headers of two columns that identify the tests together, but not alone; empty if there are
+    #: none
     numbering_headers: Sequence[str] = ()
     #: headers of the columns of the sheet that are not used; start times of tests may be read from
     #: some of these columns later
@@ -174,7 +175,8 @@ class Recording:
         """Add an assumption about this test to the log.
 
         ``subject`` says what was assumed, such as "direction". ``value`` is the assumed value,
-        ``reason`` the reason for it, and ``option`` the command-line option that changes it.
+        ``reason`` says why it was assumed, and ``option`` is the command-line option that changes
+        it.
         """
         self.log.add(self.place, subject, value, reason, option)
 

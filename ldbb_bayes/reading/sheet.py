@@ -24,8 +24,9 @@ class Sheet:
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
     #: whether this is the only table of readings in the file; if so, tests are named after the file
     is_only_table: bool = False
-    #: format of a text file that is not written in rows, such as JSON; empty for any other file. In
-    #: a file with such a format, line numbers count statements and rows instead of lines
+    #: format of a text file that is not written in rows, such as JSON; empty for any other file. If
+    #: a file has such a format, its "line numbers" count the entries of the file instead of its
+    #: lines
     format: str = ""
     #: units that were removed from cells because they stood after a number; each key holds the line
     #: number and the column index of a cell

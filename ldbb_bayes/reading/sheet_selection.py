@@ -265,9 +265,10 @@ def _note_rows(sheet: Sheet, log: AssumptionLog) -> None:
 
 
 def _note_other_sheets(sheet: Sheet, log: AssumptionLog) -> None:
-    """Add notes to the log on the format of a file, and on those of its sheets that are left out.
+    """Add notes to the log on the format of a file, and on its sheets that are left out.
 
-    A further note is added if hidden rows and number formats of the file cannot be examined.
+    The format is noted only if the file is not written in rows, for example if it is JSON. A
+    further note is added if the hidden rows and number formats of a workbook cannot be examined.
     """
     place = str(sheet.path)
     if sheet.format:
@@ -295,10 +296,11 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a sheet holds no readings; reading its header has raised an error.
+    """Return whether a sheet whose header cannot be read holds no readings.
 
-    ``error`` is this error. A sheet holds no readings if it has no table of numbers, or if no row
-    names both a column of readings and a column of angles or times.
+    ``error`` is the error that was raised when the header was read. A sheet holds no readings if it
+    has no table of numbers, or if no row names both a column of readings and a column of angles or
+    times.
     """
     if isinstance(error, NoTableError):
         return True
@@ -349,10 +351,10 @@ def _fits_stated_columns(table: HeadedSheet, layout: Layout) -> bool:
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
-    """Return a selection of ``tables`` in which a table that is alone in its file is marked.
+    """Return a selection with ``tables``, marking each table that is the only one in its file.
 
-    A table is marked by setting the field ``is_only_table`` of its sheet. The sheets without a
-    table are taken from ``selection``.
+    To mark a table, the field ``is_only_table`` of its sheet is set. The sheets without a table are
+    taken from ``selection``.
     """
     paths = [table.sheet.path for table in tables]
     marked = []

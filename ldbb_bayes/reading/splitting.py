@@ -59,8 +59,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Columns that do not hold numbers for all tests of a sheet. The columns of test names and
-# directions hold words. A column of readings may hold the readings of just one test.
+# Roles of columns; a role says what a column holds. Columns with these roles hold words (test,
+# direction), or may hold the numbers of just one test (reading). Columns with any other role hold
+# numbers for all tests of a sheet.
 _NOT_SHARED = ("test", "direction", "reading")
 # Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
@@ -112,19 +113,21 @@ class _SheetColumns:
     # index of the column of units for each column of numbers that has one; the keys are the indices
     # of the columns of numbers
     unit_columns: Mapping[int, int]
-    # indices of two columns that only together identify the tests; empty if there are none
+    # indices of two columns that identify the tests together, but not alone; empty if there are
+    # none
     numbering: Sequence[int]
 
     @property
     def numbering_headers(self) -> list[str]:
-        """Headers of the two columns that only together identify the tests."""
+        """Headers of the two columns that identify the tests together, but not alone."""
         return [self.heading.headers[column] for column in self.numbering]
 
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
-        """Return a dict with the units that the file states row by row; the keys are the roles.
+        """Return a dict with the units of each column whose units the file states row by row.
 
-        ``roles`` holds the index of the column for each role, such as reading, and ``rows`` the
-        indices of the rows of a test.
+        The keys are the roles of the columns: a role says what a column holds, such as readings.
+        ``roles`` holds the index of the column for each role, and ``rows`` holds the indices of the
+        rows of a test.
         """
         units = {}
         for role, column in roles.items():
@@ -133,10 +136,11 @@ class _SheetColumns:
         return units
 
     def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
-        """Yield the units of a column in the given rows, as each place in the file states them.
+        """Yield the units of a column in the given rows, once for each place that may state units.
 
-        The places are a column of units, the cells of the column, and their number formats.
-        ``column`` and ``rows`` are the indices of the column and of the rows.
+        There are three places: a column of units, the cells of the column itself, and the number
+        formats of these cells. ``column`` is the index of the column, and ``rows`` are the indices
+        of the rows.
         """
         if column in self.unit_columns:
             units = self.cells_with_units(self.unit_columns[column], rows)
@@ -189,11 +193,11 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return, for each of the n rows of a table, whether it has no reading, shape (n,).
+        """Return an array that is True for each of the n rows without a reading, shape (n,).
 
-        If ``role`` is reading, only the readings in the column with the index ``column`` are
-        examined. For any other role, a row has no reading if its readings in all columns of
-        readings are missing.
+        If ``role`` is reading, ``column`` is the index of a column of readings, and only its cells
+        are examined. For any other role, such as angle, a row counts as without a reading only if
+        the readings in all columns of readings are missing.
         """
         if role == "reading":
             return missing_in(self.cells[column])
@@ -237,12 +241,12 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return a line such as ``R [mm]: 100`` for each otherwise unused column with equal cells.
+        """Return the content of each otherwise unused column with equal cells as a line of text.
 
-        Only the rows of one test are compared; ``rows`` are their indices. Columns that the package
-        uses otherwise, such as angles and readings, are left out. Each line is returned with a text
-        that names the column. The example is the line for a column ``R [mm]`` or ``R_mm`` whose
-        cells are all 100.
+        An example is the line ``R [mm]: 100`` for a column ``R [mm]`` or ``R_mm`` whose cells are
+        all 100. Only the rows of one test are compared; ``rows`` are their indices. Columns that
+        the package uses otherwise, such as angles and readings, are left out. The result is a list
+        of pairs: a text that names the column, and the line.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
@@ -642,11 +646,11 @@ def _read_columns(
 def _check_rows_hold_readings(
     sheet: Sheet, heading: Heading, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> None:
-    """Raise an `InputError` if a column without a role says that some rows hold no readings.
+    """Raise an `InputError` if an otherwise unused column says that some rows hold no readings.
 
-    Examples are a column ``stat`` with the cells "raw" and "mean", and a column that numbers the
-    rows but begins with the cells "Gain" and "Offset". ``lines`` are the line numbers of the rows,
-    and ``cells`` the cells of each column.
+    Examples are a column ``stat`` with the cells "raw" and "mean", and a column with the numbers of
+    the rows that begins with the cells "Gain" and "Offset". ``lines`` are the line numbers of the
+    rows, and ``cells`` are the cells of each column.
     """
     for column in unused_columns(heading):
         rows = statistics_among(cells[column])
@@ -870,11 +874,11 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return a dict with the numbers of the columns of angles, times and so on.
+    """Return a dict with the numbers in the columns that apply to all tests, such as angles.
 
-    The keys are the roles of the columns: a role says what a column holds, such as angle. Columns
-    of readings, and columns of words (test, direction), are left out. Times of day are converted to
-    seconds. ``columns`` is the table of the sheet.
+    The keys are the roles of the columns: a role says what a column holds. Columns of readings,
+    test names and directions are left out. Times of day are converted to seconds. ``columns`` is
+    the table of the sheet.
     """
     numbers = {}
     for role, column in columns.heading.roles.items():
@@ -892,11 +896,11 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 
 
 def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of two columns that only together identify the tests.
+    """Return the indices of two columns that identify the tests together, but not alone.
 
     Examples are the columns ``run`` and ``pass``. All rows with the same cells in both columns have
-    the same force, pressure and direction. This is not true of one of the columns alone. Return an
-    empty list if there are no such columns. ``cells`` holds the cells of each column.
+    the same force, pressure and direction. This is not true of either column alone. Return an empty
+    list if there are no such columns. ``cells`` holds the cells of each column.
     """
     roles = heading.roles
     conditions = [roles[role] for role in ("force", "pressure", "direction") if role in roles]
@@ -909,7 +913,7 @@ def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> 
 
 
 def _without_test_column(heading: Heading) -> Heading:
-    """Return a copy of a table's heading in which no column is marked as naming the tests."""
+    """Return a copy of a table's heading, without the mark of the column that names the tests."""
     roles = dict(heading.roles)
     roles.pop("test", None)
     return replace(heading, roles=roles)

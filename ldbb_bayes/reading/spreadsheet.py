@@ -45,7 +45,8 @@ __all__ = ["read_sheets"]
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
-# Separators of cells in a text file that seldom occur inside a cell.
+# Characters that almost certainly separate the cells of a text file, because they seldom occur
+# inside a cell.
 _SURE = (";", "\t", "|")
 # Score (see `_separator_score`) above which a character such as the semicolon is taken as the
 # separator of a text file. Blanks are then not tried.
@@ -157,9 +158,10 @@ def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:
-    """Return a sheet with wide characters replaced by ASCII, and units after numbers removed.
+    """Return a sheet whose cells have no wide characters and no units after numbers.
 
-    The removed units are stored in ``cell_units`` of the sheet.
+    The wide characters of East Asian text are replaced by ASCII. The units are moved to the field
+    ``cell_units`` of the sheet.
     """
     rows = []
     for row in sheet.rows:

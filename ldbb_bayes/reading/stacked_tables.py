@@ -42,8 +42,9 @@ _PAGE = re.compile(
 _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
-# If only some values in a line above the first table also apply to a further table, these values
-# are repeated above the further table in these forms. The keys are the fields of the values.
+# A line above the first table may state several values, of which only some also apply to a further
+# table. Above the further table, these values are then repeated in the forms given here. The keys
+# are the fields of a test to which the values belong.
 _STATED_AS = {
     "plane": "plane {}",
     "radius_mm": "radius {:g} mm",
@@ -112,8 +113,9 @@ def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
 def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
     """Return the index of the row that follows the last row of numbers of a table.
 
-    ``start`` is the index of the first row below the header of the table, and ``header`` the index
-    of the next header. If there is no row of numbers between them, the result is ``start``.
+    ``start`` is the index of the first row below the header of the table, and ``header`` is the
+    index of the next header. If no row between the two headers holds numbers, the result is
+    ``start``.
     """
     end = header
     while end > start and count_numbers(rows[end - 1].cells) < 2:
@@ -174,7 +176,7 @@ def _describes_columns(cells: Sequence[str]) -> bool:
 
 
 def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int:
-    """Return the index of the row below a repeated header, after its rows of units or dashes.
+    """Return the index of the first row below a repeated header and its rows of units or dashes.
 
     A row of units or dashes is recognised because the same row stands below the first header.
     ``first_header`` and ``header`` are the indices of the two headers among the rows.
@@ -201,10 +203,10 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 
 
 def _name_another_run(sheet: Sheet, lines: Sequence[Row], further_lines: Sequence[Row]) -> bool:
-    """Return whether the lines above a further header name another run than those above a table.
+    """Return whether the lines above a further header name a run other than that of a table.
 
     A line names a run if it consists of a word such as "Run" and a number. ``further_lines`` are
-    the lines above the further header, and ``lines`` those above the table.
+    the lines above the further header, and ``lines`` are the lines above the table.
     """
     names = [text.strip() for _, text in sheet.texts(lines)]
     for _, text in sheet.texts(further_lines):
@@ -214,7 +216,7 @@ def _name_another_run(sheet: Sheet, lines: Sequence[Row], further_lines: Sequenc
 
 
 def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:
-    """Return whether a row is only a page number, or is equal to a row above the first table."""
+    """Return whether a row holds only a page number, or repeats a row above the first table."""
     if any(row.cells == other.cells for other in lines_above_first):
         return True
     return all(_PAGE.fullmatch(cell) is not None for cell in row.cells)
@@ -282,11 +284,11 @@ def lines_that_still_apply(sheet: Sheet, first: Sequence[Row], lines: Sequence[R
 
 
 def _without_fields(text: str, fields: Set[str]) -> str:
-    """Return a line without what it states about ``fields``, such as the force; the rest is kept.
+    """Return a line without its statements about ``fields``, such as the force.
 
-    A segment of the line that states one of the fields is left out. If it also states another
-    field, as in ``238 N in plane ZX``, the value of this field is added as ``plane ZX``. The result
-    is empty if nothing remains.
+    Each segment of the line that states one of these fields is left out. If such a segment also
+    states another field, as in ``238 N in plane ZX``, the value of the other field is kept as
+    ``plane ZX``. The result is empty if nothing remains.
     """
     if "time" in fields:
         text = without_stamps(text)
@@ -304,10 +306,10 @@ def _without_fields(text: str, fields: Set[str]) -> str:
 
 
 def _restated(text: str, except_fields: Set[str]) -> list[str]:
-    """Return a text, such as ``plane ZX``, for each value that a line states for certain fields.
+    """Return texts, such as ``plane ZX``, that repeat what a line states about certain fields.
 
-    These fields are the plane, the radius, the feed and the direction of travel, except those in
-    ``except_fields``.
+    These fields are the plane, the radius, the feed and the direction of travel. Those in
+    ``except_fields`` are left out.
     """
     segments = []
     statements = statements_in([(0, text)])
@@ -330,7 +332,7 @@ def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
 
 
 def _keys_of_text(text: str) -> set[str]:
-    """Return the names of the fields of a test that a line states."""
+    """Return the names of the fields of a test, such as radius_mm, that a line states."""
     keys = set(statements_in([(0, text)]))
     if directions_stated([(0, text)]):
         keys.add("direction")

@@ -29,8 +29,8 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# If times of day without dates span more than this [s], the tests are assumed to have been run
-# across midnight, but not if they would then span more than ``_NIGHT_S``.
+# If times of day without dates span more than this [s], the tests may have been run across
+# midnight. This is assumed only if the tests then span at most ``_NIGHT_S``.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
 # Longest duration of a campaign that is assumed to have run across midnight [s].
 _NIGHT_S = 6 * 3_600.0
@@ -91,7 +91,7 @@ def take_start_times(
     Returns
     -------
     set of str
-        Headers of the columns of the tables whose times are used.
+        Headers of the columns from which start times were taken.
     """
     if len(recordings) < 2 or any(_states_time(recording) for recording in recordings):
         return set()
@@ -112,7 +112,11 @@ def take_start_times(
 
 
 def _unread_line(recordings: Sequence[Recording]) -> CitedLine | None:
-    """Return a note on the first line with a date and time that are not understood, or None."""
+    """Return a note on the first date and time that follow words that are not understood, or None.
+
+    The lines above the tables are searched. Because of the words, it is not known whether a test
+    was run at this time.
+    """
     for recording in recordings:
         for line, text in recording.heading.lines_above:
             unread = unread_stamp(text)
@@ -148,8 +152,8 @@ def _states_time(recording: Recording) -> bool:
 def _start_of_test(recording: Recording) -> _Start | None:
     """Return the start time of a test from the most reliable source; None if nothing states it.
 
-    The sources are columns, lines above the table, and the names of the test and its file. A time
-    of day without a date gets the date that another source states.
+    The sources are columns, lines above the table, and the names of the test and its file. If this
+    source states a time of day but no date, the date is taken from another source.
     """
     starts = _stated_starts(recording)
     timed = [start for start in starts if start.stamp.seconds is not None]
@@ -311,11 +315,11 @@ def _first_ambiguous_date(stamps: Sequence[Timestamp]) -> str:
 
 
 def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> None:
-    """Add the start times of the tests, and the sources of these times, to the log.
+    """Add a note on the start times of the tests, and on the sources of these times, to the log.
 
     A further note is added if the tests are not listed in the order of their times, and another if
     the first and the last test are more than a day apart. ``starts`` holds the start of each test
-    with its source, and ``times`` the times from the earliest start to each start.
+    with its source. ``times`` holds the times from the earliest start to the start of each test.
     """
     seconds = np.asarray(times.seconds)
     in_order = np.argsort(seconds, kind="stable").tolist()

@@ -61,8 +61,8 @@ class _Evidence(NamedTuple):
 
     value: float  # stated value of the quantity; NaN if the number can be read in two ways
     source: str | CitedLine  # place that states the value, as messages name it, such as "line 3"
-    # largest relative difference from another value of the quantity at which both are taken as
-    # equal, because the values may be rounded
+    # largest relative difference from another value of the quantity that is allowed if both values
+    # are to count as equal; the values may be rounded
     tolerance: float
     # reason why the stated value is uncertain; empty if it is certain, or if the reason is only
     # that its comma or point may separate thousands
@@ -127,8 +127,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
 def _agrees(evidence: _Evidence, value: float) -> bool:
     """Return whether a value stated in a file agrees with ``value`` up to rounding.
 
-    A number that can be read in two ways, such as 1,000, counts as agreeing. ``evidence`` is the
-    stated value, with the place that states it and the tolerance for rounding.
+    A number that can be read in two ways, such as 1,000, counts as agreeing. ``evidence`` holds the
+    stated value, its source and the tolerance for rounding.
     """
     if math.isnan(evidence.value):
         return True
@@ -387,11 +387,11 @@ def _directions_above(recording: Recording) -> _StatedSenses:
 
 
 def _source_of_direction(recording: Recording) -> str:
-    """Return a text for messages that says where the direction of travel is stated.
+    """Return a text for messages that says where a file states the direction of travel.
 
-    The text names a list of tests on another sheet, a line above or below the table, or the name of
-    the test. The ``recording`` stores the entries of such a list among the lines above the table.
-    In place of the line number, they have a text such as "3 of notes.txt".
+    There are four places: a list of tests on another sheet, a line above the table, a line below
+    the table, and a name. In ``recording``, the entries of a list of tests are stored among the
+    lines above the table, with a text such as "3 of notes.txt" in place of the line number.
     """
     for line, text in recording.heading.lines_above:
         if directions_stated([(line, text)]):
@@ -404,10 +404,10 @@ def _source_of_direction(recording: Recording) -> str:
 
 
 def _contradiction_of(senses: set[str]) -> str:
-    """Return the text of a note that says how the file contradicts the user's direction of travel.
+    """Return the reason for a note on a file that contradicts the user's direction of travel.
 
-    ``senses`` are the directions in the file: CW, CCW, and other words in capitals, which are not
-    understood.
+    ``senses`` are the directions in the file: CW, CCW, or words that are not understood, in
+    capitals.
     """
     unread = sorted(senses - {"CW", "CCW"})
     if unread:

@@ -66,7 +66,7 @@ def _holds_numbers(cells: Sequence[str]) -> bool:
 
 
 def _is_word(cell: str) -> bool:
-    """Return whether a cell begins with a word, and is no sign for a missing value."""
+    """Return whether a cell begins with a word and does not stand for a missing value."""
     is_number = looks_like_number(cell) or is_missing(cell)
     return _FIRST_WORD.match(cell) is not None and not is_number
 

@@ -53,8 +53,8 @@ class _StatedAngle(NamedTuple):
 def may_be_stepped(recording: Recording) -> bool:
     """Return whether no column states the angles of a test, so that lines above may state them.
 
-    This is the case if there is no column of angles. It is also the case if the numbers in this
-    column have no unit and count the readings: 1, 2, 3 and so on, or 0, 1, 2 and so on.
+    This is the case if the table has no column of angles. It is also the case if the column of
+    angles has no unit and only counts the readings: 1, 2, 3 and so on, or 0, 1, 2 and so on.
     """
     numbers = recording.numbers.get("angle")
     if numbers is None:
@@ -68,8 +68,8 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     """Return the angles [deg] that lines above a table state, shape (n,), one for each reading.
 
     The use of these lines is noted. Return None if no line states a step other than zero. Also
-    return None if the table has a column with the numbers 0, 1, 2 and so on that may be the angles,
-    because it agrees with the lines.
+    return None if the numbers 0, 1, 2 and so on in a column of the table agree with these lines,
+    because they may be the angles.
 
     Parameters
     ----------
@@ -196,17 +196,17 @@ def _stated_angle(
 ) -> _StatedAngle | None:
     """Return the first angle that a line above the table states in words that match a pattern.
 
-    A line without a unit must contain a word such as "angle", unless ``is_of_angle`` is true. This
-    means that other lines show that angles are stated. ``pattern`` matches words such as "start",
-    the number and, if there is one, the unit.
+    ``is_of_angle`` says whether other lines show that angles are stated. If it is false, a line
+    without a unit must contain a word such as "angle". ``pattern`` matches words such as "start",
+    the number after them and, if there is one, the unit of the number.
     """
     for line, content in recording.heading.lines_above:
         match = pattern.search(content[:LONGEST_TEXT])
         if match is None:
             continue
         if not (match["unit"] or is_of_angle or _NAMES_ANGLE.search(content)):
-            # a line without the word angle and without a unit of angle may state the beginning,
-            # end or step of another quantity
+            # Without the word angle and without a unit of angle, the start, end or step in a line
+            # may be that of another quantity.
             continue
         value = number_in_text(match["number"])
         unit = unit_named(match["unit"] or "deg")

@@ -153,10 +153,11 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 
 
 def unread_stamp(text: str) -> str:
-    """Return a line with a date and a time of day after words that are not understood.
+    """Return ``text`` if a date and a time of day in it follow words that are not understood.
 
-    The result is empty if the line has no such timestamp, if the words before it say that it is the
-    time of a test, or if they say that it is the time of something else, such as a calibration.
+    The result is empty if the text has no date with a time of day. It is also empty if the words
+    before the date say that it is the time of a test, or the time of something else, such as a
+    calibration.
     """
     end = 0
     text = _in_numbers(text[:LONGEST_TEXT])
@@ -199,11 +200,12 @@ def without_stamps(text: str) -> str:
 
 
 def _rank_from_words(words: str) -> Rank | None:
-    """Return how certainly a timestamp is the time of a test, judged by the words before it.
+    """Return the kind of place that states a timestamp, judged by the words before the timestamp.
 
-    ``words`` is the text before the timestamp. It begins at the previous timestamp in the line, or
-    at the beginning of the line if there is none. The result is None if the words show that the
-    timestamp is not the time of a test.
+    An example of such a place is a line with the word "start". The result is None if the words are
+    not understood, or if they show that the timestamp is not the time of a test. ``words`` is the
+    text before the timestamp. It begins at the previous timestamp in the line, or at the beginning
+    of the line if there is none.
     """
     if _WORDS["other"].search(words):
         return None

@@ -1,4 +1,4 @@
-"""Angles [deg] and readings [µm] of one test, from the columns of a table in any format."""
+"""Angles [deg] and readings [µm] of one test, computed from the columns of its table."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
 
-# A bar cannot measure a larger deviation from the radius than this [mm]. Readings are taken as
-# distances between the balls if their median differs from the nominal radius by less than this.
+# Largest deviation from the radius that a bar can measure [mm]. If the difference between the
+# median of the readings and the nominal radius is smaller, the readings are taken as distances
+# between the balls.
 _LARGEST_DEVIATION_MM = 1.5
 # Readings are probably distances between the balls, and not deviations from the radius, if their
 # median is larger than this [mm] and their scatter is small.
@@ -195,10 +196,11 @@ def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
 
 
 def _unit_of_counts(n_turns: float) -> str:
-    """Return the unit of angles in counts (steps of an encoder), such as ``0.01 deg``.
+    """Return the angle of one count (step of an encoder) as a unit, such as ``0.01 deg``.
 
-    The unit is 0.1 deg, 0.01 deg and so on, so that the angles cover about one turn. ``n_turns`` is
-    the number of turns that the angles would cover if they were in degrees.
+    Among 0.1 deg, 0.01 deg and so on, the unit in which the angles cover about one turn is
+    returned. ``n_turns`` is the number of turns that the angles would cover if they were in
+    degrees.
     """
     return f"{10.0 ** -max(1, round(np.log10(n_turns))):g} deg"
 
@@ -211,9 +213,14 @@ def _plane_of(recording: Recording) -> str:
 def _start_of_circle(recording: Recording, direction: str | None) -> float:
     """Return the angle [deg] at which the circle of a test with times instead of angles starts.
 
-    The angle is taken from the first of four sources: a stated value of ``start_deg``; a line that
-    names an axis as the start, such as +X; a programme in the file, such as G-code; and zero.
-    ``direction`` is the stated direction of travel, CW or CCW, or None.
+    Three sources are tried in this order:
+
+    - a stated value of ``start_deg``,
+    - a line that names an axis, such as +X, as the start,
+    - an NC programme in the file.
+
+    The first source that states the angle is used. If none states it, the angle is zero.
+    ``direction`` is the stated direction of travel, CW or CCW; None if nothing states it.
     """
     if quantity_of(recording, "start_deg") is None:
         plane = _plane_of(recording)

@@ -107,11 +107,11 @@ def _with_rows_as_columns(sheet: Sheet, first: int, labels: Sequence[str]) -> Sh
 def _turned_units(
     units: Mapping[tuple[int, int], str], turned: Sequence[Row]
 ) -> dict[tuple[int, int], str]:
-    """Return the units of the cells of a table after its rows have become columns.
+    """Return the units of the cells of a table whose rows have become columns.
 
-    Each key holds the line number and the column index of a cell. ``turned`` are the rows of the
-    table. Their first cells become headers and have no units in the result, because units are part
-    of the text of a header.
+    Both the result and ``units`` are dicts; each key holds the line number and the column index of
+    a cell. ``turned`` are the rows of the table before they become columns. Their first cells
+    become headers and have no units in the result, because a header contains its unit in its text.
     """
     first_line = turned[0].line
     columns = {row.line: k for k, row in enumerate(turned)}
@@ -125,7 +125,7 @@ def _turned_units(
 
 
 def check_not_transposed(sheet: Sheet) -> None:
-    """Raise an error if one row of a sheet holds the angles, and each other row one circle.
+    """Raise an error if one row of a sheet holds the angles, and each other row holds one circle.
 
     Parameters
     ----------
@@ -136,8 +136,8 @@ def check_not_transposed(sheet: Sheet) -> None:
     ------
     InputError
         If one of the first 1000 rows ends with evenly spaced angles over at least half a circle, or
-        if the table is a matrix in which each angle is the sum of the number of a row and that of a
-        column.
+        if the table is a matrix in which each angle is the sum of two numbers, one in front of the
+        row and one above the column.
     """
     _check_no_matrix(sheet)
     for row in sheet.rows[:LONGEST_OVERVIEW]:
@@ -178,10 +178,11 @@ def _check_no_matrix(sheet: Sheet) -> None:
 
 
 def _continue_each_other(columns: Array, rows: Array) -> bool:
-    """Return whether the sums of row numbers and column numbers are evenly spaced angles.
+    """Return whether the sum of the numbers of row and column increases evenly from cell to cell.
 
-    ``columns`` are the numbers above the columns, shape (n,), and ``rows`` the numbers in front of
-    the rows, shape (m,).
+    ``columns`` are the numbers above the columns, shape (n,), and ``rows`` are the numbers in front
+    of the rows, shape (m,). The cells are taken row by row. If the sums increase evenly, they may
+    be angles.
     """
     steps = np.diff((rows[:, np.newaxis] + columns).ravel())
     return bool(steps[0] > 0.0 and np.allclose(steps, steps[0], rtol=_EVEN_SHARE))
@@ -190,8 +191,9 @@ def _continue_each_other(columns: Array, rows: Array) -> bool:
 def _angles_in(cells: Sequence[str]) -> Array:
     """Return the angles at the end of a row, shape (n,), in the unit of the file.
 
-    The angles are the last cells of the row that can be read as angles, such as 5, 5° or a005. If
-    one of these cells begins with letters, all of them begin with the same letters.
+    Starting with the last cell of the row, all cells up to the first other cell are taken that can
+    be read as angles, such as 5, 5° or a005. If one of them begins with letters, all must begin
+    with the same letters.
     """
     filled = [cell for cell in cells if cell]
     numbers: list[float] = []

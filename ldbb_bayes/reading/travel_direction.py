@@ -225,11 +225,11 @@ def _segments_with_labels(text: str) -> list[str]:
 
 
 def _is_whole_statement(text: str) -> bool:
-    """Return whether the text before a direction, such as CW, is a statement of its own.
+    """Return whether the text before a direction, such as CW, is a complete statement without it.
 
-    The text "Spindle" is not a statement of its own, because it only says to what the direction
-    belongs. A statement of its own, such as "Force 238 N", contains a number or a plane. It
-    contains no word for angles or for anything else that may have a direction, such as a spindle.
+    A complete statement, such as "Force 238 N", contains a number or a plane. It contains no word
+    for angles or for anything else that may have a direction, such as a spindle. The text "Spindle"
+    is not complete, because it only says what turns in the direction.
     """
     has_value = re.search(r"\d|\b[XYZ]{2}\b", text) is not None
     is_about_others = _OTHER_DIRECTION.search(_LOADS.sub(" ", text)) or _ANGLES.search(text)

@@ -85,9 +85,9 @@ def _comparable_name(header: str) -> str:
 
 
 def _have_common_role(header: str, partner: str) -> bool:
-    """Return whether two names of columns mean the same quantity, such as the angle.
+    """Return whether a header and a name mean the same quantity, such as the angle.
 
-    The first name is taken from ``header``; ``partner`` is the other name.
+    ``header`` may also state a unit. ``partner`` is the name.
     """
     name = _comparable_name(header)
     return any(has_role(name, role) and has_role(partner, role) for role in ROLES)

@@ -68,8 +68,8 @@ _COUNTS_OR_SCALED_UNIT = re.compile(
 # turn in one of these units, the user is asked for the unit.
 _OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0, "turn": 1.0}
 _TURN_DEG = 360.0
-# The angles of a test are taken to cover whole turns if the angle that they cover differs from a
-# multiple of a full turn by at most this number of steps. A step is the difference of successive
+# The angles of a test are taken to cover whole turns if the range that they cover differs from a
+# whole number of turns by at most this number of steps. A step is the difference of successive
 # angles.
 _STEPS_OF_TURN = 1.5
 # Largest plausible step from one angle of a circle to the next [deg]. If a step in degrees would be
@@ -333,7 +333,7 @@ def _size_of_readings(recordings: Sequence[Recording], campaign: Mapping[str, An
 
 
 def _fits_unit(size: _ReadingSize, um_per_unit: float) -> bool:
-    """Return whether the readings can be in a unit of ``um_per_unit`` micrometres.
+    """Return whether the readings can be in a unit that is ``um_per_unit`` micrometres long.
 
     ``size`` states how large the readings are in their unknown unit.
     """

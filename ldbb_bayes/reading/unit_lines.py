@@ -200,7 +200,8 @@ def units_stated(text: str) -> dict[str, str]:
     text = _unit_before_remarks(match["units"].strip())
     if _has_unread_factor(text) and not _lists_units(text):
         return stated | {f"{role or 'reading'}_unit": text}
-    if scaled_unit(text) and not unit_named(text):  # the text is a unit with a factor: 10 nm
+    # the text is a unit with a factor, such as 10 nm
+    if scaled_unit(text) and not unit_named(text):
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
 
@@ -485,9 +486,9 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
 def _units_in(text: str) -> list[_ListedUnit]:
     """Return the known units in a text, in the order in which the text names them.
 
-    A number before a unit is its factor. There are two exceptions: the text also has the unit
-    without a number, as in "um (range 1000 um)", or the number is large and stands before a unit of
-    angle, as in 360 deg.
+    A number before a unit is taken as its factor, except in two cases: if the text also has the
+    unit without a number, as in "um (range 1000 um)", or if the number is large and stands before a
+    unit of angle, as in 360 deg.
     """
     matches = [match for match in _UNIT.finditer(text) if unit_named(match["unit"].strip("."))]
     plain = {unit_named(match["unit"].strip(".")) for match in matches if not match["factor"]}

@@ -12,7 +12,7 @@ __all__ = ["COMMENT_SIGN", "joined_factors", "row_of_units", "without_comment_si
 
 # Regular expression for a sign, such as #, with which a line of a file begins if it is a comment.
 COMMENT_SIGN = re.compile(r"^\s*(?:#|%|//)(?=\s|$)")
-# Signs, such as a dash, that a row of units may have below the name of a column without a unit.
+# Dashes that may stand in a row of units in place of a unit, if a column has none.
 _DASHES = ("-", "–", "—")
 # Regular expression for a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")

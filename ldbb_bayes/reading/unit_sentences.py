@@ -56,7 +56,8 @@ _READINGS = re.compile(rf"(?<!\w){_WORDS['readings_in']}(?!\w)", re.IGNORECASE)
 _FRACTION = re.compile(
     r"(?<![\w.,/])(?P<fraction>0[.,]0*1|1\s?/\s?10+)\s?(?P<unit>[^\W\d_]+|\")(?![\w/])"
 )
-# Regular expression for a word for a fraction of a unit, such as thousandths, or for one count.
+# Regular expression for a word for a fraction of a unit, such as "thousandths", or for one count
+# (digital step of an instrument).
 _SHARE_OR_COUNT = re.compile(rf"{SHARE.pattern}|(?<!\w)(?:{_WORDS['count']})(?!\w)", re.IGNORECASE)
 # Regular expression for units of readings that are not units of length, such as V.
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
