@@ -82,13 +82,21 @@ def compare_posteriors(
     -------
     DataFrame
         One row for each parameter that occurs in both posteriors; offsets of the tool ball are left
-        out. Units are mm, N and rad. The columns ``first`` and ``second`` hold the posterior means,
-        both at the reference force of the first campaign. The other columns are unit, difference,
-        sd (of the difference), ci_low, ci_high and probability_of_increase. With the same
-        instrument, ``attrs["conflict"]`` names the error of the instrument about which the
-        campaigns disagree most, and gives the p-value of the disagreement (with Bonferroni
-        correction). It is None for different instruments, and if the readings of both campaigns do
-        not help to determine any error of the instrument.
+        out. The columns are:
+
+        - ``unit``: internal unit of the parameter, composed of mm, N and rad;
+        - ``first`` and ``second``: posterior means in the two campaigns, both at the reference
+          force of the first campaign;
+        - ``difference`` and ``sd``: second minus first, and the standard uncertainty of this
+          difference;
+        - ``ci_low`` and ``ci_high``: ends of the credible interval of the difference;
+        - ``probability_of_increase``: probability that the parameter is larger in the second
+          campaign.
+
+        If the instrument was the same, ``attrs["conflict"]`` names the error of the instrument
+        about which the campaigns disagree most, and states the p-value of the disagreement (with
+        Bonferroni correction). If the instruments were different, or if no error of the instrument
+        is determined by the readings of both campaigns, ``attrs["conflict"]`` is None.
 
     Raises
     ------

@@ -158,11 +158,11 @@ class PlaneStiffness(Result):
     angle_deg: Numbers  #: n angles θ of the bar, shape (n,) [°]
     #: posterior mean of the compliance along the bar at n angles of the bar, shape (n,) [mm/N]
     compliance: Numbers
-    #: lower ends of the credible intervals of ``compliance``, the compliance along the bar at n
-    #: angles, shape (n,) [mm/N]
+    #: lower end of the credible interval of the compliance along the bar, at each of the n angles,
+    #: shape (n,) [mm/N]
     compliance_low: Numbers
-    #: upper ends of the credible intervals of ``compliance``, the compliance along the bar at n
-    #: angles, shape (n,) [mm/N]
+    #: upper end of the credible interval of the compliance along the bar, at each of the n angles,
+    #: shape (n,) [mm/N]
     compliance_high: Numbers
     least: StatedValue  #: least stiffness along the bar on the circle, k_min
     greatest: StatedValue  #: greatest stiffness along the bar on the circle, k_max
@@ -296,8 +296,8 @@ def _row_of_value(name: str, value: StatedValue) -> dict[str, object]:
     """Return the table row of a stiffness or compliance; the keys are names of columns.
 
     ``name`` is the name of the stiffness or compliance, and ``value`` its estimate with
-    uncertainties. A quantity counts as determined if both ends of its credible interval are
-    determined by the readings.
+    uncertainties. The column ``is_determined`` states whether the readings determine both ends of
+    the credible interval.
     """
     return {
         "quantity": name,
@@ -356,14 +356,20 @@ def stiffness(
     Returns
     -------
     DirectionalStiffness
-        For every plane and force: the compliance along the bar with its credible intervals, the
-        least and the greatest stiffness with their directions, the ratio of the greatest to the
-        least stiffness, the direction of the softer principal axis, the cross compliance
-        (deflection along one axis of the plane per unit of force along the other), and the
-        difference of the compliances along the two axes. If three planes were tested, the result
-        also has the principal stiffnesses in space. If the readings hardly determine the compliance
-        along the bar in some directions, noise makes the least stiffness too small and the greatest
-        stiffness too large on average. Both errors are corrected.
+        The following quantities, for every plane and force:
+
+        - the compliance along the bar at each angle, with credible intervals;
+        - the least and the greatest stiffness, and their directions;
+        - the ratio of the greatest to the least stiffness;
+        - the direction of the softer principal axis;
+        - the cross compliance (deflection along one axis of the plane per unit of force along the
+          other);
+        - the difference of the compliances along the two axes.
+
+        If three planes were tested, the result also holds the principal stiffnesses in space. If
+        the readings hardly determine the compliance along the bar in some directions, noise makes
+        the least stiffness too small and the greatest stiffness too large on average. Both errors
+        are corrected.
 
     Raises
     ------
@@ -427,11 +433,12 @@ def _stiffness_of(
 
 
 def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[str, Array]]:
-    """Return draws of the least stiffness, the greatest stiffness and their ratio, by plane.
+    """Return, for each plane, draws of the least and the greatest stiffness and of their ratio.
 
-    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,). The outer keys are
-    the planes; the inner keys are ``k_min``, ``k_max`` and ``k_ratio``. The stiffnesses k_min and
-    k_max are in N/mm.
+    ``force_N`` is the force of the bar [N]. The keys of the result are names of planes. The value
+    for a plane is a dict with three arrays of draws, shape (draws,): the least stiffness ``k_min``
+    [N/mm], the greatest stiffness ``k_max`` [N/mm], and ``k_ratio``, the greatest divided by the
+    least.
     """
     bound = bound_of(posterior)
     forces = _forces_of_stiffness(bound, [force_N])
@@ -521,12 +528,10 @@ class _NamedDraws(NamedTuple):
 
 
 def _direct_compliance(bound: BoundModel, axis: str, compliances: Array) -> _NamedDraws:
-    """Return the compliance along ``axis`` under a force along the same axis [mm/N].
-
-    The result holds the name of the compliance and posterior draws of it.
+    """Return the name and draws of the compliance along ``axis`` under a force along this axis.
 
     ``compliances``, shape (draws, n), holds posterior draws of the n compliances of the model
-    ``bound``.
+    ``bound`` [mm/N].
     """
     for k, compliance in enumerate(bound.compliances):
         if compliance.kind == "direct" and compliance.twist == axis:

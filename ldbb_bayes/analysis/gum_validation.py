@@ -150,8 +150,8 @@ class GumValidation(Result):
     #: posterior probability of the model to which the law of propagation is applied; 1 unless the
     #: posterior is an average over models
     probability_of_model: float
-    #: the two coverage intervals of each parameter, by the law of propagation and by the posterior;
-    #: the keys are the names of the parameters
+    #: comparison of two coverage intervals for each parameter: one by the law of propagation, and
+    #: one by the posterior. The keys are the names of the parameters.
     parameters: dict[str, GumComparison]
 
     @property

@@ -34,15 +34,16 @@ _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles on the circle at which the effects of the parameters on the readings are computed, to find
 # a formula for these effects [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
-# Number of factors cos θ and sin θ in the formula for the effect of a compliance on the reading,
-# where θ is the angle of the circle. The compliance C_XXX, for example, changes the reading by
-# cos²θ per unit of compliance and of force. One factor comes from the force, which acts along the
-# bar, and one from the deflection, which is measured along the bar. Terms that contain the radius
-# have more factors.
+# In the formula for the effect of a compliance on the reading, each term without the radius has
+# this number of factors cos θ or sin θ, where θ is the angle of the circle. The compliance C_XXX,
+# for example, changes the reading by cos²θ per unit of compliance and of force. One factor comes
+# from the force, which acts along the bar, and one from the deflection, which is measured along the
+# bar. Terms that contain the radius have more factors.
 _COMPLIANCE_DEGREE = 2
-# Number of factors cos θ and sin θ in the formula for the effect of a geometric error on the
-# reading, where θ is the angle of the circle. There is one factor, because the reading shows only
-# the component of the error along the bar. Terms that contain the radius have more factors.
+# In the formula for the effect of a geometric error on the reading, each term without the radius
+# has this number of factors cos θ or sin θ, where θ is the angle of the circle. There is one
+# factor, because the reading shows only the component of the error along the bar. Terms that
+# contain the radius have more factors.
 _GEOMETRIC_DEGREE = 1
 # Superscripts with which the powers 0 … 4 of a symbol are written in a formula, such as c²; the
 # superscripts of the powers 0 and 1 are empty.
@@ -63,18 +64,18 @@ class VisibleParameter:
     name: str
     unit: str
     meaning: str
-    #: formula for the effect of the parameter on the reading; the keys are planes. The effect of a
-    #: geometric error is the change of the reading [mm] per unit of the error. The effect of a
-    #: compliance is the change of the reading [mm] per unit of the compliance and per N of force.
-    #: In the formula, c = cos θ and s = sin θ for the angle θ on the circle, and R is the radius of
-    #: the circle in mm.
+    #: formula for the effect of the parameter on the reading, for each plane; the keys are names of
+    #: planes. The effect of a geometric error is the change of the reading [mm] per unit of the
+    #: error. The effect of a compliance is the change of the reading [mm] per unit of the
+    #: compliance and per N of force. In the formula, c = cos θ and s = sin θ for the angle θ on the
+    #: circle, and R is the radius of the circle in mm.
     pattern: Mapping[str, str]
     #: whether the parameter is at least zero for all possible compliances of the joints. If so, the
     #: prior excludes negative values of the parameter.
     not_negative: bool
-    #: The readings may determine only a weighted sum of several compliances. This parameter then
-    #: represents the sum, and the weights are listed here by name of the compliance. Otherwise, the
-    #: mapping is empty.
+    #: If the readings determine only a weighted sum of several compliances, this parameter
+    #: represents the sum. The keys are then the names of these compliances, and the values are
+    #: their weights. Otherwise, the mapping is empty.
     members: Mapping[str, float]
 
 
@@ -99,8 +100,8 @@ class DescribedMachine(Result):
     #: compliances
     rank: int
     #: condition number of the matrix that holds the derivatives of the readings with respect to
-    #: ``compliances``, for full circles with evenly spaced angles. The derivatives are in mm and N;
-    #: the columns of the matrix are not scaled.
+    #: ``compliances``, for full circles with evenly spaced angles. The derivatives are computed in
+    #: units of mm and N, without any scaling of the columns of the matrix.
     condition_number: float
 
 
@@ -180,11 +181,11 @@ def _describe_joint(joint: Joint) -> str:
 def _describe_compliances(
     machine: Machine, circles: Sequence[Circle], visible: Kept
 ) -> tuple[VisibleParameter, ...]:
-    """Return a description of each compliance that circular tests can determine.
+    """Return a description of each of the compliances ``visible``.
 
-    ``visible`` holds the names of these compliances. If the readings determine only a weighted sum
-    of several compliances, one compliance represents this sum. ``visible`` then also holds the
-    names and weights of the compliances in the sum. A description also states how the compliance
+    These are the compliances that circular tests can determine. If the readings determine only a
+    weighted sum of several compliances, one of them represents the sum, and ``visible`` holds the
+    names and weights of all compliances in the sum. Each description states how the compliance
     changes the readings of the first of ``circles`` in each plane.
     """
     jacobians = {}
@@ -239,9 +240,10 @@ def _describe_geometric_errors(
 
 
 def _sampled_circles(machine: Machine, circles: Sequence[Circle]) -> dict[str, list[Circle]]:
-    """Return, for each plane, copies of the plane's first circle with the radii ``_RADII_MM``.
+    """Return copies of the first circle in each plane, one for each of the radii ``_RADII_MM``.
 
-    The keys are planes. Planes without a circle are left out.
+    The keys are names of planes; each value is the list of the copies. Planes without a circle are
+    left out.
     """
     first_circles = {circle.plane: circle for circle in reversed(circles)}
     sampled = {}
@@ -263,12 +265,13 @@ class _Monomial(NamedTuple):
 
 
 def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[str, str]:
-    """Return the formulas of one parameter's effect on the readings; the keys are planes.
+    """Return the formula for one parameter's effect on the readings in each plane.
 
-    Planes in which the parameter changes no reading are left out. For each plane, ``jacobians``
-    holds the change of the reading per unit of each parameter, shape (radii, angles, parameters).
-    ``column`` is the index of the parameter. ``degree`` is ``_COMPLIANCE_DEGREE`` for a compliance
-    and ``_GEOMETRIC_DEGREE`` for a geometric error.
+    The keys of ``jacobians`` and of the result are names of planes. Planes in which the parameter
+    changes no reading are left out. For each plane, ``jacobians`` holds the change of the reading
+    per unit of each parameter, shape (radii, angles, parameters). ``column`` is the index of the
+    parameter. ``degree`` is ``_COMPLIANCE_DEGREE`` for a compliance and ``_GEOMETRIC_DEGREE`` for a
+    geometric error.
     """
     formulas = {}
     for plane, jacobian in jacobians.items():
@@ -319,9 +322,10 @@ def _write_power(letter: str, power: int) -> str:
 
 
 def _write_sum(monomials: Sequence[_Monomial]) -> str:
-    """Return the formula of a parameter's effect on the readings as text, such as ``2 R c² − s``.
+    """Return the sum of the terms ``monomials`` as text, such as ``2 R c² − s``.
 
-    The formula is the sum of the terms ``monomials``. A factor of one is not written.
+    The text is the formula for a parameter's effect on the readings, with the radius R, c = cos θ
+    and s = sin θ for the angle θ of the circle. A factor of one is not written.
     """
     text = ""
     for monomial in monomials:

@@ -114,8 +114,9 @@ def local_fits(
         nodes = posterior.nodes(_TOLERANCE)
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE, components=_MOMENT_NODES)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
-        # Foreseen tests are tests that may be run later. All tests of the campaign are listed as
-        # foreseen, so that the least-squares fit has the same parameters for every pair.
+        # The least-squares fit must have the same parameters for every pair of force levels. All
+        # tests of the campaign are therefore listed as foreseen, that is, as tests that may be run
+        # later: the fit then includes every parameter that any of these tests can determine.
         pair = replace(campaign.select(names), foreseen=campaign.scope)
         squares = fit_least_squares(pair, fixed=constant.fixed).table
         forces = bound.setting.force_N

@@ -15,9 +15,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# In a combination of a model's coefficients, one coefficient, the pivot, has the value one. The
-# combination must not change any reading by more than this share of the largest change that the
-# pivot alone would cause. Only then do the effects of its coefficients count as cancelling.
+# In a combination of a model's coefficients, one coefficient has the value one; it is called the
+# pivot. The effects of the coefficients count as cancelling only if the combination changes no
+# reading by more than this share of the largest change that the pivot alone would cause.
 EXACT_SHARE = 0.05
 # Limits that decide which coefficients of the model are dropped from a combination whose effects
 # cancel. A coefficient is dropped if its effect on the readings is at most this share of the
@@ -44,14 +44,14 @@ _LENGTH_DECIMALS = 6
 class NullSpace:
     """Combinations of coefficients of a model that change no reading by more than a limit.
 
-    Coefficients are parameters of interest and nuisance coefficients, in units of their prior
-    standard deviations.
+    The coefficients are the parameters of interest and the nuisance coefficients of a model. In a
+    combination, each coefficient is in units of its prior standard deviation.
 
     Parameters
     ----------
     scaled
-        Change of each of n readings when one of m coefficients changes by its prior standard
-        deviation, shape (n, m). The parameters of interest come first.
+        Change of each of the n readings when each of the m coefficients alone changes by its prior
+        standard deviation, shape (n, m). The parameters of interest come first.
     parameters
         Number of parameters of interest.
     limit
@@ -61,9 +61,10 @@ class NullSpace:
     def __init__(self, scaled: Array, parameters: int, limit: float) -> None:
         """Prepare the search for combinations of coefficients that change no reading.
 
-        ``scaled``, shape (n, m), holds the change of each of n readings when one of m coefficients
-        changes by its prior standard deviation. The first ``parameters`` coefficients are the
-        parameters of interest. A change of a reading by at most ``limit`` counts as no change.
+        ``scaled``, shape (n, m), holds the change of each of the n readings when each of the m
+        coefficients alone changes by its prior standard deviation. The first ``parameters``
+        coefficients are the parameters of interest. A change of a reading by at most ``limit``
+        counts as no change.
         """
         self.scaled = scaled
         self.parameters = parameters
@@ -77,14 +78,15 @@ class NullSpace:
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
-        """Return a basis of the combinations that change no reading, as pairs of pivot and vector.
+        """Return a basis of the combinations that change no reading.
 
-        The vector of a combination, shape (m,), holds the values of the m coefficients. The pivot
-        is the index of a coefficient with the value one, whose effect the other coefficients
-        cancel. The search first finds combinations of parameters alone, then combinations of one
-        nuisance coefficient with parameters that are not pivots yet, and finally all other
-        combinations. A nuisance coefficient is left out if its effect alone changes no reading
-        noticeably. In the result, combinations with a nuisance coefficient as pivot come first.
+        The result is a list of pairs (pivot, vector), one for each combination. The vector, shape
+        (m,), holds the values of the m coefficients. The pivot is the index of a coefficient with
+        the value one, whose effect the other coefficients cancel. The search first finds
+        combinations of parameters alone, then combinations of one nuisance coefficient with
+        parameters that are not pivots yet, and finally all other combinations. A nuisance
+        coefficient is left out if its effect alone changes no reading noticeably. In the result,
+        combinations with a nuisance coefficient as pivot come first.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters
@@ -139,12 +141,13 @@ class NullSpace:
     def _imitations(
         self, targets: NDArray[np.intp], imitators: NDArray[np.intp]
     ) -> dict[int, Array]:
-        """Return combinations in which some coefficients cancel the effect of a target coefficient.
+        """Return, for each target coefficient, a combination in which others cancel its effect.
 
         ``targets`` are the indices of the target coefficients, and ``imitators`` are the indices of
-        the coefficients that may cancel the effect of a target on the readings. The result has one
-        combination for each target: the target has the value one, and the imitators have the values
-        that cancel its effect. A target is left out if the imitators cannot cancel its effect.
+        the coefficients that may cancel the effect of a target on the readings. The keys of the
+        result are the indices of the targets. Each combination holds the values of the m
+        coefficients, shape (m,): one for the target, and for the imitators the values that cancel
+        its effect. A target is left out if the imitators cannot cancel its effect.
         """
         # For each target coefficient of the model, a least-squares problem finds how other
         # coefficients, the imitators, can cancel its effect on the readings. The problems of all
@@ -166,11 +169,11 @@ class NullSpace:
     def _checked_imitation(self, target: int, solved: Array) -> Array | None:
         """Return a combination in which few coefficients cancel the effect of a target coefficient.
 
-        ``target`` is the index of the target coefficient. ``solved``, shape (m,), is a combination
-        of the m coefficients. In it, all other coefficients (the imitators) help to cancel the
-        effect of the target on the readings. In the result, imitators with small effects are left
-        out if the remaining imitators suffice. Return None if ``solved`` does not cancel the effect
-        of the target.
+        A combination holds the values of the m coefficients, shape (m,). ``target`` is the index of
+        the target coefficient. In the combination ``solved``, other coefficients (the imitators)
+        cancel the effect of the target on the readings. In the result, the values of imitators with
+        small effects are zero if the remaining imitators suffice. Return None if ``solved`` does
+        not cancel the effect of the target well enough.
         """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]

@@ -190,9 +190,12 @@ def judge_tests(
     left_out_nodes
         Quadrature nodes of the posterior given all tests but one, for each model and each test left
         out, as returned by `leave_one_out`.
-    seed, tolerance, replicates
-        Seed of the simulated circles, error allowed in every log evidence [nat], and number of
-        circles simulated for each test, as in `find_outlying_tests`.
+    seed
+        Seed of the simulated circles.
+    tolerance
+        Error allowed in every log evidence [nat].
+    replicates
+        Number of circles that are simulated at first for each test; see `find_outlying_tests`.
     """
     rng = np.random.default_rng(seed)
     names = _any_nodes(nodes_by_model).bound.test_names

@@ -43,7 +43,7 @@ class PairedRemedy(Result):
     #: the campaign
     circles: int
     #: standard uncertainty of the parameter after both remedies (certificates or changes of the
-    #: plan), in mm, N and rad
+    #: plan), in the parameter's internal unit, which is composed of mm, N and rad
     sd: float
     #: standard uncertainty of the parameter after both remedies (certificates or changes of the
     #: plan), divided by its standard uncertainty without any remedy
@@ -99,14 +99,13 @@ def paired_remedies(
 
 
 def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
-    """Return a pair of remedies for a parameter: ``first``, and the best remedy to add to it.
+    """Return two remedies for a parameter: ``first``, and the remedy that is best added to it.
 
-    A remedy for a large uncertainty is a certificate or a change of the plan. The best remedy to
-    add is the one that minimises the parameter's standard uncertainty together with ``first``.
-    ``tried`` holds the campaign, with the standard uncertainties of its parameters after remedies.
-    ``name`` is the name of the parameter, and ``sd`` its standard uncertainty without any remedy.
-    Return None if the standard uncertainty after both remedies is never less than 90 % of the
-    standard uncertainty after ``first`` alone.
+    A remedy for a large uncertainty is a certificate or a change of the plan. The second remedy is
+    the one that, together with ``first``, minimises the parameter's standard uncertainty. Return
+    None if this standard uncertainty is at least 90 % of the standard uncertainty after ``first``
+    alone. ``tried`` computes the standard uncertainties after remedies for the campaign. ``name``
+    is the name of the parameter, and ``sd`` its standard uncertainty without any remedy.
     """
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}

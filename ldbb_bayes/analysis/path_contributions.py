@@ -126,11 +126,11 @@ def contribution_paths(
 ) -> Mapping[str, Array]:
     """Return contributions of the sources, such as ``C_XXX``, to the readings on one circle.
 
-    The circle is that of the test with index ``r``; the force is ``force_N`` [N]. Each contribution
-    has the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are
-    posterior draws of the p parameters. The sources are the same as in `decompose_deviation`. If
-    ``only`` is not empty, the result contains only the sources named in ``only``. Sources that do
-    not change the readings are left out.
+    The keys are names of sources, as in `decompose_deviation`. Each value holds draws of the
+    contribution at the angles 0°, 1° … 359°, shape (draws, 360) [µm]. The circle is that of the
+    test with index ``r``, at the force ``force_N`` [N]. ``beta``, shape (draws, p), are posterior
+    draws of the p parameters. Sources that do not change the readings are left out. If ``only`` is
+    not empty, sources that it does not name are left out, too.
     """
     turn = basis(ANGLE_RAD).T * 1e3
     paths = {}

@@ -140,10 +140,11 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # The models combine slopes (changes of compliance with force) and alternative explanations of
-    # the same readings in every possible way, in the order of `subsets`. In the following arrays,
-    # the first row is therefore for the models with slopes, and the second row for the models
-    # without slopes. The last column is for the models without alternative explanations.
+    # There is one model for every combination of slopes (changes of compliance with force) and
+    # alternative explanations of the same readings. `subsets` lists the models with slopes first,
+    # and the model without any explanation last. In the following arrays, the first row therefore
+    # holds the models with slopes, the second row the models without slopes, and the last column
+    # the two models without alternative explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]

@@ -36,8 +36,8 @@ class _Alternative(NamedTuple):
     """Alternative assumption about random differences between circles."""
 
     label: str
-    #: class of the model term that is replaced or left out; it describes random differences between
-    #: circles
+    #: class of the model term that is replaced or left out; a term of this class describes random
+    #: differences between circles
     kind: type[Term]
     #: model term that replaces the term of the class ``kind``; None if the term of this class is
     #: left out of the model
@@ -78,12 +78,13 @@ class Assumed:
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """Return assumptions about the random differences between circles; the keys are labels.
+    """Return functions that change a model's assumption about differences between circles.
 
-    Each assumption is a function that takes a model and returns a changed copy. The first function
-    leaves the model unchanged. The last function leaves out all nuisance terms (effects not of
-    interest), so that only white noise remains, and allows negative compliances. Every other
-    function changes one model term; it is omitted if it changes none of ``models``.
+    The keys are labels of the assumptions. Each function takes a model and returns a copy with
+    another assumption about the random differences between circles. The first function leaves the
+    assumption as it is. The last function leaves out all nuisance terms (effects not of interest),
+    so that only white noise remains, and allows negative compliances. Every other function replaces
+    or leaves out one model term; functions that change none of ``models`` are omitted.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:

@@ -29,12 +29,14 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path that may have a tolerance. The values say whether a
-# tolerance that is a single number without a sign is an upper or a lower limit.
+# Quantities of the machine's circular path that may have a tolerance. The keys are the names of the
+# quantities. If a tolerance is a single number without a sign, the value says whether this number
+# is an upper or a lower limit.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 # Stiffnesses in a plane for which the user may state a tolerance: the least and the greatest
-# stiffness along the bar, and the ratio of the greatest to the least. The values say whether a
-# tolerance that is a single number without a sign is an upper or a lower limit.
+# stiffness along the bar, and the ratio of the greatest to the least. The keys are the names of
+# these quantities. If a tolerance is a single number without a sign, the value says whether this
+# number is an upper or a lower limit.
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
 # Internal units of the stiffnesses in ``STIFFNESS_QUANTITIES``; the ratio has no unit.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}
@@ -46,8 +48,9 @@ _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(
     _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
 )
-# A compliance is compared with its tolerance at a force between ``_LEAST_FORCE_SHARE`` times the
-# smallest force tested and ``_LARGEST_FORCE_SHARE`` times the largest force tested.
+# Limits of the force at which a compliance may be compared with its tolerance. The force must be at
+# least ``_LEAST_FORCE_SHARE`` times the smallest force tested, and at most ``_LARGEST_FORCE_SHARE``
+# times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
 # Meaning of a sign before the number of a tolerance: the number is the upper limit (≤), the lower
@@ -154,11 +157,12 @@ def name_in_plane(name: str, plane: str, planes: Collection[str]) -> str:
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
-    """Return the quantities of a model that may have a tolerance, by name.
+    """Return the quantities for which a tolerance may be stated; the keys are their names.
 
-    The quantities are the model's parameters, and stiffnesses of single axes, such as
-    ``stiffness_X``. In each plane, there are also the least and the greatest stiffness along the
-    bar, the ratio of the two, and G, F_max and F_min of the machine's circular path.
+    The quantities are the parameters of the model ``bound``, the stiffnesses of single axes (such
+    as ``stiffness_X``) and, for each plane, six more quantities: the least and the greatest
+    stiffness along the bar, the ratio of the greatest to the least stiffness, and G, F_max and
+    F_min of the machine's circular path.
     """
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     return quantities(units, bound.setting.planes)

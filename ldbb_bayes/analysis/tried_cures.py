@@ -67,8 +67,8 @@ class CureStep(Result):
     """A remedy for a large uncertainty: a change of the plan, or a certificate."""
 
     kind: RemedyKind  #: kind of remedy for a large uncertainty, such as more circles
-    #: name of the certificate, a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty if the remedy
-    #: is a change of the plan
+    #: name of the certificate, such as "mount ± 2 %"; one of the keys of ``CERTIFICATES``. The name
+    #: is empty if the remedy is a change of the plan.
     certificate: str
 
 
@@ -89,8 +89,8 @@ class TriedCures:
     def __init__(self, bound: BoundModel, phi: Array) -> None:
         """Store a campaign's model and hyper-parameters, before any remedy is tried.
 
-        ``bound`` is the model of the campaign or plan, and ``phi``, shape (h,), are the h
-        hyper-parameters, with lengths in mm.
+        ``bound`` is the model of the campaign or plan. ``phi`` holds the values of the h
+        hyper-parameters, shape (h,); lengths are in mm.
         """
         self.bound = bound
         self.phi = phi
@@ -128,9 +128,9 @@ class TriedCures:
         """Return the standard uncertainties after the remedies ``steps``, in internal units.
 
         A remedy is a certificate of the instrument or a change of the plan. There is one standard
-        uncertainty for each parameter, and one for each change of a compliance with force. The keys
-        are the names that `sd_by_name` uses. The result is empty if the remedies cannot be applied
-        one after the other.
+        uncertainty for each parameter, with its name as the key, and one for each change of a
+        compliance with force, with a key such as "change of C_XXX". The result is empty if the
+        remedies cannot be applied one after the other.
         """
         if steps not in self._sd_with:
             changed = self.bound_with(*steps)
@@ -171,11 +171,11 @@ class TriedCures:
         return len(changed.campaign.tests) - len(self.bound.campaign.tests)
 
     def _information(self, changed: BoundModel) -> Information:
-        """Return the linear model of the readings of a campaign after remedies.
+        """Return the linear model of the readings with the remedies in ``changed``.
 
         A remedy is a certificate of the instrument or a change of the plan. ``changed`` is the
-        model applied to the campaign with the remedies. The hyper-parameters keep the values that
-        they have for the campaign without remedies.
+        model, applied to the campaign or plan that results from the remedies. The hyper-parameters
+        keep the values that they have without the remedies.
         """
         carried = changed.hyper_prior.carried(self.bound.hyper_prior, self.phi)
         return information_of(changed, carried)
@@ -284,9 +284,9 @@ def _with_added_circles(
 def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that is nearly uncorrelated with their forces.
 
-    Of 200 random orders with a fixed seed, the one is chosen in which the positions of the tests
-    are least correlated with their forces. The times of all tests are sorted, and the k-th test of
-    the new order gets the k-th time.
+    Of 200 random orders with a fixed seed, the function chooses the one in which the positions of
+    the tests are least correlated with their forces. The times are not reordered with the tests:
+    the k-th test of the new order is run at the k-th of the stated times.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     centred_positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)

@@ -87,26 +87,26 @@ class ModelVariance:
     probability: float  #: probability of the model in an average; one for a single model
     bound: BoundModel  #: the model, applied to a campaign or to a plan
     information: Information  #: linear model of the readings, at one value of the hyper-parameters
-    #: changes of q quantities (parameters, or changes of compliances with force), in mm, N and rad,
-    #: when one of the model's m coefficients changes by its prior sd, shape (q, m); zero for a
-    #: quantity that the model does not have
+    #: change of each of the q quantities (parameters, and changes of compliances with force) when
+    #: each of the model's m coefficients alone changes by its prior sd, shape (q, m). The internal
+    #: units are composed of mm, N and rad. The changes are zero for a quantity that the model does
+    #: not have.
     weights: Array
     #: means of q quantities (parameters, or changes of compliances with force) under one model,
     #: shape (q,)
     mean: Array
     #: standard deviations of q quantities (parameters, or changes of compliances with force) under
-    #: one model, as stated in the results, shape (q,).
-    #: They are computed from posterior draws, in which no compliance is negative, or averaged over
-    #: the hyper-parameters, and may therefore differ from the square roots of
-    #: ``gaussian_variance``.
+    #: one model, shape (q,). These are the values stated in the results. They come from posterior
+    #: draws, in which no compliance is negative, or from an average over the hyper-parameters. They
+    #: may therefore differ from the square roots of ``gaussian_variance``.
     sd: Array
 
     @cached_property
     def origins(self) -> dict[tuple[str, str], Origin]:
-        """Origin of every source of uncertainty: measured, assumed or stated.
+        """Origin of every source of uncertainty: measured in this campaign, stated or assumed.
 
-        A key has two parts: the name of the source (a coefficient or a kind of noise), and the name
-        of the model term to which the source belongs.
+        Each key is a pair of names: the name of the source (a coefficient or a kind of noise), and
+        the class name of the model term to which the source belongs.
         """
         return origins(self.bound, self.information)
 
@@ -138,9 +138,9 @@ class ModelVariance:
                 errors[source] = errors.get(source, 0.0) + scale * covariance
         if information.flat:
             return errors
-        # Coefficients are in units of their prior sds. If the true value of a parameter is one
-        # prior sd above the prior mean, the estimate of each quantity has an error. The size of
-        # this error is the posterior covariance of the quantity and the parameter.
+        # If the true value of a parameter is one prior sd above the prior mean, the prior causes an
+        # error in the estimate of each quantity. The size of this error is the posterior covariance
+        # of the quantity and the parameter, where the parameter is in units of its prior sd.
         error_by_prior = self.weights @ information.covariance()[:, information.interest]
         for j, name in enumerate(self.bound.names):
             origin = Origin.ASSUMED
@@ -190,9 +190,11 @@ class ModelVariance:
     def _scaled(self, variance: Array) -> Array:
         """Convert variances of the linear model to variances of the posterior, shape (q,).
 
-        There is one variance for each of q quantities (parameters, and changes of compliances with
-        force). Each variance is multiplied by the quantity's posterior variance ``sd``² and divided
-        by its `gaussian_variance`, the variance in the linear model. The result is at most ``sd``².
+        ``variance`` holds one variance for each of q quantities (parameters, and changes of
+        compliances with force), computed from the linear model with some effects taken to be known.
+        Each variance is multiplied by the quantity's posterior variance ``sd``², and divided by its
+        variance in the linear model if no effect is known (`gaussian_variance`). The result is at
+        most ``sd``².
         """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
@@ -204,8 +206,8 @@ class AveragedVariance:
 
     The quantities are parameters, and changes of compliances with force.
 
-    ``models`` are the models of the average, or a single model. The first ``number_of_parameters``
-    quantities are the parameters that at least one of the models has.
+    ``models`` holds the variances under each model; there may be a single model. The first
+    ``number_of_parameters`` quantities are parameters: those that at least one of the models has.
     """
 
     models: tuple[ModelVariance, ...]
@@ -223,10 +225,11 @@ class AveragedVariance:
 
     @cached_property
     def spread(self) -> Array:
-        """Covariance of the means of q quantities over the models of an average, shape (q, q).
+        """Covariance matrix of the means, which differ from model to model, shape (q, q).
 
-        The covariance is Σ p_m d_m d_mᵀ, where p_m is the probability of model m, and d_m are the
-        means under model m minus the averaged means.
+        The means are those of the q quantities. The matrix is Σ p_m d_m d_mᵀ, where p_m is the
+        probability of model m, and d_m are the means under model m minus the means averaged over
+        the models.
         """
         covariance = np.zeros((len(self.mean), len(self.mean)))
         for model in self.models:
@@ -236,10 +239,12 @@ class AveragedVariance:
 
     @cached_property
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Covariance of the errors that each source of uncertainty causes, shape (q, q).
+        """For each source of uncertainty, the covariance matrix of the errors that it causes.
 
-        The errors are those of the q quantities: parameters, and changes of compliances with force.
-        The keys are pairs of a source's name and origin; see `ModelVariance.errors`.
+        The result is a dict. Each key is a pair: the name of the source and its origin. Each value
+        is a matrix, shape (q, q), for the errors of the q quantities, which are parameters, and
+        changes of compliances with force. The matrices are averages over the models; see
+        `ModelVariance.errors`.
         """
         errors: dict[tuple[str, Origin], Array] = {}
         for model in self.models:
@@ -261,11 +266,11 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of q quantities, where a variance of zero is replaced by one, shape (q,).
+        """Variances of q quantities, with one in the place of a variance of zero, shape (q,).
 
         The quantities are parameters, and changes of compliances with force. A source of
-        uncertainty causes a part of a variance. This part, divided by the value returned here, is
-        the source's share.
+        uncertainty causes a part of the variance of a quantity. This part, divided by the variance,
+        is the source's share. The one prevents a division by zero.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
@@ -289,11 +294,12 @@ class AveragedVariance:
 
     @cached_property
     def shares_removed(self) -> dict[str, Array]:
-        """Share of each variance that would vanish if the effect of a model term were known.
+        """For each term, the share of each variance that would vanish if the term was known.
 
-        The keys are the class names of the terms. Each value, shape (q,), holds for each of the q
-        quantities (parameters, and changes of compliances with force) the share of its variance
-        that would vanish if the effect of the term were known exactly.
+        The result is a dict. Its keys are the class names of the model terms, and its values are
+        arrays of shares, shape (q,), for the variances of the q quantities. The quantities are
+        parameters, and changes of compliances with force. A term is known if its effect on
+        the readings is known exactly.
         """
         removed: dict[str, Array] = {}
         for model in self.models:
@@ -304,11 +310,12 @@ class AveragedVariance:
         return {term: np.clip(share, 0.0, 1.0) for term, share in removed.items()}
 
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the standard uncertainties of q quantities if some effects were known exactly.
+        """Return standard uncertainties that q quantities would have if some effects were known.
 
-        ``partners`` are names of model terms or of parameters. A coefficient of one of them is
-        taken to be known if its standard uncertainty is assumed, that is, neither measured nor
-        stated (see `ModelVariance.variance_without_assumed`). The result has the shape (q,).
+        ``partners`` are names of effects: model terms or parameters. Of the coefficients of these
+        effects, only those whose standard uncertainty is assumed (neither measured nor stated) are
+        taken to be known exactly; see `ModelVariance.variance_without_assumed`. The result has the
+        shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:
@@ -391,12 +398,13 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 
 
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
-    """Return the squared cosine of the angle between each pair of vectors.
+    """Return, for each pair of sources of uncertainty, how similar their errors are.
 
     ``patterns`` holds one vector, shape (p,), for each source of uncertainty of a quantity. The
     source causes a part of the covariance of this quantity with each of the p parameters. The
-    vector holds these parts, each divided by the standard deviation of the parameter. The keys of
-    the result are pairs of names of sources. If a vector is zero, its squared cosines are zero.
+    vector holds these parts, each divided by the standard deviation of the parameter. The
+    similarity of two sources is the squared cosine of the angle between their vectors, or zero if a
+    vector is zero. The keys of the result are pairs of names of sources.
     """
     if not patterns:
         return {}

@@ -43,8 +43,9 @@ __all__ = [
 # computed; ``_CURVE_POINTS`` is the number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# Number of draws of the parameters at each value of the hyper-parameters. The number is smaller if
-# a model would otherwise have fewer than ``_FEWEST_NODES`` values of the hyper-parameters.
+# To draw from the posterior of a model, values of the hyper-parameters are drawn first. At each
+# value, the parameters are drawn ``_DRAWS_PER_NODE`` times, or fewer times if there would otherwise
+# be fewer than ``_FEWEST_NODES`` values.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # A subset of slopes states which compliances change with force. If at most ``_ALL_SUBSETS`` subsets
@@ -53,8 +54,8 @@ _FEWEST_NODES = 64
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
-# Subset of slopes: one entry for each slope of the full model, true if the subset has the slope
-# (the change of a compliance with force).
+# Type of a subset of slopes (changes of compliances with force). A subset has one entry for each
+# slope of the full model; the entry is true if the slope belongs to the subset.
 Choice = tuple[bool, ...]
 
 
@@ -71,7 +72,7 @@ class SlopeSubset:
 
 @dataclass(frozen=True)
 class VaryingSlope:
-    """Posterior probability, ``inclusion_probability``, that one compliance changes with force."""
+    """Posterior probability that one compliance changes with force."""
 
     inclusion_probability: float
 
@@ -95,7 +96,7 @@ class Curve:
 
 
 class AveragedSlopes(NamedTuple):
-    """Probabilities that compliances change with force, and compliances as curves against force."""
+    """Probability that each compliance changes with force, and the curve of each compliance."""
 
     slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
     #: models in which different subsets of the compliances change with force (have slopes), the
@@ -226,9 +227,9 @@ def averaged_curves(
 ) -> dict[str, Curve]:
     """Return the curve C(F) of each compliance over the tested forces F, averaged over models.
 
-    The keys are names of compliances. Each curve is computed at 41 equally spaced forces, from the
-    lowest to the highest force tested. If all tests were run at one force, each curve is computed
-    at this force only.
+    The result is a dict; its keys are names of compliances. Each curve is computed at 41 equally
+    spaced forces, from the lowest to the highest force tested. If all tests were run at one force,
+    each curve is computed at this force only.
 
     Parameters
     ----------

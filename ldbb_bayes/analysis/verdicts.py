@@ -107,21 +107,23 @@ class Verdict(StrEnum):
     Every source of uncertainty has a share in the variance of the parameter, and an origin: its
     standard uncertainty is measured in this campaign, stated or assumed. The sources are the terms
     of the model and the priors of the parameters; if the coefficients of a term have several
-    origins, the term counts as one source for each origin. In the rules, sd is the standard
-    deviation. The verdict is the first of these that applies:
+    origins, the term counts as one source for each origin. The verdict is the first of these that
+    applies (sd is the standard deviation):
 
     1. *confounded*, if more than half of the parameter's variance comes from one effect whose
        standard uncertainty is assumed, or from several such effects that act on the same
-       combination of parameters. The effects with the largest shares are named, but no effect with
-       a share below 5 %. An effect is a term of the model, or another parameter through its prior.
-       An effect that causes an error of this parameter causes errors of the other parameters at the
-       same time. Two effects act on the same combination if their vectors of these errors, in units
-       of posterior sds, are nearly proportional: the squared cosine of the angle between the
-       vectors is at least 0.95. If the effects were known, at least their share of the variance
-       would vanish, and the parameter's standard uncertainty would be smaller by about 30 % or
-       more.
-    2. *prior-limited*, if the posterior sd is more than half of the prior sd.
+       combination of parameters;
+    2. *prior-limited*, if the posterior sd is more than half of the prior sd;
     3. *identified*, if rules 1 and 2 do not apply.
+
+    In rule 1, an effect is a term of the model, or another parameter through its prior. An effect
+    that causes an error of this parameter also causes errors of the other parameters. These errors,
+    in units of the parameters' posterior sds, form a vector. Two effects act on the same
+    combination of parameters if their vectors are nearly proportional: the squared cosine of the
+    angle between the vectors is at least 0.95. The effects with the largest shares are named, but
+    no effect with a share below 5 %. If the named effects were known, at least their share of the
+    variance would vanish, and the parameter's standard uncertainty would be smaller by about 30 %
+    or more.
 
     A share that differs from one half by less than 1e-6 counts as one half, and therefore not as
     more than half. Effects whose shares differ by less than 1e-6 are ranked in the order of the
@@ -217,7 +219,8 @@ class ChangeIdentifiability(Result):
     """
 
     compliance: str  #: name of the compliance, such as C_XXX
-    #: internal unit (composed of mm, N and rad) of the compliance and of its change with force
+    #: internal unit of the compliance, composed of mm, N and rad; its change with force has the
+    #: same unit
     unit: str
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
@@ -560,14 +563,14 @@ class JudgedQuantities(NamedTuple):
 @kept
 @one_blas_thread
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
-    """Return verdicts on a posterior's parameters and on its compliances' changes with force.
+    """Return the verdict on every parameter, and on every compliance's change with force.
 
-    Each verdict is identified, prior-limited or confounded. The verdicts on the parameters are the
-    same as in `judge_posterior`. The change of a compliance is its value at the largest force
-    tested minus its value at the smallest. The verdict on a change is determined by the same rules,
-    from posterior draws of the change. If the posterior is an average over models, the prior
-    variance of a change is the mean of its prior variances under the models, all with the same
-    weight; models without posterior draws are left out.
+    Each verdict is identified, prior-limited or confounded. The verdicts on the parameters are
+    those that `judge_posterior` returns. The change of a compliance is its value at the largest
+    force tested minus its value at the smallest. The same rules give the verdict on a change, from
+    posterior draws of the change. If the posterior is an average over models, the prior variance of
+    a change is the mean of its prior variances under the models, all with the same weight; models
+    without posterior draws are left out.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
@@ -806,11 +809,12 @@ def judge_parameters(
 def _judge_average(
     variance: AveragedVariance, bound: BoundModel, sampled_sd: SampledSd
 ) -> dict[str, ParameterIdentifiability]:
-    """Return how well the readings determine each parameter, in an average over models.
+    """Return how well the readings determine each parameter; the keys are names of parameters.
 
-    The average may consist of a single model. ``bound`` is the model that has all the parameters.
-    ``variance`` holds the variances of the parameters under each model. ``sampled_sd`` holds the
-    prior and posterior standard deviations that are reported for the parameters.
+    The results are averaged over the models in ``variance``, which holds the variances of the
+    parameters under each of one or more models. ``bound`` is a model that has all the parameters.
+    ``sampled_sd`` holds the prior and posterior standard deviations that are reported for the
+    parameters.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):
@@ -852,11 +856,11 @@ def _judge_average(
 def _judge_changes(
     variance: AveragedVariance, changes: Mapping[str, CurveChange], prior_sd: Array
 ) -> dict[str, ChangeIdentifiability]:
-    """Return how well the change of every compliance with force is known.
+    """Return how well the change of each compliance with force is known.
 
-    The keys are names of compliances. ``variance`` holds the variances of all parameters, then of
-    the changes, under each model. ``prior_sd`` holds one prior standard deviation for each entry of
-    ``changes``.
+    The keys of ``changes`` and of the result are names of compliances. ``variance`` holds, under
+    each model, the variances of all parameters and, after them, the variances of the changes.
+    ``prior_sd`` holds the prior standard deviation of each change.
     """
     entries = {}
     for k, (name, change) in enumerate(changes.items()):
@@ -939,11 +943,12 @@ def _information_gain(variance_ratio: float) -> float:
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    """Return the errors that ignored nuisances cause in least-squares estimates of parameters.
+    """Return the table of errors that nuisances cause in least-squares estimates of parameters.
 
-    The fit ignores the nuisances (effects not of interest). Rows are parameters, and columns are
-    nuisance coefficients. Each entry is the error of the parameter's estimate in internal units
-    (mm, N, rad), if the nuisance coefficient is equal to its prior standard deviation.
+    Nuisances are effects not of interest, which the least-squares fit ignores. The table has one
+    row for each parameter and one column for each nuisance coefficient. Each entry is the error of
+    the parameter's estimate if the nuisance coefficient is equal to its prior standard deviation.
+    The internal units of the errors are composed of mm, N and rad.
     """
     interest = information.interest
     names = np.array(information.names)

@@ -186,10 +186,10 @@ class Workflow(Result):
 
     @property
     def passed(self) -> bool:
-        """Whether the checks of the workflow find no fault of the computation or of the model.
+        """Whether the sampler has converged, no circle stands out, and the calibration succeeds.
 
-        The result may be true even if a parameter depends on its prior, because this is not a
-        fault.
+        A circle stands out if it is named in ``surprising_circles`` or ``outlying_circles``. If a
+        parameter is sensitive to its prior, this is not an error and does not count here.
         """
         nothing_odd = not self.surprising_circles and not self.outlying_circles
         return nothing_odd and self.converged and self.calibration.calibrated

@@ -33,8 +33,8 @@ __all__ = [
     "wrong_entry",
 ]
 
-# Name of the folder for the campaigns that a search finds. Each campaign has a subfolder in it,
-# named 1, 2 or 3.
+# Name of the folder for the campaigns that a search finds. It contains one subfolder for each
+# campaign, named 1, 2 or 3.
 CHEAPEST = "cheapest"
 # Name of the option of the command ``design`` that states the prices of certificates.
 _CERTIFICATES = "certificates"

@@ -109,9 +109,10 @@ def _type_of_entry(field_option: Option) -> Any:
 
 
 def _entry_field(name: str, group_name: str, field_option: Option) -> Field:
-    """Return the entry field for the command-line option ``name``, with its kind and values.
+    """Return the entry field for the command-line option ``name``.
 
-    ``group_name`` is the name of the group to which the option belongs.
+    ``group_name`` is the name of the group to which the option belongs. The result also states the
+    kind of the field and, if only certain values are allowed, these values.
     """
     choices = tuple((value, value) for value in _CHOICES.get(name, ()))
     if name == "topology":

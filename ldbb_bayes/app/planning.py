@@ -253,9 +253,9 @@ def _equally_spaced_tests(
 ) -> tuple[lb.CircularTest, ...]:
     """Return tests at equally spaced forces.
 
-    From test to test, the ball angles, radii and directions of ``space`` are used in turn.
-    ``sliders`` are the values of the page's sliders: number of circles, number of forces (levels),
-    lowest and highest force.
+    ``sliders`` holds the values of the page's sliders, which state the number of circles, the
+    number of different forces, and the lowest and the highest force. The tests use the ball angles,
+    radii and directions of ``space`` in turn.
     """
     number = int(sliders["circles"])
     tests_at_lowest_force = _tests_of_all_settings(space, sliders["low"])
@@ -507,8 +507,8 @@ def changes_between(tests: Sequence[lb.CircularTest]) -> dict[str, int]:
     Returns
     -------
     dict
-        ``turns``, the number of turns of the work ball and of the tool ball; and ``changes``, the
-        number of changes of the radius.
+        ``turns`` is the number of turns of both balls together. ``changes`` is the number of
+        changes of the radius.
     """
     turns = 0
     radius_changes = 0

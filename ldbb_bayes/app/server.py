@@ -64,7 +64,7 @@ async def _begin_session(request: Request) -> Response:
 
 
 def _language_of(request: Request) -> str:
-    """Return the language that the browser prefers, or English if the page has no texts in it."""
+    """Return the language that the browser prefers, or English if the page has no texts for it."""
     preferred = request.headers.get("accept-language", "").strip().lower()
     for language in LANGUAGES:
         if preferred.startswith(language):

@@ -1,7 +1,7 @@
 """Description of the files of a session (one browser tab) before the fit.
 
-The description has the tests, the traces (polar plots of the readings), the assumptions made at
-import, and the uncertainties of the instrument.
+The description consists of the tests, the polar plots of their readings (traces), the assumptions
+made when the files were imported, and the uncertainties of the instrument.
 """
 
 from __future__ import annotations
@@ -213,8 +213,8 @@ def _is_on_same_quantity(row: Mapping[str, Any], other_row: Mapping[str, Any]) -
 def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
     """Return the row of the page's table that states an assumption made at import.
 
-    The row is a dict of texts. It also has the names of the entry fields that can change the
-    assumption.
+    The row is a dict. Most of its values are texts. The value of ``fields`` is the list of the
+    entry fields in which the user can change the assumption.
     """
     flags = assumption.option.split(", ")
     return {

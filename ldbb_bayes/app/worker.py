@@ -134,11 +134,11 @@ _COMPUTATIONS: Mapping[str, Callable[..., dict[str, Any]]] = {
 
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
-    """Yield a function that must be called whenever a step in making a report begins.
+    """Yield a function to be called at the beginning of each step in making a report.
 
-    A step is, for example, the fit of the model. The function gets the name of the step and returns
-    another function, which writes the progress of this step to the file ``progress.json`` in
-    ``folder``.
+    A step is, for example, the fit of the model. The argument of the function is the name of the
+    step. The function returns another function, which writes the progress of this step to the file
+    ``progress.json`` in ``folder``.
     """
     yield steps_of(partial(_write_progress, folder), **STEPS)
 

@@ -1,4 +1,4 @@
-"""Campaigns: the circular tests of one machine. A plan is a campaign without readings."""
+"""Campaigns of circular tests of one machine. A plan is a campaign without readings."""
 
 from __future__ import annotations
 
@@ -212,8 +212,9 @@ class Campaign(CampaignFields):
     #: the plan use what the pilot's readings show about the machine, the scatter and the
     #: instrument. If this campaign has readings, analyses of these readings do not use the pilot.
     pilot: SkipValidation[Campaign | None] = field(default=None, kw_only=True)
-    #: whether the tests of this plan are run in addition to the tests of the pilot, which then
-    #: count as already run. The pilot is the campaign or plan from which this plan was designed.
+    #: whether the tests of this plan are run in addition to the tests of the pilot. If so, the
+    #: pilot's tests count as already run. The pilot is the campaign or plan from which this plan
+    #: was designed.
     adds_to_pilot: StrictBool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -243,9 +244,9 @@ class Campaign(CampaignFields):
         """Raise an `InputError` if a plan cannot be designed from its pilot.
 
         The pilot is the campaign or plan from which a plan is designed. Its machine must have the
-        same topology (sequence of axes) as the machine of the plan. The field ``adds_to_pilot``
-        states whether the plan's tests are run in addition to the pilot's tests. It must be false
-        if the plan has no pilot.
+        same topology (sequence of axes) as the machine of the plan. If the plan has no pilot, the
+        field ``adds_to_pilot`` must be false; it states whether the plan's tests are run in
+        addition to the pilot's tests.
         """
         if self.pilot is None:
             require(

@@ -114,8 +114,8 @@ class Optimum(Shown):
 
         The sensitivity of a candidate test is the derivative of the design criterion with respect
         to its share; ``bound`` is the mean of the sensitivities, weighted by the shares. If the
-        criterion is concave, the best design with as many tests improves it by at most ``bound``
-        times ``excess``.
+        criterion is concave, no design with the same number of tests can exceed its present value
+        by more than ``bound`` times ``excess``.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 

@@ -47,8 +47,9 @@ _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 _SEARCH_NODES = 12
 _MAX_CANDIDATES = 5000
 # ``_ALL_GROUPS`` holds all groups of parameters: compliances, slopes (changes of compliance with
-# force) and geometric errors. ``_GROUPS_BY_CRITERION`` states, for a design criterion, the groups
-# whose parameters may be of interest. If a criterion has no entry, all groups may be of interest.
+# force) and geometric errors. The keys of ``_GROUPS_BY_CRITERION`` are design criteria; each value
+# holds the groups whose parameters may be of interest. For a criterion without an entry, the
+# parameters of all groups may be of interest.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
@@ -74,8 +75,8 @@ class Space:
     parameters: Sequence[str] = ()
     augment: bool = False
     slope_size: float = 1.0
-    #: tests of other designs, which will be compared with the best design; the search does not
-    #: choose among them, but the model includes the parameters that they can determine
+    #: tests of designs that will be compared with the best design. The search does not choose among
+    #: these tests, but the model includes the parameters that they can determine.
     compared_tests: tuple[CircularTest, ...] = ()
     seed: int = 1
 
@@ -130,7 +131,7 @@ class Space:
         )
 
     def _check_interest(self) -> None:
-        """Raise an `InputError` if the design criterion does not suit the parameters or priors."""
+        """Raise an `InputError` if the criterion cannot be used for these parameters or priors."""
         groups = {p.group for p in self.bound.parameters if p.name in self.chosen}
         number = len(self.chosen)
         if self.criterion == "c":

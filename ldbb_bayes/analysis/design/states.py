@@ -31,13 +31,14 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """K equally likely states of the machine: values of hyper-parameters and parameters."""
+    """K equally likely states of the machine before the tests of a design."""
 
-    #: values of the h hyper-parameters φ, such as the standard deviation of the noise, in K states,
-    #: shape (K, h). Lengths are in mm; the other hyper-parameters have no unit.
+    #: values of the h hyper-parameters φ (such as the standard deviation of the noise) in each of
+    #: the K states, shape (K, h). Lengths are in mm; the other hyper-parameters have no unit.
     phi: Array
-    #: values of the p parameters β of the machine in K states, shape (K, p), in mm, N and rad; no
-    #: compliance is negative. If the prior is flat, no parameters are drawn, and p = 0.
+    #: values of the p parameters β of the machine in each of the K states, shape (K, p), in
+    #: internal units (composed of mm, N and rad). No compliance is negative. If the prior is flat,
+    #: no parameters are drawn, and p = 0.
     beta: Array
     #: Gaussian density of the parameters given the hyper-parameters, before the new tests. If
     #: earlier readings are analysed together with the new tests, the density is the posterior given
