@@ -273,7 +273,7 @@ def number_error(
         Sentence that says what the user can do. If the cell looks like a date, a sentence about
         dates is used instead.
     """
-    content = "nothing"
+    content = "an empty cell"
     if cell:
         content = repr(cell[:LONGEST_CELL_SHOWN])
     if re.match(r"\d{4}-\d\d-\d\d", cell):

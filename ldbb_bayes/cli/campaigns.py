@@ -139,7 +139,7 @@ def simulate(
         truths = read_truths(source)
         if truths.plan is None:
             raise InputError(
-                f"{source}: 'forces_N' must be given, got nothing. List the forces, or give a plan"
+                f"{source}: 'forces_N' must be given, found none. List the forces, or give a plan"
                 " as first argument."
             )
         plan = replace(truths.plan, instrument=lb.Instrument(**certificates))

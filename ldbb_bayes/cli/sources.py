@@ -115,7 +115,7 @@ def _require_path(path: Path) -> None:
     require(
         path.exists(),
         f"{path} must be a table (CSV or other text, XLSX, XLSB, XLS, ODS), a folder with"
-        f" {TOML_NAME}, a {TOML_NAME} or the --out folder of a fit, got nothing."
+        f" {TOML_NAME}, a {TOML_NAME} or the --out folder of a fit, found none."
         f" {advice_on_path(path)}",
     )
 

@@ -73,7 +73,7 @@ def _require_ordinary_file(path: Path, expected: str) -> None:
         )
     if path.exists():
         raise InputError(f"{path} must be {expected}, got no ordinary file. Check the path.")
-    raise InputError(f"{path} must be {expected}, got nothing. {advice_on_path(path)}")
+    raise InputError(f"{path} must be {expected}, found none. {advice_on_path(path)}")
 
 
 @contextmanager

@@ -88,7 +88,7 @@ def validated(
         )
     require(
         first["type"] != "missing",
-        f"{place}: {key!r}{table} must be given, got nothing. Add it.",
+        f"{place}: {key!r}{table} must be given, found none. Add it.",
     )
     subject = f"{place}: {key!r}{table}"
     if flags is not None:

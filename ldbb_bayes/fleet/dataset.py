@@ -356,10 +356,9 @@ def _dataset_of(path: Path) -> Path:
         )
     if path.is_file():
         return path
-    content = "a folder without one" if path.is_dir() else "nothing"
+    content = "got a folder without one" if path.is_dir() else "found none"
     raise InputError(
-        f"{path} must be the --out folder of a batch, or its {DATASET}, got {content}. Check the"
-        " path."
+        f"{path} must be the --out folder of a batch, or its {DATASET}, {content}. Check the path."
     )
 
 

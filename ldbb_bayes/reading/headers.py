@@ -340,7 +340,7 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
     header_line = layout.header_line or 0
     if header_line and header_line not in [row.line for row in rows]:
         raise InputError(
-            f"{sheet.place}: header line must hold names, got nothing in line {header_line}."
+            f"{sheet.place}: header line must hold names, found none in line {header_line}."
             " Correct --header-line."
         )
     start = len(rows)

@@ -234,7 +234,7 @@ def test_gather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ([], "must have campaigns that exist, got none among 0"),
         (["nowhere", "there"], r"must have campaigns that exist, got none among 2 \(nowhere\)"),
         (["shop/none"], "must have campaigns that exist"),
-        (["@nowhere"], "nowhere must be a list of campaigns, one path a line, got nothing"),
+        (["@nowhere"], "nowhere must be a list of campaigns, one path a line, found none"),
         (["a\nb", "lone"], "must be printable and stand on one line"),
         (["a\udcff", "lone"], "must be printable"),
     ):
@@ -495,7 +495,7 @@ def test_tables_that_are_none(
     for path, message in (
         (
             tmp_path / "none",
-            "must be the --out folder of a batch, or its campaigns.parquet, got nothing",
+            "must be the --out folder of a batch, or its campaigns.parquet, found none",
         ),
         (tmp_path / "other.parquet", "got a Parquet file of something else"),
         (

@@ -41,5 +41,5 @@ def test_a_sheet_that_names_no_test_is_left_out(tmp_path: Path) -> None:
 
 def test_a_file_that_does_not_exist_is_not_advised_to_be_left_out(tmp_path: Path) -> None:
     path = workbook_with(tmp_path, [["Test", "Force [N]"], ["A", 36], ["B", 490]])
-    with pytest.raises(lb.InputError, match=r"must be a file, got nothing\. Check the path\.$"):
+    with pytest.raises(lb.InputError, match=r"must be a file, found none\. Check the path\.$"):
         lb.import_campaign([path, tmp_path / "nothing.csv"])
