@@ -37,8 +37,8 @@ _ANGLE_DECIMALS = 9
 # largest effect of a coefficient in the combination, is greater than this number.
 _NAMED_SHARE = 0.02
 # The effect of a coefficient on the readings counts as a rounding error if it is below this
-# fraction of the largest effect of any coefficient in the combination. The effect of all
-# coefficients of the combination together is compared with the same limit.
+# fraction of the largest effect of any coefficient in the combination. The joint effect of all
+# coefficients of the combination counts as a rounding error if it is below the same limit.
 _ROUNDING = 1e-9
 # A change of a reading counts as too small to be seen if it is below this fraction of the
 # resolution of the readings.
@@ -67,8 +67,8 @@ class Degeneracy:
     #: parameters of interest that contribute notably to the degeneracy: the effect of each on the
     #: readings is more than 2 % of the largest effect of any coefficient in ``combination``
     parameters: tuple[str, ...]
-    #: internal units (mm, N, rad) of the parameters whose effects cancel in the degeneracy; the
-    #: keys are names of parameters
+    #: unit of each parameter in ``combination``, composed of mm, N and rad; the keys are the names
+    #: of the parameters
     units: Mapping[str, str]
     #: whether the model has a term for every nuisance coefficient (of an effect not of interest) in
     #: ``combination``. If a term is missing, its effect is not included in the credible intervals
@@ -102,9 +102,10 @@ class _Coefficients:
     Nuisance coefficients describe effects that are not of interest. If the model was made from a
     preset (a ready-made model) by leaving out effects, these effects are included here. ``owners``
     are the class names of the model terms that the coefficients belong to; for a parameter, the
-    name is empty. The radial deviation of a test is described by 25 Fourier coefficients;
-    ``columns``, shape (tests, 25, m), states by how much each of them changes per unit of each of
-    the m coefficients. ``prior_sd``, shape (m,), are the prior standard deviations.
+    name is empty. ``prior_sd``, shape (m,), are the prior standard deviations of the coefficients.
+    The radial deviation of each test is described by 25 Fourier coefficients. ``columns``, shape
+    (tests, 25, m), holds the changes of these 25 Fourier coefficients per unit of each of the m
+    coefficients.
     """
 
     names: tuple[str, ...]
@@ -216,11 +217,12 @@ def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
 
 
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
-    """Return a combination of coefficients, converted to internal units (mm, N, rad).
+    """Return a combination of coefficients, converted to units composed of mm, N and rad.
 
     ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations. If
-    the coefficient with index ``pivot`` is a nuisance coefficient, the combination is scaled so
-    that this coefficient is one in the unit in which it is displayed, for example 1 µm.
+    the coefficient with index ``pivot`` is a nuisance coefficient, all coefficients are multiplied
+    by the same number, so that this coefficient is one in the unit in which it is displayed, for
+    example 1 µm.
     """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:

@@ -27,7 +27,7 @@ _SAME_SIZE = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class AssumedSize:
-    """Largest prior standard deviation of those coefficients of a model term that have one unit."""
+    """Largest prior standard deviation among the coefficients of a model term in the same unit."""
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of the coefficient or noise ``source``
@@ -40,7 +40,7 @@ class AssumedSize:
 
 @dataclass(frozen=True)
 class DecidingAssumption(Result):
-    """A model term with an assumed standard uncertainty, and the parameter that it affects most."""
+    """An effect with an assumed standard uncertainty, and the parameter that depends on it most."""
 
     #: class name of the model term, such as ``Mount``, whose standard uncertainty is assumed
     term: str
@@ -90,12 +90,12 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
 
 def _largest_sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
-    """Return the largest prior standard deviation of one effect's coefficients, for each unit.
+    """Return the largest prior standard deviation of an effect's coefficients, one for each unit.
 
-    An effect is a model term, such as the deflection of the mount; ``lines`` are its lines in the
-    uncertainty budgets of the parameters. A line for one coefficient states the prior standard
-    deviation of the coefficient. A line for several coefficients states no standard deviation, and
-    is left out.
+    An effect is a model term, such as the deflection of the mount. Its coefficients may have
+    different units. ``lines`` are the lines of the effect in the uncertainty budgets of the
+    parameters. A line for one coefficient states the prior standard deviation of the coefficient. A
+    line for several coefficients states no standard deviation, and is left out.
     """
     by_unit: dict[str, dict[str, float]] = {}
     for line in lines:

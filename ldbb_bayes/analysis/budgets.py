@@ -72,8 +72,8 @@ class Contribution:
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the
     #: scatter of the readings, "B" if it is evaluated by other means
     kind: Kind
-    #: whether the standard uncertainty of the source is measured in this campaign, stated or
-    #: assumed
+    #: origin of the standard uncertainty of the source: measured in this campaign, stated by a
+    #: certificate or by the user, or assumed
     origin: Origin
     #: standard uncertainty of the source itself, in the unit ``unit``; None if the source has no
     #: single standard uncertainty, for example if it consists of several coefficients
@@ -165,11 +165,11 @@ class _ModelBudget:
 class _ParameterVariance:
     """The variance of one parameter under one model, or in an average over several models.
 
-    Three lists have one entry for each model that has the parameter: ``budgets`` holds the budget
-    of the model, ``rows`` the index of the parameter in the model, and ``weights`` the probability
-    of the model times the variance of the parameter under this model. The parameter's posterior
-    mean differs between the models; ``spread`` is the variance of these means, or None if there is
-    only one model.
+    Three lists have one entry for each model that has the parameter. An entry of ``budgets`` is the
+    budget of the model, an entry of ``rows`` is the index of the parameter in the model, and an
+    entry of ``weights`` is the probability of the model times the variance of the parameter under
+    this model. The parameter's posterior mean differs between the models; ``spread`` is the
+    variance of these means, or None if there is only one model.
     """
 
     budgets: Sequence[_ModelBudget]
@@ -211,10 +211,10 @@ class _SourceShare:
 
 
 class _NoiseSource(NamedTuple):
-    """One kind of noise of the readings: type of evaluation, standard uncertainty and unit.
+    """One kind of noise of the readings, as a source of uncertainty.
 
-    The type of evaluation is A or B, as in the GUM. The standard uncertainty ``u`` is None if one
-    line of the budget combines several kinds of noise.
+    ``kind`` is the type of evaluation of the GUM, A or B. ``u`` is the standard uncertainty in the
+    unit ``unit``, or None if one line of the budget combines several kinds of noise.
     """
 
     kind: Kind
@@ -299,8 +299,8 @@ def _budget_of_model(model: AveragedModel) -> _ModelBudget:
     """Return the variance of the parameters under one model, and the sources of this variance.
 
     The variances of the parameters are those of the posterior draws in ``model``. The shares of the
-    sources are averaged over draws of the hyper-parameters; a more probable model gets more draws.
-    All other results are computed at the mean of the hyper-parameters.
+    sources are averaged over draws of the hyper-parameters; there are more draws for a more
+    probable model. All other results are computed at the mean of the hyper-parameters.
     """
     bound = model.bound
     phi = model.phi.mean(axis=0)
@@ -357,9 +357,9 @@ def _average_shares(
 
     ``phi``, shape (draws, h), are posterior draws of the h hyper-parameters φ; ``covariance``,
     shape (p, p), is the covariance of the p parameters in units of their prior standard deviations.
-    A key of the result consists of the name of a source and the name of its model term. The value,
-    shape (p,), holds the share of each parameter's variance that the source causes (see
-    `Information.shares`).
+    The result is a dict. Each key is a pair: the name of a source and the name of its model term.
+    Each value, shape (p,), holds the share of every parameter's variance that this source causes
+    (see `Information.shares`).
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -528,7 +528,7 @@ def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> 
 
     ``variance`` is the variance of the parameter, averaged over models. ``term`` is the name of the
     model term, and ``u`` the present standard uncertainty of the parameter. Return None if the
-    effect can never be known exactly, for example reading noise.
+    effect can never be known exactly, as in the case of reading noise.
     """
     remaining = variance.spread or 0.0
     can_be_known = False

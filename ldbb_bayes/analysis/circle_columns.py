@@ -55,11 +55,11 @@ class SecondOrderFactors(NamedTuple):
     The second harmonic of the radial deviation has two amplitudes: one of cos 2θ and one of sin 2θ.
     """
 
-    #: scale mismatch of the plane's two axes per amplitude of cos 2θ in the radial deviation of a
-    #: circle [µm/m per µm]
+    #: factor for the scale mismatch of the plane's two axes [µm/m]: the mismatch divided by the
+    #: amplitude of cos 2θ in the radial deviation of a circle [µm]
     scale_mismatch: float
-    #: squareness of the plane's two axes per amplitude of sin 2θ in the radial deviation of a
-    #: circle [µm/m per µm]
+    #: factor for the squareness of the plane's two axes [µm/m]: the squareness divided by the
+    #: amplitude of sin 2θ in the radial deviation of a circle [µm]
     squareness: float
 
 

@@ -157,8 +157,8 @@ class PathDraws(NamedTuple):
     The tool path is the one that the machine drives in one plane at one force of the bar.
     """
 
-    #: plane of the tool path, its radius [mm] and the force of the bar [N]; the keys are column
-    #: names of the table that `predict_circularity` returns
+    #: a dict with the plane of the tool path, the radius of the path [mm] and the force of the bar
+    #: [N]. The keys are names of columns of the table that `predict_circularity` returns.
     place: dict[str, Any]
     #: posterior draws of each quantity of the tool path, shape (draws,); the keys are names of the
     #: quantities that `predict_circularity` computes
@@ -170,11 +170,11 @@ def path_draws(
 ) -> Iterator[PathDraws]:
     """Yield posterior draws of the circular-test quantities (ISO 230-4) of each tool path.
 
-    There is one object for each plane and each force. It holds an array of draws, shape (draws,),
-    for each quantity that `predict_circularity` explains. The bidirectional quantities G_b and D
-    are included only if the posterior contains hysteresis in this plane. ``forces_N`` are forces of
-    the bar [N], by default 0 and the tested forces. ``draws`` is the number of posterior draws
-    used.
+    One `PathDraws` is yielded for each plane and each force. It holds, for each quantity that
+    `predict_circularity` explains, an array of draws of shape (draws,). The bidirectional
+    quantities G_b and D are included only if the posterior contains hysteresis in this plane.
+    ``forces_N`` are forces of the bar [N], by default 0 and the tested forces. ``draws`` is the
+    number of posterior draws used.
     """
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)
@@ -218,9 +218,9 @@ def path_draws(
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
     """Return posterior draws of the circular-test quantities (ISO 230-4) of one tool path.
 
-    The keys are the names in `QUANTITIES`; each array has the shape (draws,). ``path_um``, shape
-    (draws, 25), holds posterior draws of the 25 Fourier coefficients of the radial deviation [µm].
-    The path is the circle of the test with index ``r``.
+    The result is a dict of arrays of shape (draws,); its keys are the names in `QUANTITIES`.
+    ``path_um``, shape (draws, 25), holds posterior draws of the 25 Fourier coefficients of the
+    radial deviation [µm]. The path is the circle of the test with index ``r``.
     """
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
@@ -241,10 +241,10 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
     """Return the bidirectional deviation G_b and the mean deviation D of ISO 230-4 [µm].
 
     ``path_um`` is the mean of the clockwise and the counterclockwise tool path, and
-    ``half_difference_um`` is half the difference, clockwise minus counterclockwise. Both arguments
-    hold, for each posterior draw, the 25 Fourier coefficients of the radial deviation (constant,
-    and cosine and sine of the harmonics 1 to 12), shape (draws, 25). G_b is measured from the
-    least-squares circle of the mean path.
+    ``half_difference_um`` is half their difference, clockwise minus counterclockwise. Both have the
+    shape (draws, 25): they hold, for each posterior draw, the 25 Fourier coefficients of the radial
+    deviation (the constant, and the cosine and sine terms of the harmonics 1 to 12). G_b is
+    measured from the least-squares circle of the mean path.
     """
     centred = np.where(_CENTRED, path_um, 0.0)
     clockwise = (centred + half_difference_um) @ basis(ANGLE_RAD).T
@@ -257,7 +257,7 @@ def summarise_draws(values: Array, prob: float) -> dict[str, float]:
     """Return the standard deviation, the median and the credible interval of posterior draws.
 
     ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
-    interval. The keys of the result are sd, median, ci_low and ci_high.
+    interval. The result is a dict with the keys sd, median, ci_low and ci_high.
     """
     low, median, high = np.quantile(values, [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob])
     return {
@@ -296,9 +296,10 @@ def _draw_hysteresis(
 ) -> dict[str, _Hysteresis]:
     """Return random draws of the hysteresis in each plane that is run in both directions of travel.
 
-    The keys are the planes; planes whose hysteresis is zero are left out. ``draws_of_models`` holds
-    posterior draws of each model. There are several models if the posterior is an average over
-    models; the result then holds the draws of all models, one model after the other.
+    The result is a dict with the planes as keys; planes whose hysteresis is zero are left out.
+    ``draws_of_models`` holds posterior draws of each model. There are several models if the
+    posterior is an average over models; each value then holds the draws of all models, one model
+    after the other.
     """
     if not bound.setting.both_ways:
         return {}
@@ -315,10 +316,10 @@ def _draw_hysteresis(
 def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
     """Return draws of the hysteresis in each plane, under one model of an average.
 
-    The keys are the planes run in both directions of travel. Planes in which the hysteresis is zero
-    in all draws are left out. Hysteresis changes its sign with the direction of travel; the result
-    has the sign of clockwise travel. The result has two parts: one that does not depend on the
-    force, and one that is proportional to the force.
+    The result is a dict; its keys are the planes in which circles are run in both directions of
+    travel. Planes in which the hysteresis is zero in all draws are left out. Hysteresis changes its
+    sign with the direction of travel; the result has the sign of clockwise travel. Each value has
+    two parts: one that does not depend on the force, and one that is proportional to the force.
     """
     bound = draws.bound
     names: list[str] = []

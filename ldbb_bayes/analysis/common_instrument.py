@@ -58,8 +58,8 @@ class JointDifference(NamedTuple):
     difference: Array
     #: standard uncertainties of the differences of n parameters between two campaigns, shape (n,)
     sd: Array
-    #: error of the common instrument for which the estimates from the two campaigns differ most;
-    #: None if there is no error that the readings of both campaigns help to determine
+    #: the error of the common instrument whose estimates from the two campaigns differ most; None
+    #: if there is no error of the instrument about which the readings of both are informative
     conflict: Conflict | None
 
 
@@ -106,10 +106,10 @@ def joint_difference(
         for campaign in campaigns
     ]
     joint = _joint_posterior(campaigns, places, common, len(all_names))
-    # The matrix of each campaign in ``rows`` takes the parameters of this campaign and gives the
-    # compared parameters. The matrices ``joint_rows`` give the same result, but take all
-    # coefficients of both campaigns. The first entries of a campaign's ``places`` are the indices
-    # of its parameters among these coefficients.
+    # For each campaign, ``rows`` holds a matrix; multiplied by the parameters of this campaign, it
+    # gives the compared parameters. The matrices in ``joint_rows`` give the same result if they are
+    # multiplied by all coefficients of both campaigns. The first entries of a campaign's ``places``
+    # are the indices of its parameters among these coefficients.
     joint_rows = np.zeros((2, len(rows[0]), len(all_names)))
     for k, rows_of_campaign in enumerate(rows):
         parameter_places = places[k][: rows_of_campaign.shape[1]]
@@ -145,10 +145,10 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
     """Return the hyper-parameters of both campaigns, with the same values for the instrument.
 
     ``bounds`` are the models of the two campaigns, and ``phi`` holds for each of them the values of
-    its h hyper-parameters, shape (h,); h may differ. Two hyper-parameters describe the
-    instrument: the scale of the balls' form errors, and the decay (the exponent of the power law by
-    which these errors decrease with the number of waves per turn). If both campaigns have such a
-    hyper-parameter, both values are replaced by their mean.
+    its h hyper-parameters, shape (h,); h may differ. Two hyper-parameters describe the instrument:
+    the scale of the balls' form errors, and the decay (the exponent of the power law by which these
+    errors decrease with the number of waves per turn). If the models of both campaigns have one of
+    these hyper-parameters, its two values are replaced by their mean.
     """
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:

@@ -120,7 +120,7 @@ class ComparedCampaign:
 
 @dataclass(frozen=True)
 class ParameterEstimate:
-    """Posterior mean and standard deviation of a parameter, in its internal unit (mm, N, rad)."""
+    """Posterior mean and standard deviation of a parameter, in a unit composed of mm, N and rad."""
 
     unit: str
     mean: float
@@ -188,7 +188,7 @@ class ComparedTest:
 
 @dataclass(frozen=True)
 class ScaledSlopes:
-    """The log Bayes factor of two models and its numerical error [nat], under one prior of slopes.
+    """Log Bayes factor of two models for one prior of the slopes, and its numerical error [nat].
 
     A slope is the change of a compliance with force. The prior standard deviation of this change,
     over the range of force, is ``slope_scale`` times a reference value of the compliance. `Prior`
@@ -262,8 +262,8 @@ class Comparison(Result):
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if compliance is constant in all compared models, or if only evidences were computed
     slopes: dict[str, VaryingSlope]
-    #: models in which different subsets of the compliances change with force, the most probable
-    #: model first. If there are too many subsets, only some are compared. Empty if compliance is
+    #: models that differ in which of the compliances change with force, the most probable model
+    #: first. If there are too many such models, only some are compared. Empty if compliance is
     #: constant in all compared models, or if only evidences were computed.
     slope_subsets: tuple[SlopeSubset, ...]
     #: compliance C(F) against force F, by name, averaged over models in which different subsets of
@@ -438,9 +438,9 @@ class _ComparisonPlan:
     #: determines how wide the prior of the slopes (changes of compliance with force) is. Empty if
     #: neither model has slopes, or if the two models differ only in this prior.
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: a single entry: the first two of the compared models, without any change. The key is a label
-    #: which says that the models keep their assumption about the random differences between
-    #: circles.
+    #: a dict with one entry. Its value holds the first two of the compared models, without any
+    #: change. Its key is a label which says that the models keep their assumption about the random
+    #: differences between circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
     #: the first two of the compared models, changed to make another assumption about the random
     #: differences between circles; there is one entry for each of the other assumptions
@@ -485,7 +485,7 @@ class _StepCounter:
         self.done = 0
 
     def __call__(self) -> None:
-        """Count one more step of a comparison as done, and report the number of steps done."""
+        """Add 1 to the number of steps that are done, and report the new number."""
         self.done += 1
         self.progress(self.done, self.total)
 
@@ -705,11 +705,11 @@ def _models_by_slope_scale(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return the two compared models with wider and with narrower priors of the slopes.
 
-    Slopes are changes of compliance with force. ``pair`` holds the two models by name. The models
-    are changed once for each scale in ``SLOPE_SCALES``; the prior sds of the slopes are
-    proportional to the scale. The keys of the result are labels with the scale, such as
-    "slope scale 0.3"; each value holds both models. The result is empty if neither model has
-    slopes, or if the two models differ only in this prior.
+    Slopes are changes of compliance with force. ``pair`` holds the two models by name. The result
+    is a dict with one entry for each scale in ``SLOPE_SCALES``. Its key states the scale, as in
+    "slope scale 0.3". Its value holds both models, changed so that the prior sds of the slopes are
+    proportional to the scale. The result is empty if neither model has slopes, or if the two models
+    differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
@@ -719,16 +719,14 @@ def _models_by_slope_scale(
 
 
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
-    """Return a function that takes a model and returns it with another prior width of the slopes.
+    """Return a function that returns a copy of a model with another width of the slopes' prior.
 
-    Slopes are changes of compliance with force; their prior sd is proportional to ``scale``.
+    Slopes are changes of compliance with force. In the copy, their prior sd is proportional to
+    ``scale``.
     """
 
     def change(model: HybridModel) -> HybridModel:
-        """Return a copy of the model with another width of the slopes' prior.
-
-        Slopes are changes of compliance with force.
-        """
+        """Return a copy of ``model`` in which the width of the slopes' prior is ``scale``."""
         return model.with_slope_scale(scale)
 
     return change
@@ -802,13 +800,13 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return the log Bayes factor of two models under each assumption, and precise evidences.
+    """Return the log Bayes factor of two models under each assumption, and the precise evidences.
 
-    ``names`` are the names of the two models; ``assumptions`` holds both models under each
-    assumption about the random differences between circles. Rough evidences are computed first. If
-    both rough log evidences are below ``rejected_below`` [nat], the log Bayes factor is computed
-    from them. Otherwise, it is computed from precise evidences. Only precise evidences are
-    returned.
+    ``names`` are the names of the two models. The assumptions are about the random differences
+    between circles; ``assumptions`` holds both models under each of them. For each assumption,
+    rough evidences are computed first. If both rough log evidences are below ``rejected_below``
+    [nat], the log Bayes factor is computed from them. Otherwise, precise evidences are computed and
+    used. The second result holds all precise evidences, but no rough ones.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.compare_under(names, assumptions, weigh), evidences.every
@@ -880,7 +878,7 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
 
 
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
-    """Return differences of the expected log predictive density, every model minus the first.
+    """Return, for every other model, its expected log predictive density minus the first model's.
 
     ``log_densities`` holds, for each model, the log density of every test given the other tests
     [nat]. The keys of the result have the form "linear/constant", where "constant" is the name of

@@ -1,7 +1,7 @@
 """Change of each compliance C(F) from the smallest to the largest tested force.
 
-A slope such as C_XXX_1 (a coefficient of the force) may describe only one part of this change. The
-term `JointLoad` (nonlinear deflection of joints under load) then describes the other part.
+This change may have two parts. One part is described by slopes such as C_XXX_1 (coefficients of the
+force), the other by the term `JointLoad` (nonlinear deflection of joints under load).
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ class DrawnValue(Result):
 
 @dataclass(frozen=True)
 class ChangeWithForce(Result):
-    """Change of one compliance C(F) over the tested forces F, in internal units (mm, N, rad).
+    """Change of one compliance C(F) over the tested forces F, in units composed of mm, N and rad.
 
     C(F) of a direct compliance is the deflection along an axis, divided by a bar force F along the
-    same axis. C(F) is computed from the compliance at the reference force F0, from its slopes
-    (coefficients of powers of F − F0), and from the term `JointLoad` (nonlinear deflection of
-    joints under load).
+    same axis. C(F) depends on three quantities: the compliance at the reference force F0, its
+    slopes (coefficients of powers of F − F0), and the coefficients of the term `JointLoad`
+    (nonlinear deflection of joints under load).
 
     Examples
     --------

@@ -47,10 +47,10 @@ __all__ = [
     "stiffness_conformity",
 ]
 
-# If at least this number of posterior draws lie on one side of a tolerance limit, the probability
-# of that side is the share of the draws there. If there are fewer, the probability of that side is
-# computed from a normal distribution. It is then limited to the range from the share of the draws
-# on that side to ``_FEWEST_DRAWS`` divided by the number of all draws.
+# Smallest number of posterior draws on one side of a tolerance limit with which the probability of
+# that side is their share of all draws. If there are fewer draws on that side, the probability is
+# computed from a normal distribution. It is then limited: it must be at least the share of the
+# draws, and at most ``_FEWEST_DRAWS`` divided by the number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -266,13 +266,11 @@ def _stated_draws(
 
 
 def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
-    """Return posterior draws of G, F_max and F_min of the machine's circular path [mm], by name.
+    """Return a dict of posterior draws of G, F_max and F_min of the machine's circular path [mm].
 
     As in ISO 230-4, G is the circular deviation, F_max the largest radial deviation and F_min the
-    smallest radial deviation.
-
-    If there are several planes, each name ends with the plane, such as ``G_YZ``. ``force`` is the
-    force of the bar [N].
+    smallest radial deviation. The keys are these names; if there are several planes, each name ends
+    with the plane, as in ``G_YZ``. ``force`` is the force of the bar [N].
     """
     planes = bound.setting.planes
     draws = {}

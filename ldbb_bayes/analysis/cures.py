@@ -76,8 +76,9 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     reading cancel. Nuisance coefficients describe effects that are modelled but not of interest. A
     kind of further tests is returned if the degeneracy vanishes when these tests are added to the
     plan. Turning both balls is returned only if turning a single ball does not suffice. A
-    calibration is returned for every degeneracy whose field ``term`` is not empty: other
-    coefficients cancel the effect of a nuisance coefficient, and this effect could be calibrated.
+    calibration is returned for every degeneracy whose field ``term`` is not empty. In such a
+    degeneracy, other coefficients cancel the effect of a nuisance coefficient, and a calibration
+    could determine this effect.
 
     Parameters
     ----------

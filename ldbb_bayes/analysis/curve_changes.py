@@ -33,17 +33,17 @@ class CurveChange:
     largest_force_N: float  #: largest force tested, F_max [N]
     #: names of the slopes, such as C_XXX_1, that the change of the compliance with force depends on
     slopes: tuple[str, ...]
-    #: weight of each of the m coefficients of the model, shape (m,): the effect on the compliance's
-    #: change with force, in ``unit``, if the coefficient changes by its prior standard deviation
+    #: weight of each of the m coefficients of the model, shape (m,). The weight is the effect of
+    #: the coefficient on the compliance's change with force, in ``unit``, if the coefficient
+    #: changes by its prior standard deviation.
     weights: Array
 
 
 def curve_changes(bound: BoundModel, information: Information) -> dict[str, CurveChange]:
-    """Return the change of every compliance that may change with force, by name.
+    """Return a dict with the change of every compliance that may change with force.
 
     A compliance may change with force if it has a slope, or if it depends on the term `JointLoad`.
-    The keys of the result are the names of the compliances. The result is empty if all tests have
-    the same force.
+    The keys are the names of the compliances. The dict is empty if all tests have the same force.
 
     Parameters
     ----------
@@ -102,8 +102,8 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
             force_N = bound.setting.force_N
             ends_N = np.array([force_N.min(), force_N.max()])
             # The term `JointLoad` has three coefficients for the axis. ``secants``, shape (2, 3),
-            # holds the effect of each on the compliance, per unit of the coefficient, at the
-            # smallest and at the largest force tested.
+            # holds the change of the compliance per unit of each of these coefficients: first at
+            # the smallest force tested, then at the largest.
             secants = term.secants(bound.setting, ends_N)
             weights[places] = secants[1] - secants[0]
     return weights

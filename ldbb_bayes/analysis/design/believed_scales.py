@@ -196,14 +196,13 @@ class _EffectBlock(NamedTuple):
     and c of these columns. In these c columns, the elements in all other rows are zero.
     """
 
-    # indices, among the reduced readings (combinations of the readings of a test) of all tests, of
-    # the n reduced readings in this block of the design matrix
+    # place of this block's n readings in the list of all reduced readings. Reduced readings are
+    # combinations of the readings of a test; the list holds those of all tests.
     readings: slice
-    # indices, among all effects on the readings, of the c effects in this block of the design
-    # matrix
+    # place of this block's c effects in the list of all effects on the readings
     effects: slice
-    # block of the design matrix: change of each of n readings per unit of each of c effects, shape
-    # (n, c)
+    # block of the design matrix: change of each of n reduced readings per unit of each of c
+    # effects, shape (n, c)
     columns: Array
 
 
@@ -347,12 +346,12 @@ class _EffectColumns(NamedTuple):
 
 
 def _effects_on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _EffectColumns:
-    """Return the design matrix of effects that all tests have in common, and their variances.
+    """Return the design matrix of the effects on all tests, and the variances of these effects.
 
-    These are the parameters, and the nuisance coefficients with the same value in all tests.
-    Noise, and coefficients with separate values in each test, are left to `_effects_on_one_test`.
-    ``values`` holds w values of each hyper-parameter, by name; lengths are in mm. The variances are
-    prior variances, computed for each of the w values.
+    These effects are the parameters, and the nuisance coefficients that have the same value in all
+    tests. Noise, and coefficients that have a separate value in each test, are the task of
+    `_effects_on_one_test`. ``values`` holds w values of each hyper-parameter, by name; lengths are
+    in mm. The variances are prior variances, computed for each of the w values.
     """
     factors = [test.factor for test in bound.reduced]
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
@@ -367,7 +366,7 @@ def _effects_on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _Ef
 
 
 def _effects_on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int) -> _EffectColumns:
-    """Return the design matrix of effects that change one test only, and their variances.
+    """Return the design matrix of the effects on one test only, and the variances of these effects.
 
     ``r`` is the index of the test. ``values`` holds w values of each hyper-parameter, by name;
     lengths are in mm. The variances are prior variances, computed for each of the w values.
@@ -388,8 +387,9 @@ def _effects_on_one_test(bound: BoundModel, values: Mapping[str, Array], r: int)
 def _combine_groups(columns: list[Array], sds: list[Array], sets: int) -> _EffectColumns:
     """Return one design matrix for several groups of effects, with the variances of the effects.
 
-    ``columns`` and ``sds`` hold the design matrix and the standard deviations of each group.
-    ``sets`` is the number of sets of hyper-parameters; each effect has one variance for each set.
+    For each group, ``columns`` holds the design matrix of the group, and ``sds`` the standard
+    deviations of its effects. ``sets`` is the number of sets of hyper-parameters; the result holds
+    one variance of each effect for each set.
     """
     variances = []
     for column, sd in zip(columns, sds, strict=True):

@@ -108,9 +108,10 @@ class Judged(Forecast):
 class Limits(Result):
     """Weaknesses of a design that more runs of the same tests would not remove."""
 
-    #: number of different forces of the tests if they are too few to show whether compliances are
-    #: polynomials in force of a higher degree than in the model; otherwise None. Also None if the
-    #: tests are analysed together with tests that have already been run.
+    #: number of different forces of the tests, if there are too few of them: the tests then cannot
+    #: show whether compliances are polynomials in force of a higher degree than in the model. None
+    #: if there are enough forces, or if the tests are analysed together with tests that have
+    #: already been run.
     levels: int | None
     #: direction of travel of each plane whose circles all run in the same direction although the
     #: model includes hysteresis; the keys are the planes

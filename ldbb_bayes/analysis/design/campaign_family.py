@@ -107,7 +107,11 @@ class CampaignFamily:
 
     @property
     def fewest_circles(self) -> int:
-        """Minimum number of circles in a campaign with all ball angles and radii of its family."""
+        """Minimum number of circles of a campaign in this family.
+
+        A campaign needs at least one circle for every combination of plane, radius and ball angles,
+        and at least one for each of the different forces that are needed.
+        """
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         return max(self._least_levels, kinds * len(space.clockings_deg))

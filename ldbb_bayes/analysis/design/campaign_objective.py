@@ -1,8 +1,8 @@
-"""Function that the search for a design optimises, for a model and the candidate tests.
+"""Objective of the search for a design: the function that the search maximises.
 
-This function, the objective, measures how good a design is. Its arguments are the numbers of runs
-of the candidate tests (tests that could be run). It is averaged over values of the hyper-parameters
-φ (such as the standard deviation of the noise).
+The objective measures how good a design is, for a given model. Its arguments are the numbers of
+runs of the candidate tests (tests that could be run). It is averaged over values of the
+hyper-parameters φ (such as the standard deviation of the noise).
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     """Return the weights W, shape (s, s), of criterion I for s chosen parameters.
 
     Criterion I (I-optimality) is the mean relative variance of the predicted compliances, tr(W
-    S⁻¹). S is the posterior precision matrix of the chosen parameters, each divided by its
-    ``bound.scale``. The relative variance of compliance j at force F is the variance of C_j(F)
-    divided by the prior variance of C_j at the reference force. The mean is over the compliances
-    that the chosen parameters describe, and over the range of force of the pilot: the campaign that
-    the design starts from.
+    S⁻¹). S is the posterior precision matrix of the chosen parameters; each parameter is in units
+    of its entry in ``bound.scale``. The relative variance of compliance j at force F is the
+    variance of C_j(F), divided by the prior variance of C_j at the reference force. The mean is
+    over the compliances that the chosen parameters describe, and over the range of force of the
+    pilot: the campaign that the design starts from.
     """
     pilot_forces = (bound.pilot or bound.campaign).forces_N
     columns = [bound.names.index(name) for name in chosen]
@@ -88,11 +88,11 @@ def objective_of(
     Returns
     -------
     Objective
-        Objective for the candidate tests. Its attributes ``rows`` and ``prior`` hold, for each of
-        the K sets of φ, the information that every candidate test adds, and the precision of the
-        coefficients before these tests. For p coefficients, and tests whose readings are reduced to
-        m values, they have the shapes (K, candidates, m, p) and (K, p, p). The chosen parameters
-        are the last of the p coefficients, in the order of ``chosen``.
+        Objective for the candidate tests. Its attribute ``rows``, shape (K, candidates, m, p),
+        holds the information that every candidate test adds, where p is the number of coefficients
+        and m the number of values to which the readings of a test are reduced. Its attribute
+        ``prior``, shape (K, p, p), is the precision of the coefficients before these tests. The
+        chosen parameters are the last of the p coefficients, in the order of ``chosen``.
     """
     rows = []
     prior = []
@@ -109,7 +109,7 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """The columns and rows of the tests' matrices G that the search for a design needs.
+    """Indices of the columns and rows of the tests' matrices G that the search for a design needs.
 
     G has one column for each coefficient. A test adds the information GᵀG to the precision (inverse
     covariance) of the coefficients.

@@ -25,10 +25,11 @@ class CandidateCovariances:
     Parameters
     ----------
     objective
-        Objective at K values of the hyper-parameters. Its ``prior`` is the precision of the p
-        coefficients given the circles run so far, and its ``rows`` hold the information of every
-        possible circle. The s parameters of interest are the last of the p coefficients. All
-        coefficients are in units of their prior standard deviations.
+        Objective of a search for the best next circle, at K values of the hyper-parameters. Its
+        attribute ``prior`` is the precision of the p coefficients given the circles run so far, and
+        ``rows`` holds the information of every possible circle. The s parameters of interest are
+        the last of the p coefficients. All coefficients are in units of their prior standard
+        deviations.
     """
 
     def __init__(self, objective: Objective) -> None:

@@ -109,8 +109,8 @@ def add_foreseen_tests(
         kinds.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
-    # Ignore the directions of the tests that have already been run, because a design may be
-    # analysed without these tests.
+    # The kinds of tests that have already been run do not include their directions of travel,
+    # because a design may be analysed without these tests.
     known_kinds = {_kind_of(test, None, uses_radius) for test in pilot.scope}
     known_kinds |= {_kind_of(test, test.direction, uses_radius) for test in pilot.foreseen}
     new_tests = []
@@ -287,9 +287,9 @@ def _bind_to_pilot(
 
     ``pilot`` is the campaign that the plan starts from; the model takes its reference force and
     force range from this campaign. If ``keep_pilot_tests`` is true, the model is applied to the
-    tests of the pilot and of the plan together; the tests of the pilot come first. Even if it is
-    false, the model has the parameters that the pilot's tests determine, apart from effects of
-    their directions of travel.
+    tests of the pilot and of the plan together; the tests of the pilot come first. If it is false,
+    the model is applied to the tests of the plan alone. It then still has all parameters that the
+    pilot's tests could determine, except those of effects that depend on the directions of travel.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests

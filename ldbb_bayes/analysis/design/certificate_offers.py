@@ -18,9 +18,9 @@ from ldbb_bayes.results import Result
 
 __all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
 
-# Words that a user writes for certificates, such as ``mount``, and the keys of these certificates
-# in ``CERTIFICATES``. Certificates of balls are not included, because their names contain the
-# grade, as in "balls G10".
+# Each key is a word that a user writes for a certificate, and each value is the key of this
+# certificate in ``CERTIFICATES``. Certificates of balls are not included, because their names
+# contain the grade, as in "balls G10".
 _STATED_BY_WORD = {
     "bar": "bar ± 1 µm",
     "mount": "mount ± 2 %",
@@ -56,9 +56,15 @@ def offers_in(stated: Mapping[str, float]) -> tuple[CertificateOffer, ...]:
     Parameters
     ----------
     stated
-        Prices of the certificates; the keys are the names of the certificates. The names are "balls
-        G10", "work ball G5" or "tool ball G5" (other grades are possible), "bar" (length to 1 µm),
-        "mount" (2 %), "force" (0.5 %, linearity 0.2 %, random 1 N) or "angle" (0.05°).
+        Prices of the certificates; the keys are the names of the certificates. The names are:
+
+        - "balls G10", "work ball G5" and "tool ball G5": form errors of one ball or of both; other
+          grades are possible;
+        - "bar": length of the bar, to 1 µm;
+        - "mount": deflection of the work ball's mount, to 2 %;
+        - "force": force measurement, with a gain error of at most 0.5 %, a linearity error of at
+          most 0.2 % and a random error of 1 N;
+        - "angle": angle of the readings, to 0.05°.
 
     Returns
     -------
@@ -87,7 +93,7 @@ def offers_in(stated: Mapping[str, float]) -> tuple[CertificateOffer, ...]:
 
 
 def _offer_of(word: str, price: float) -> CertificateOffer:
-    """Return the certificate that ``word`` names, such as "balls G10", with its price."""
+    """Return the certificate with the name ``word``, for example "balls G10", and its price."""
     balls = _BALLS.fullmatch(word)
     if balls is not None:
         with placed(f"certificate {word!r}"):

@@ -34,9 +34,9 @@ __all__ = [
 
 # Largest number of circles that a campaign may have in the search for the cheapest campaign.
 _MOST_CIRCLES = 40
-# Number of circles of a trial campaign in each family. The family's best campaign of this size is
-# enlarged by the smallest factor with which it reaches the goals for uncertainties. This gives an
-# estimate of how many circles the family needs.
+# To estimate how many circles a family of campaigns needs, the best campaign with this number of
+# circles is taken. Its numbers of circles are multiplied by the smallest factor with which the
+# goals for uncertainties are reached.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this fraction of the estimated number of circles
 # with which the goals for uncertainties are reached.
@@ -129,9 +129,9 @@ def _log_ratios_to_goals(stated: StatedByMachines, goals: Mapping[str, Goal]) ->
 def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> dict[str, float]:
     """Return the share of the possible machines on which each goal is met.
 
-    ``stated`` holds the uncertainties to expect on every possible machine. The keys of the result
-    are the names of the goals' parameters. In addition, the key "" (an empty string) holds the
-    share of the machines on which all goals are met together.
+    ``stated`` holds the uncertainties to expect on every possible machine. The result is a dict;
+    its keys are the names of the goals' parameters. An additional entry with an empty string as its
+    key is the share of the machines on which all goals are met together.
     """
     is_met = _log_ratios_to_goals(stated, goals) <= 0.0
     shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
@@ -157,10 +157,10 @@ class _Progress:
     #: a goal's parameter in the full forecast, and v its uncertainty in the quick forecast (with
     #: known hyper-parameters). Zero if u is smaller than v.
     lasting_inflation: float = 0.0
-    #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
-    #: circles; u is the uncertainty of a goal's parameter in the full forecast, and v its
-    #: uncertainty in the quick forecast (with known hyper-parameters). None before the first full
-    #: forecast.
+    #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n. Here, n is the number of
+    #: circles of a campaign, u the uncertainty of a goal's parameter in the full forecast, and v
+    #: its uncertainty in the quick forecast (with known hyper-parameters). None before the first
+    #: full forecast.
     inflation: float | None = None
     #: number of campaigns, in one family of campaigns, for which a full forecast (with unknown
     #: hyper-parameters) was made
@@ -297,10 +297,10 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        # Smallest value of the coefficient `_Progress.inflation` in the families of campaigns
-        # searched so far. The coefficient states how much larger uncertainties are in a full
-        # forecast than in a quick forecast (with known hyper-parameters). The smallest value is
-        # used for a family that has no full forecast yet.
+        # The coefficient `_Progress.inflation` of a family of campaigns states how much larger
+        # uncertainties are in a full forecast than in a quick forecast (with known
+        # hyper-parameters). The smallest coefficient of the families searched so far is stored
+        # here. It is used for a family that has no full forecast yet.
         self._inflation = np.inf
         #: whether all goals for uncertainties are reached in at least one family of campaigns (same
         #: ball angles, radii and certificates) with the largest number of circles allowed
@@ -415,8 +415,9 @@ class _Search:
         """Return ``campaign``, or a campaign with fewer circles that also meets the goals.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
-        records how far the search has come among the campaigns with the same ball angles, radii and
-        certificates. It is updated after every full forecast (with unknown hyper-parameters).
+        is the progress of the search among the campaigns with the same ball angles, radii and
+        certificates. It is updated after every full forecast (a forecast in which the
+        hyper-parameters are unknown).
         """
         family = progress.family
         best = campaign

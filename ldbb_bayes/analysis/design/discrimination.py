@@ -68,9 +68,9 @@ class Discrimination(Result):
     #: probability of decisive, but wrong evidence for slopes (changes of compliance with force) if
     #: none exist
     misleading_without: float
-    #: probability of decisive evidence for slopes (changes of compliance with force) if only one
-    #: slope differs from zero; each key is the name of this slope. The slope is assumed to be plus
-    #: or minus ``size`` prior standard deviations.
+    #: a dict with the names of the slopes (changes of compliance with force) as keys. Each value is
+    #: the probability of decisive evidence for slopes if this slope is plus or minus ``size`` prior
+    #: standard deviations, and all other slopes are zero.
     power: dict[str, float]
 
 

@@ -76,20 +76,20 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class Expected(Result):
-    """Prior and expected posterior standard deviation of one parameter, in mm, N and rad.
+    """Prior and expected posterior standard deviation of one parameter, in the unit ``unit``.
 
-    ``prior_sd`` is infinite for a flat prior. The analysis of the tests states a standard
-    uncertainty, which differs between the possible machines: ``sd`` is the median over these
-    machines, and on nine in ten machines the uncertainty is at most ``likely_sd``. ``sd`` and
-    ``likely_sd`` account for the condition that no compliance is negative, which truncates the
-    posterior; ``untruncated_sd`` is the median without this condition. If priors are flat and the
-    tests do not determine all parameters, all values except ``prior_sd`` are infinite. ``sd_error``
-    is the standard error of ``sd``, computed from the differences of the uncertainty between the
-    possible machines. It is somewhat too large, because the machines are spread more evenly than
-    independent random machines would be. ``floor_sd`` is the standard deviation that would remain
-    if every test were run a million times, because of nuisance effects (modelled, but not of
-    interest) that are the same in all tests. The condition that no compliance is negative reduces
-    ``floor_sd`` in the same ratio as ``sd``.
+    ``prior_sd`` is infinite for a flat prior. The standard uncertainty that the analysis of the
+    tests states differs between the possible machines: ``sd`` is the median over these machines,
+    and ``likely_sd`` is not exceeded on nine in ten machines. ``sd`` and ``likely_sd`` account for
+    the condition that no compliance is negative, which truncates the posterior; ``untruncated_sd``
+    is the median without this condition. If priors are flat and the tests do not determine all
+    parameters, all values except ``prior_sd`` are infinite. ``sd_error`` is the standard error of
+    ``sd``, computed from the differences of the uncertainty between the possible machines. It is
+    somewhat too large, because the machines are spread more evenly than independent random machines
+    would be. ``floor_sd`` is the standard deviation that would remain if every test were run a
+    million times, because of nuisance effects (modelled, but not of interest) that are the same in
+    all tests. The condition that no compliance is negative reduces ``floor_sd`` in the same ratio
+    as ``sd``.
     """
 
     unit: str
@@ -184,7 +184,7 @@ class StatedByMachines:
     """Standard uncertainties that analyses of planned tests would state for n possible machines."""
 
     names: tuple[str, ...]  #: names of the p parameters of the model
-    beta: Array  #: p parameters of each of n possible machines, shape (n, p), in mm, N and rad
+    beta: Array  #: values of the p parameters on each machine, shape (n, p), in mm, N, rad
     #: standard uncertainties of the p parameters that the analysis would state on each of the n
     #: machines, shape (n, p), in mm, N and rad
     u: Array

@@ -120,7 +120,8 @@ class GoalPlan(Result):
     price: float
     #: share of the possible machines on which the campaign meets all goals for uncertainties
     probability: float
-    #: forecasts for the goals that the campaign is to reach; the keys are the parameters
+    #: forecasts for the goals that the campaign is to reach; the keys are the names of the goals'
+    #: parameters
     goals: dict[str, GoalForecast]
     #: expected uncertainty of every parameter after the campaign, by name
     expected: dict[str, Expected]
@@ -142,8 +143,8 @@ class GoalPlan(Result):
         Raises
         ------
         InputError
-            If the design was read from a file, which does not hold the plan. The plan is saved as a
-            separate file.
+            If the design was read from a file. Such a file does not contain the plan, which is
+            saved as a separate file.
         """
         if not isinstance(self.planned, Campaign):
             raise InputError(
@@ -159,8 +160,8 @@ class CustomaryPlan(Result):
     name: str  #: kind of the customary campaign, such as "equal steps"
     #: the customary campaign (a campaign as it is usually run), with its costs and forecasts
     customary: GoalPlan
-    #: the campaign with as many circles as the customary campaign that comes nearest to the goals
-    #: for uncertainties
+    #: the best campaign with the same number of circles as the customary campaign: the one that
+    #: comes nearest to the goals for uncertainties
     ours: GoalPlan
 
 
@@ -189,12 +190,12 @@ class GoalDesign(Result):
     #: met, and goals in ``unreachable``, are left out. Empty if all goals are already met, or if no
     #: campaign reaches the goals, for example because the machine time is too short.
     plans: tuple[GoalPlan, ...]
-    #: goals that no number of circles can reach with the certificates that the instrument has, each
-    #: with the reason; the keys are the names of the parameters
+    #: reasons why goals cannot be reached by any number of circles with the certificates that the
+    #: instrument has; the keys are the names of the goals' parameters
     obstacles: dict[str, Obstacle]
-    #: goals that could be reached with very many circles, but not with 40 circles or fewer, each
-    #: with the reason; the keys are the names of the parameters. If each goal alone can be reached
-    #: with 40 circles, but not all goals together, all goals are included.
+    #: reasons why goals cannot be reached with 40 circles or fewer, although they could be reached
+    #: with very many circles; the keys are the names of the goals' parameters. If each goal alone
+    #: can be reached with 40 circles, but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: names of the parameters whose goals cannot be reached, even with the certificates that could
     #: be bought; the plans leave these goals out
@@ -337,7 +338,7 @@ def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, Sta
     without readings, both come from the prior, and the goal does not count as met. The estimate is
     then the median of the parameter's absolute value, because the mean may be zero. The result
     states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in the
-    unit of the parameter. The keys of the result are the names of the parameters.
+    unit of the parameter. The result is a dict; its keys are the names of the goals' parameters.
     """
     pilot = space.pilot
     states = states_of(space.model, pilot)
@@ -346,9 +347,10 @@ def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, Sta
         mean = np.asarray(bound.prior_mean)
         sd = np.asarray(bound.prior_sd)
     else:
-        # Gaussian densities of the parameters given the readings of the pilot (the campaign that
-        # the design starts from), one for each value of the hyper-parameters: arrays ``mean`` and
-        # ``sd`` of shape (values, p) for p parameters.
+        # ``after_pilot`` describes the p parameters given the readings of the pilot (the campaign
+        # that the design starts from). For each of several values of the hyper-parameters, it holds
+        # one normal distribution of the parameters: its arrays ``mean`` and ``sd`` have the shape
+        # (values, p).
         after_pilot = states_before(
             space.model, pilot, len(states.phi), space.seed, augment=True
         ).before
@@ -429,11 +431,11 @@ def _reachable(
     goals: Mapping[str, Goal],
     states: States,
 ) -> dict[str, Goal]:
-    """Return the goals that can be reached with very many circles and some set of certificates.
+    """Return the goals that very many circles could reach with at least one set of certificates.
 
     ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
-    of the machine. ``space`` holds the circles to choose from. The keys of the result are the names
-    of the parameters.
+    of the machine. ``space`` holds the circles to choose from. The result is a dict; its keys are
+    the names of the goals' parameters.
     """
     reachable: dict[str, Goal] = {}
     for offers in sets:

@@ -114,8 +114,9 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
         Model applied to a campaign or a plan. Goals may be stated for the parameters of this model,
         in units that suit these parameters.
     stated
-        Goals; the keys are the names of the parameters. A goal is a text with a unit, such as "10
-        µrad" or "5 %", a number in internal units (mm, N, rad), or a `Goal`.
+        Goals; the keys are the names of the parameters. A goal has one of three forms: a text with
+        a unit, such as "10 µrad" or "5 %"; a number in the parameter's internal unit, which is
+        composed of mm, N and rad; or a `Goal`.
 
     Returns
     -------

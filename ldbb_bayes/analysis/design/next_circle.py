@@ -468,8 +468,8 @@ class _ModelOdds:
     columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
     error: float  # numerical error of the log Bayes factor of linear over constant compliance [nat]
-    # minimum absolute value of the log Bayes factor at which it decides between linear and constant
-    # compliance [nat]
+    # smallest absolute value of the log Bayes factor [nat] that decides between linear and constant
+    # compliance
     threshold: float
 
     @classmethod

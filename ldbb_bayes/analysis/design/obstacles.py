@@ -45,8 +45,10 @@ class Obstacle(Result):
     #: share of the variance of the goal's parameter that the model term (or the prior of the
     #: parameter) ``held_by`` would cause after very many circles
     share: float
-    #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
-    #: as "mount ± 2 %"; an empty string if no certificate would reduce it
+    #: calibration certificate that would help most: one with which the goal could be reached, such
+    #: as "mount ± 2 %"; otherwise "all certificates together", if the goal could be reached with
+    #: all of them; otherwise the one that would reduce the uncertainty most. An empty string if
+    #: the goal cannot be reached and no certificate would reduce the uncertainty by a tenth.
     certificate: str
     #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
     #: circles if the instrument had the calibration certificate ``certificate``
@@ -81,7 +83,7 @@ class NearMiss(Result):
     #: parameter) ``held_by`` would cause after very many circles
     share: float
     #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
-    #: as "mount ± 2 %"; an empty string if no certificate would reduce it
+    #: as "mount ± 2 %"; an empty string if no certificate would reduce it by at least a tenth
     certificate: str
 
 
@@ -241,8 +243,9 @@ def _as_if_run_very_often(information: Information) -> Information:
     The random errors that differ from circle to circle then average out; effects that are the same
     in all circles remain.
     """
-    # Each test has a dictionary with the covariances of its noise; tests with the same noise share
-    # one dictionary. In the result, these tests share one dictionary, too.
+    # ``information.noise`` holds a dictionary for each test: the covariances of the test's noise.
+    # If several tests have the same noise, their entries are one and the same dictionary. In the
+    # result, too, their entries are one and the same dictionary.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}
