@@ -279,6 +279,16 @@ def test_a_design_of_six(six: lb.analysis.Design, pilot: lb.Campaign) -> None:
     ]
 
 
+def test_intervals_of_equal_width_are_called_as_wide(six: lb.analysis.Design) -> None:
+    against = f"Expected intervals against {six.compared[0].name}: "
+    alike = replace(six, expected=six.baseline)
+    assert f"{against}as wide for every parameter." in design_sentences(alike)
+    half = replace(six.baseline["C_XXX"], sd=0.5 * six.baseline["C_XXX"].sd)
+    sentences = design_sentences(replace(six, expected={**six.baseline, "C_XXX": half}))
+    (sentence,) = [text for text in sentences if text.startswith(against)]
+    assert sentence.startswith(f"{against}0.50 times as wide for C_XXX to as wide for ")
+
+
 def test_read_back(six: lb.analysis.Design, pilot: lb.Campaign, tmp_path: Path) -> None:
     """design.json holds every finding: sentences and numbers of a design read back are the same;
     its tests are in the plan."""

@@ -122,6 +122,16 @@ def test_titles_captions_and_notes_are_translated(table: str) -> None:
         ("[-0.5, 1.5]", "[-0,5; 1,5]"),
         ("numpy 2.4.6, scipy 1.17.1", "numpy 2.4.6, scipy 1.17.1"),
         ("C_XXX", "C_XXX"),
+        (
+            "Expected intervals against equal steps: as wide for E_XX1 to 1.14 times as wide for"
+            " C_CCY.",
+            "Zu erwartende Intervalle gegen gleiche Stufen: gleich breit für E_XX1 bis 1,14-mal so"
+            " breit für C_CCY.",
+        ),
+        (
+            "Expected intervals against equal steps: as wide for every parameter.",
+            "Zu erwartende Intervalle gegen gleiche Stufen: gleich breit für alle Parameter.",
+        ),
     ],
 )
 def test_a_text_is_translated(english: str, text: str) -> None:
