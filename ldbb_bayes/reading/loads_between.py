@@ -40,8 +40,8 @@ def with_loads_between(sheet: Sheet) -> Sheet:
 
     A load is a force or pressure. A line such as ``Load step 2 of 5: 200 N`` must stand above the
     first table and above at least one further table. If not, the sheet is returned unchanged. A
-    text such as ``Force: 200 N`` is added to each of these lines. A table that follows such a line
-    without a header gets the header of the first table.
+    text such as ``Force: 200 N`` is added to each of these lines. If a table has no header below
+    such a line, the header of the first table is added there.
     """
     header = first_header(sheet.rows)
     if header is None:

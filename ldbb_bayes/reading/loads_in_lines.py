@@ -91,6 +91,6 @@ def _is_clear(text: str) -> bool:
 
 
 def _is_understood(text: str) -> bool:
-    """Return whether a text states a property of a test (radius, …) or the sign of the readings."""
+    """Return whether a text states the sign of readings, or a property of a test."""
     lines = [(0, text)]
     return bool(statements_in(lines)) or bool(directions_stated(lines)) or is_about_sign(text)

@@ -59,7 +59,7 @@ def _without_denied_lengths(words: str) -> str:
     """Remove a negated length from words, such as ``of the diameter (not of the radius)``.
 
     If the words before the negation name a length, all words after it are removed. If they do not,
-    only the words up to the next mark, such as a comma, are removed.
+    only the words up to the next punctuation mark, such as a comma, are removed.
     """
     denial = _DENIED.search(words)
     if denial is None:
@@ -118,7 +118,7 @@ def may_be_diameter(header: str) -> bool:
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether the diameter that a line names may be the length that the readings measure.
+    """Return whether a line names a diameter that may be the length that the readings measure.
 
     Examples are ``Mode: diameter``, and a title such as ``Table 3: diameter deviation``. If the
     line as a whole names no such diameter, its segments are tried.

@@ -76,10 +76,10 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
 
 
 def _names_of_most_lines(parts: Sequence[_NamedNumbers]) -> tuple[str, ...]:
-    """Return the names that stand before the numbers in more lines than any other names.
+    """Return the names before the numbers in those lines that have the most frequent set of names.
 
-    The result is an empty tuple if fewer than nine lines have these names. ``parts`` holds the
-    names and numbers of each line.
+    Only lines with at least two names are counted. The result is an empty tuple if fewer than nine
+    lines have the same names. ``parts`` holds the names and numbers of each line.
     """
     n_lines = Counter(part.names for part in parts if len(part.names) >= 2)
     if not n_lines:

@@ -77,7 +77,7 @@ class NamedLoad(NamedTuple):
 
 
 class _WrittenLoad(NamedTuple):
-    """Load, as a number with a unit, in the name of a test, column, sheet or file."""
+    """Load that the name of a test, column, sheet or file states as a number with a unit."""
 
     key: str  # kind of load that a name states: force_N or pressure_bar
     text: str  # value of the load as a text, such as "238", as the name states it

@@ -10,7 +10,7 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["columns_that_number"]
 
-# Regular expression for the header of a column that numbers circles or their repetitions.
+# Regular expression for the header of a column with the numbers of circles or of their repetitions.
 _NUMBERS_CIRCLES = re.compile(
     r"(?:runs?|pass(?:es)?|laps?|repeat|repetition|rep|cycle|test|trial|series?|serie|set"
     r"|lauf|umlauf|durchgang|durchlauf|zyklus|wiederholung|messung|versuch|passage|essai|ciclo"

@@ -122,9 +122,9 @@ def could_be_thousands(cell: str) -> bool:
 def may_be_thousands(key: str, text: str) -> bool:
     """Return whether the comma or point in the value of a quantity may separate thousands.
 
-    ``key`` is the field of the quantity, such as force_N, and ``text`` the number as written. In
-    ``1,000`` N the comma may separate thousands, but not in ``150.000`` mm, because no circle has a
-    radius of 150 000 mm.
+    ``key`` is the field of the quantity, such as force_N, and ``text`` is the number as written.
+    The comma in ``1,000`` N may separate thousands. The point in ``150.000`` mm may not, because no
+    circle has a radius of 150 000 mm.
     """
     if not could_be_thousands(text):
         return False

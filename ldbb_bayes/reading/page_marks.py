@@ -32,12 +32,12 @@ class TextOfPages(NamedTuple):
 
 
 def without_page_marks(text: str, separator: str) -> TextOfPages:
-    """Return a text without page numbers; the lines that are removed become empty.
+    """Return a text in which page numbers, and lines that repeat a title near them, are removed.
 
-    Between rows of numbers, the whole line with a page number is removed, unless it names columns
-    or states a value, such as a force. Lines next to it are also removed if they repeat an earlier
-    line, such as a title. If cells are not separated by blanks, a page number is removed only if it
-    stands alone in its line.
+    A removed line becomes an empty line. Between rows of numbers, the whole line with a page number
+    is removed, unless it names columns or states a value, such as a force. Lines next to it are
+    also removed if they repeat an earlier line, such as a title. If the cells are separated by
+    another character than a blank, a page number is removed only if it stands alone in its line.
 
     Parameters
     ----------

@@ -29,12 +29,12 @@ _SMALLEST_GAP_DEG = 60.0
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
-    A new table begins at each column of angles. Columns before the first column of angles must
-    number the rows; they are put at the end of each table. All tables must have the same number of
-    columns. If ``layout`` names columns, every table must have columns with these names. A sheet
-    that does not meet these conditions is returned unchanged. A table is named after the header of
-    its second column without the unit, such as "100 N". Tables may differ in length: if all cells
-    of a table are empty in a row, the row is left out of this table.
+    A new table begins at each column of angles. Columns before the first column of angles must hold
+    the numbers of the rows; they are added at the end of each table. All tables must have the same
+    number of columns. If ``layout`` names columns, every table must have columns with these names.
+    A sheet that does not meet these conditions is returned unchanged. A table is named after the
+    header of its second column without the unit, such as "100 N". The tables may have different
+    numbers of rows: a row in which all cells of a table are empty is left out of this table.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -183,8 +183,8 @@ def _table_in_columns(
 def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
     """Return whether a table has all columns that the layout states by name.
 
-    Return False if the layout states a column by its number, or a list of columns of readings.
-    Upper and lower case are not distinguished.
+    The result is also False if the layout states a column by its number, or if it states a list of
+    columns of readings. Upper and lower case are not distinguished.
     """
     names = {comparable(header) for header in headers}
     for reference in layout.columns.values():

@@ -26,7 +26,7 @@ __all__ = [
 
 # The planes that the words G17, G18 and G19 of G-code select.
 PLANES_OF_G_CODE = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
-# Names of planes with their letters swapped, and the usual names of these planes.
+# Usual names of planes; the keys are the names with the letters swapped.
 PLANE_OF_SWAPPED = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 # Regular expression for the two letters of a plane. A mark may stand between the letters, and a
 # word for plane may follow them.

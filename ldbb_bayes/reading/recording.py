@@ -104,10 +104,10 @@ class Recording:
     #: lines from sheets without a table, which apply to all tests; each item holds the place of a
     #: line (line number and sheet) and the text of the line
     lines_of_all_tests: Sequence[tuple[str, str]]
-    #: lines below the table, each with its line number. Parts of a line with a number are left out.
-    #: These lines may say whether readings measure the radius or the diameter, and whether readings
-    #: contain the deflection of the ball's mount. They may also state the sign of readings, the
-    #: direction of travel, and how angles are counted
+    #: lines below the table, each with its line number. Every part of a line that holds a number is
+    #: left out. These lines may say whether readings measure the radius or the diameter, and
+    #: whether readings contain the deflection of the ball's mount. They may also state the sign of
+    #: readings, the direction of travel, and how angles are counted
     lines_below: Sequence[tuple[int | str, str]] = ()
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"

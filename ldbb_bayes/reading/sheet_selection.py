@@ -75,7 +75,8 @@ def select_sheets(
     """
     _note_hidden(sheets, log)
     selection = SheetSelection()
-    incomplete: list[HeadedSheet] = []  # tables without a column of angles or of readings
+    # tables that lack a column of angles or a column of readings
+    incomplete: list[HeadedSheet] = []
     errors: list[InputError] = []
     optional = {*matched}  # files that need not hold a table of readings
     if not layout.sheets:
@@ -223,11 +224,11 @@ def _check_none_transposed(sheets: Sequence[Sheet]) -> None:
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add notes to the log on sheets and rows that are left out, for example hidden ones.
+    """Add notes to the log on what is left out of the files, and on how their sheets are read.
 
-    Further notes are added if all numbers of a table are multiplied by a factor that the file
-    states, or if a workbook is not in the format XLSX, so that its hidden rows and number formats
-    cannot be examined.
+    For example, hidden sheets and hidden rows are left out. A note is also added if the file states
+    a factor by which all numbers of a table are multiplied, or if the hidden rows and number
+    formats of a workbook cannot be examined.
     """
     first_sheets: dict[Path, Sheet] = {}
     for sheet in sheets:

@@ -435,7 +435,7 @@ def _add_statements_below(statements: dict[str, list[LineStatement]], lines: Lin
 
 
 def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) -> None:
-    """Add a note to the log on the columns of a list of tests that are not used.
+    """Add a note to the log on unused columns in a list of tests.
 
     ``headers`` are the headers of these columns. ``sheet`` is the sheet with the table of the test.
     """
@@ -493,9 +493,9 @@ def _check_start_of_log(
     """Raise an error if the first readings of a table with times instead of angles are missing.
 
     The first row is needed, because the angle of every reading is computed from the time since the
-    first row. ``all_rows`` are all rows of the test, and ``rows`` those with a reading. ``title``
-    is the name of the test; it is empty if the table holds one test. ``columns`` is the table of
-    the sheet.
+    first row. ``all_rows`` are all rows of the test, and ``rows`` are the rows with a reading.
+    ``title`` is the name of the test; it is empty if the table holds one test. ``columns`` is the
+    table of the sheet.
     """
     is_log = "time" in heading.roles and "angle" not in heading.roles
     if is_log and rows[0] != all_rows[0]:
@@ -587,10 +587,11 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
 def _cells_with_units(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[Sequence[str]]
 ) -> list[list[str]]:
-    """Return the cells of each column of a table, with the units after numbers as in the file.
+    """Return the cells of each column of a table as in the file, with the units after numbers.
 
-    These units have been removed from ``cells``, the cells of each column, and are stored in the
-    sheet. ``lines`` are the line numbers of the rows.
+    ``cells`` holds the cells of each column. The units were removed from these cells when the sheet
+    was read, and are stored in the field ``cell_units`` of ``sheet``. ``lines`` are the line
+    numbers of the rows.
     """
     columns = []
     for column, texts in enumerate(cells):
@@ -742,7 +743,8 @@ def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
 def _fills_table(row: Row, heading: Heading) -> bool:
     """Return whether a row has a cell for each column, and a number in its column of angles.
 
-    In a table without a column of angles or times, the number may stand in any column.
+    A table without angles may have a column of times; the number must then stand in this column. If
+    the table has neither angles nor times, the number may stand in any column.
     """
     if len(row.cells) < len(heading.headers):
         return False
@@ -1035,10 +1037,11 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
 
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
     the radius, for every test. Two columns that together identify the tests also count as used. An
-    unused column may have the same header as a used column. If their cells are equal, the unused
-    column is left out. If not, its number is added to its header. The result may contain a column
-    of times, although later code may take the start times of the tests from it. ``rows_of_tests``
-    holds the indices of the rows of each test. ``columns`` is the table of the sheet.
+    unused column may have the same header as a used column. If the two columns have equal cells,
+    the header is left out of the result. If not, the number of the unused column is added to its
+    header. The result may contain a column of times, although later code may take the start times
+    of the tests from it. ``rows_of_tests`` holds the indices of the rows of each test. ``columns``
+    is the table of the sheet.
     """
     all_columns = range(len(columns.heading.headers))
     used_in_all_tests = {columns.place_of_column(column) for column in all_columns}

@@ -165,11 +165,17 @@ def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     """Return the values of a quantity that are stated in lines above the table or in names.
 
-    Such values are used only if neither the user nor a column states the quantity. ``key`` is the
-    field of the quantity, such as force_N. Values in lines come first, doubtful ones after certain
-    ones. The values in the names of test, column, sheet and file follow. For a radius, the radii of
-    arcs in G-code are added at the end. The feed in G-code is used only if no other line states a
-    feed. ``recording`` holds the rows of the test in its file, and all statements about the test.
+    Such values are used only if neither the user nor a column states the quantity. They are
+    returned in this order:
+
+    - certain values in lines,
+    - doubtful values in lines,
+    - the value in a name of the test, its column, sheet or file, for a load or radius,
+    - radii of arcs in G-code, for a radius.
+
+    For a feed, the value in G-code is returned only if no other line states one. ``key`` is the
+    field of the quantity, such as force_N. ``recording`` holds the rows of the test in its file,
+    and all statements about the test.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -297,10 +303,11 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 
 
 def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
-    """Return the advice to a user whose file has rows of one test with different loads.
+    """Return advice for a user whose file has rows of one test with different loads.
 
-    If rows with the same load follow each other, and all rows have the same direction, the advice
-    is to take the loads as the names of the tests. ``key`` is force_N or pressure_bar.
+    If the rows with the same load stand together, and all rows have the same direction, each load
+    may be a test. The advice then says how to state this. In all other cases, it is based on
+    ``usual_advice``. ``key`` is force_N or pressure_bar.
     """
     header = recording.heading.headers[recording.heading.roles[LOAD_ROLES[key]]]
     is_one_direction = len(recording.direction_words) < 2
@@ -315,11 +322,10 @@ def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
 
 
 def _advice(recording: Recording, usual_advice: str) -> str:
-    """Return the advice to a user whose file has rows of one test with different forces.
+    """Return advice for a user whose file has rows of one test with different loads or directions.
 
-    The rows may also differ in direction. If two columns together identify the tests, but the user
-    states only one column of test names, the advice is to leave this option out. In all other
-    cases, ``usual_advice`` is returned.
+    If two columns together identify the tests, but the user states one column of test names, the
+    advice is to leave this option out. In all other cases, ``usual_advice`` is returned.
     """
     headers = recording.numbering_headers
     if not headers or "test" not in recording.layout.columns:
@@ -329,7 +335,7 @@ def _advice(recording: Recording, usual_advice: str) -> str:
 
 
 def _advice_on_directions(recording: Recording) -> str:
-    """Return the advice to a user whose file has rows of one test with different directions.
+    """Return advice for a user whose file has rows of one test with different directions.
 
     If all rows with the same cell in another column have the same direction, this column may name
     the tests. The advice is then to state that this column names the tests.
@@ -367,9 +373,14 @@ class _StatedSenses(NamedTuple):
 def _directions_above(recording: Recording) -> _StatedSenses:
     """Return the directions of travel from the first source outside the table that states any.
 
-    The sources are tried in this order: lines above and below the table together with names of
-    files, G-code in lines above the table, and sheets without a table. If G-code or sheets without
-    a table state both directions, the two directions belong to different circles and are not used.
+    There are three sources, which are tried in this order:
+
+    - lines above and below the table, and names of the test, its column, its sheet or its file,
+    - G-code in lines above the table,
+    - sheets without a table.
+
+    If G-code or sheets without a table state both directions, the two directions belong to
+    different circles and are not used.
     """
     lines_above = recording.heading.lines_above
     names = [name for name in recording.names() if not name_is_about_angles(name)]
@@ -418,10 +429,16 @@ def _contradiction_of(senses: set[str]) -> str:
 def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
-    The sources of the direction are tried in this order: the user, the column of directions, lines
-    above and below the table and names of files, G-code in lines above the table, sheets without a
-    table. The first source that states a direction is used. G-code and sheets without a table that
-    state both directions are ignored. If another source states both directions, an `InputError` is
+    There are five sources, which are tried in this order:
+
+    - the user,
+    - the column of directions,
+    - lines above and below the table, and names of the test, its column, its sheet or its file,
+    - G-code in lines above the table,
+    - sheets without a table.
+
+    The first source that states a direction is used. G-code and sheets without a table that state
+    both directions are ignored. If another source states both directions, an `InputError` is
     raised. It is also raised if the column has a word that means neither direction. ``recording``
     holds the rows of the test in its file, and all statements about the test.
     """

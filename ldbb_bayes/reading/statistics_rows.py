@@ -44,11 +44,11 @@ def statistics_among(cells: Sequence[str]) -> list[int]:
 
 
 def words_among_numbers(cells: Sequence[str]) -> list[int]:
-    """Return the indices of the cells of a column that mark their rows as rows without a reading.
+    """Return the indices of those cells of a column that show that their rows hold no readings.
 
-    Such cells are words like "gain" and "offset". In a column of numbers without these words, all
-    other words are such cells; a sign for a missing value is not a word. The list is empty if every
-    cell of the column is a word such as "gain".
+    A word such as "gain" or "offset" shows this. If a column of numbers holds no such word, any
+    other word shows this, except a word for a missing value. The list is empty if every cell of the
+    column is a word such as "gain".
     """
     conversions = [k for k, cell in enumerate(cells) if _names_conversion(cell)]
     if len(conversions) == len(cells):

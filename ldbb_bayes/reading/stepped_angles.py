@@ -125,7 +125,8 @@ def _check_no_end(
 ) -> None:
     """Raise an `InputError` if lines state where the angles end, but not their step.
 
-    The error is not raised if a column may hold the angles, or times from which they follow.
+    The error is not raised if the table has a column that may hold the angles, or a column of times
+    from which the angles follow.
     """
     if end is None or "time" in recording.numbers:
         return

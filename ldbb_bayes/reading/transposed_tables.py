@@ -40,12 +40,13 @@ _FEWEST_OF_MATRIX = 4
 
 
 def with_circles_in_columns(sheet: Sheet) -> Sheet:
-    """Return a sheet in which each circle has a column, if each circle had a row in the file.
+    """Return a sheet whose rows and columns are exchanged if each circle has a row in the file.
 
     In the file, the first cell of a row must name the angle, and the other cells of this row must
     be angles over at least half a circle. Several rows must follow, each of which begins with its
-    load, such as ``36 N``. These rows become columns with the loads as headers; the lines above
-    them are not changed. Any other sheet is returned unchanged.
+    load, such as ``36 N``. These rows become columns with the loads as headers, and the angles
+    become the first column. The lines above the row of angles are not changed. Any other sheet is
+    returned unchanged.
 
     Raises
     ------

@@ -208,11 +208,11 @@ def _directions_in_segments(text: str) -> set[str]:
 
 
 def _segments_with_labels(text: str) -> list[str]:
-    """Return the segments of a line, with a direction alone, such as CW, joined to its label.
+    """Return the segments of a line, joining a segment that is only a direction to its label.
 
-    In ``Spindle;CW``, "Spindle" is the label of the direction, and the line remains one segment. In
-    ``Force 238 N;CW``, the words before the direction are a complete statement. The line is then
-    divided into two segments.
+    In ``Spindle;CW``, "Spindle" is the label of the direction, and the line remains one segment.
+    The line ``Force 238 N;CW`` is divided into two segments, because the words before the direction
+    are a complete statement and not a label.
     """
     segments: list[str] = []
     for segment in segments_of_line(text):

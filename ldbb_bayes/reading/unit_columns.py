@@ -59,13 +59,14 @@ def unit_columns(
 
 
 def _pairs_by_name(headers: Sequence[str], numeric: Sequence[int]) -> dict[int, int]:
-    """Return a dict with the columns of units whose headers say to which numbers they belong.
+    """Return a dict with those columns of units whose headers say to which numbers they belong.
 
     The keys are the indices of the columns of numbers, and the values are the indices of the
     columns of units. For example, the column ``theta_unit`` holds the units of the column
-    ``theta``. If no column has the name in the header, the units belong to the columns of the same
-    quantity: the units in the column ``angle unit`` belong to the column of angles ``phi``.
-    ``numeric`` are the indices of the columns of numbers, and ``headers`` are all headers.
+    ``theta``. If no column of numbers has the name that the header states, the units belong to the
+    columns of the same quantity: the units in the column ``angle unit`` belong to the column of
+    angles ``phi``. ``numeric`` are the indices of the columns of numbers, and ``headers`` are all
+    headers.
     """
     pairs: dict[int, int] = {}
     for column, header in enumerate(headers):

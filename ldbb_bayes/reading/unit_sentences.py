@@ -168,9 +168,10 @@ def _unit_of_phrase(phrase: str, remark: str, role: str, is_german: bool) -> str
 def _unit_with_remark(unit: str, unit_of_remark: str, role: str) -> str:
     """Return the unit of readings or angles from a text such as ``mm (0.001 mm)``.
 
-    ``unit`` is the unit before the brackets, and ``unit_of_remark`` the unit in brackets. If both
-    have the same size, ``unit`` is returned; if not, both are returned, joined by "and". If
-    ``unit`` is empty, the unit in brackets is returned. ``role`` is reading or angle.
+    ``unit`` is the unit before the brackets, and ``unit_of_remark`` is the unit in brackets. If
+    ``unit`` is empty, the unit in brackets is returned. If both units have the same size, ``unit``
+    is returned. If they differ in size, both are returned, joined by "and". ``role`` is reading or
+    angle.
     """
     if not unit:
         return unit_of_remark
