@@ -367,7 +367,7 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
 
 @singledispatch
 def screen_of(result: Any) -> tuple[Passage, ...]:
-    """Return the tables and sentences about a result that ``print`` shows.
+    """Return the tables and sentences that ``print`` shows for a result.
 
     By default, all tables and sentences are returned. For classes whose results fill more than a
     screen, the module `ldbb_bayes.report.screens` registers functions that return only some of the

@@ -447,9 +447,9 @@ class _RowsInstead(NamedTuple):
     #: names of the rows that are replaced by substitutes; only `ReadableFrame.details` displays
     #: them
     replaced: tuple[str, ...]
-    #: substitutes, which are displayed in place of some rows of a data frame; the keys are the
-    #: names of the substitutes. Each value is a dictionary of cells whose keys are the names of the
-    #: columns.
+    #: dictionary of the substitutes, which are displayed in place of some rows of a data frame. The
+    #: keys are the names of the substitutes. Each value is a dictionary with the cells of one
+    #: substitute; its keys are the names of the columns.
     displayed: Mapping[str, Mapping[str, Any]]
     #: index of the row of the data frame above which the substitutes are displayed
     position: int
@@ -475,8 +475,8 @@ def with_rows_instead(
     replaced
         Names of the replaced rows.
     displayed
-        Substitutes, which are rows with a cell for every column. The keys are the names of these
-        rows.
+        Dictionary of the substitutes. The keys are the names of the substitutes. Each value is a
+        dictionary with the cells of one substitute; its keys are the names of the columns.
     position
         Index of the row of the data frame above which the substitutes are displayed.
     """

@@ -77,9 +77,9 @@ def _display_units() -> dict[str, tuple[float, str]]:
     return _COMPLIANCE_UNITS | slopes | curvatures | _OTHER_UNITS
 
 
-# Display units of all internal units (made of mm, N and rad). The keys are internal units. Each
-# value is a pair: the factor from the internal unit to the display unit, and the label of the
-# display unit.
+# Display unit of each internal unit. The keys are the internal units, which are made of mm, N and
+# rad. Each value is a pair: the factor from the internal unit to the display unit, and the label of
+# the display unit.
 DISPLAY_UNITS = _display_units()
 
 
@@ -127,7 +127,8 @@ UNITS_TO_WRITE = _units_to_write()
 # Characters for the exponents of powers of ten: superscripts of the minus sign and digits.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Units of settings, such as the standard deviation of a prior. The name of a setting ends with its
-# unit: sd_um is in µm. The keys are the endings, and the values are the units.
+# unit: for example, the setting ``sd_um`` is in µm. The keys are such endings, and the values are
+# the units.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 # If the lower limit of a compliance's credible interval is below this fraction of the compliance's
 # median, the compliance may be near zero. Its stiffness then has a lower limit, but no upper limit.
@@ -268,7 +269,7 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 
 
 def _size_of(unit: str) -> _Size | None:
-    """Return the conversion of a unit to mm, N and rad, with its powers of length and force.
+    """Return the factor from a unit to mm, N and rad, and the unit's powers of length and force.
 
     Return None if ``unit`` is not the name of a unit.
     """
@@ -472,10 +473,10 @@ class Statement:
 
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
-    """Return the texts of a result and its uncertainty in the display unit, such as nm/N.
+    """Return a result and its uncertainty as texts, in the display unit, such as nm/N.
 
-    ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval,
-    all in the internal unit ``unit`` (of mm, N and rad).
+    ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval.
+    All of them are in the internal unit ``unit``, such as mm/N.
     """
     factor, label = display_unit(unit)
     middle = mean * factor

@@ -150,7 +150,7 @@ def _note_unused_texts(unused: Sequence[_Text], log: AssumptionLog) -> None:
 
 
 def _most_important(texts: Sequence[_Text]) -> list[_Text]:
-    """Return those unused texts that get separate notes.
+    """Return the unused texts that are important enough for a note of their own.
 
     Texts on angles, signs, units, corrections, directions and the mount come first. Their number is
     not limited, because they may change the numbers of the campaign. If several texts differ only
@@ -180,7 +180,7 @@ def _may_be_convention(text: _Text) -> bool:
 
 
 def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutside]:
-    """Yield the lines and cells outside the table of a test, and whether they were used.
+    """Yield each line and cell outside the table of a test, and whether the import used it.
 
     A line above the table counts as used if it states a field of a test or campaign, or the
     direction of travel. The same holds for the lines of a sheet without a table. A line below the

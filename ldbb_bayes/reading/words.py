@@ -218,7 +218,7 @@ def unit_in_shares(text: str) -> str:
 
 
 def shares_mentioned(text: str) -> str:
-    """Return the words of a text for a fraction of a unit, such as ``tenths of a micron``.
+    """Return the words in a text that name a fraction of a unit, such as ``tenths of a micron``.
 
     Only units of readings are considered. The result is an empty text if there are no such words.
     """
@@ -230,18 +230,18 @@ def shares_mentioned(text: str) -> str:
 
 
 def size_of_unit(role: str, unit: str) -> float | None:
-    """Return how large a unit is compared with the unit that this package uses.
+    """Return the size of a unit as a multiple of the unit that this package uses.
 
     For readings, the package uses µm; therefore, the size of ``mm`` is 1000. The unit may have a
     factor in digits or in words: both ``0.1 um`` and ``tenths of a micron`` have the size 0.1.
-    Return None if the unit is not one of the known units of the role.
+    Return None if the unit is not a known unit for columns with the role ``role``.
 
     Parameters
     ----------
     role
         Role of a column, such as reading.
     unit
-        Unit as `scaled_unit` returns it, or with a word for a fraction of a unit.
+        Unit as `scaled_unit` returns it, or a fraction of a unit in words.
     """
     unit = unit_in_shares(unit) or unit
     factor, _, name = unit.rpartition(" ")

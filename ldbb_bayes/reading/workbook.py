@@ -117,9 +117,9 @@ def _wanted_sheets(
     """Return the wanted sheets of a workbook. Hidden rows and empty sheets are left out.
 
     ``wanted`` are the names of the wanted sheets. If no names are given, all sheets that are not
-    hidden are returned, or all sheets if every sheet is hidden. ``parts`` holds the hidden rows of
-    each sheet, its units in number formats, and its formulas without a value. The keys of ``parts``
-    are the names of the sheets. ``book`` is the open workbook.
+    hidden are returned, or all sheets if every sheet is hidden. The keys of ``parts`` are the names
+    of sheets; each value states the hidden rows of the sheet, the units in its number formats, and
+    its formulas without a value. ``book`` is the open workbook.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)
@@ -177,9 +177,9 @@ def _visible_rows(values: Sequence[Sequence[object]], hidden_lines: Collection[i
 
 
 def _holds_numbers_as_text(values: Iterable[Iterable[object]]) -> bool:
-    """Return whether a cell holds text with a decimal number, such as ``1,5 µm``.
+    """Return whether any cell of a sheet holds a decimal number as text, such as ``1,5 µm``.
 
-    ``values`` are the values of the cells in each row.
+    ``values`` holds the values of the cells, row by row.
     """
     for values_of_row in values:
         for value in values_of_row:

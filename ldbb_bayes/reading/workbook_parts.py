@@ -34,8 +34,8 @@ _LARGEST_PART = 64 * 2**20
 class SheetParts:
     """Contents of one sheet of a workbook other than the values of cells."""
 
-    #: units in the number formats of a sheet's cells, as in the format ``0.0 "µm"``; each key holds
-    #: the line number and the column index of a cell
+    #: dict of the units in the number formats of a sheet's cells: µm in the format ``0.0 "µm"``;
+    #: each key is a pair of the line number and the column index of a cell
     units: dict[tuple[int, int], str] = field(default_factory=dict)
     hidden_lines: set[int] = field(default_factory=set)  #: line numbers of a sheet's hidden rows
     #: line number and column index of each cell that has a formula but no stored value
@@ -132,8 +132,8 @@ def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
 
     These are hidden rows, units in number formats, and formulas without a stored value.
 
-    ``stream`` is the XML of the sheet. ``units`` holds the units of the styles of cells; its keys
-    are the numbers of the styles.
+    ``stream`` is the XML of the sheet. ``units`` is a dict with the unit in the number format of
+    each style of cells; its keys are the numbers of the styles.
     """
     parts = SheetParts()
     for element in _elements(stream):

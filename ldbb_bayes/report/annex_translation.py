@@ -266,9 +266,10 @@ class AnnexTranslation:
         """Return the translation of the text that stands at a placeholder of a sentence.
 
         ``name`` is the name of the placeholder, and ``value`` is the text. If the name begins with
-        ``r`` (raw), the text is not translated: it is returned unchanged. If such a text has
-        several sentences, the placeholder has matched too much, and None is returned. For any other
-        name, None is returned if a part of the text has no translation.
+        ``r`` (raw), the text must not be translated, and is returned unchanged. However, None is
+        returned if such a text has several sentences, because the placeholder then stands for more
+        than it should. For any other name, None is returned if a part of the text has no
+        translation.
         """
         if not name.startswith("r"):
             return self._translation_or_none(value)

@@ -10,7 +10,7 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSheet"]
 
-# A figure gets the full width of a sheet if its width is more than this many times its height.
+# A figure is as wide as the sheet if its width is more than this many times its height.
 _WIDE = 1.6
 
 

@@ -69,7 +69,7 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a table of a campaign's tests, remarks, and a list of what a fit will assume.
+    """Return a table of a campaign's tests, followed by remarks and a list of a fit's assumptions.
 
     A preview states what the readings show without a fit. The table has columns for the plane, the
     set-up, the radius and the centre only if the tests differ in these settings. The column "balls"

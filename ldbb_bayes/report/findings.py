@@ -149,7 +149,7 @@ class Findings:
     def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
         """Verdicts on how far the readings determine the change of each compliance with force.
 
-        The keys are the names of the compliances.
+        The keys of the mapping are the names of the compliances.
         """
         return self.judged_quantities.changes
 
@@ -287,7 +287,8 @@ def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended
     """Return a design of the next ``tests`` circles, or the reason why no design is possible.
 
     If the user stated the number of circles and no design is possible, an `InputError` is raised
-    instead. In the model of the design, compliance is at least linear in force.
+    instead. The design is made for the model of the fit. If compliance is constant in this model,
+    the design is made for the same model with compliance linear in force.
     """
     model = model_of(posterior)
     model = model.with_degree(max(model.degree, 1))

@@ -24,10 +24,10 @@ _MOST_NARROWED = 4
 def judged_quantities(
     result: Identifiability,
 ) -> dict[str, ParameterIdentifiability | ChangeIdentifiability]:
-    """Return the verdicts on parameters and on changes of compliances with force.
+    """Return a dict of the verdicts on parameters and on changes of compliances with force.
 
     A verdict states how far the readings determine a parameter or a change. The keys are the names
-    that tables show, such as C_XXX and ΔC_XXX. ΔC_XXX is the change of C_XXX over the tested
+    that tables show: for example, C_XXX for a compliance, and ΔC_XXX for its change over the tested
     forces. Slopes, which are the coefficients of this change, are left out.
     """
     compliances: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}

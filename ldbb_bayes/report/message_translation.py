@@ -109,10 +109,11 @@ class OwnWords:
         return message
 
     def _mark(self, match: re.Match[str]) -> str:
-        """Store a part of a message that is not to be translated, and return a character for it.
+        """Store a part of a message that must not be translated, and return a stand-in for it.
 
-        ``match`` is the regular-expression match whose text is this part. If all characters are
-        already used, the part is returned unchanged.
+        ``match`` is the match of a regular expression; its text is this part. The
+        stand-in is a single character. If no unused character is left, the part is not stored, and
+        is returned unchanged.
         """
         mark = _FIRST_MARK + len(self._parts)
         if mark > _LAST_MARK:

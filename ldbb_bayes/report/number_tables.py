@@ -96,8 +96,8 @@ def tables(
 def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
     """Return the tables whose numbers only the annex of a report shows.
 
-    The annex consists of the sections that follow the sheets of the certificate. The keys are the
-    names of the tables.
+    The annex consists of the sections that follow the sheets of the certificate. The keys of the
+    returned dict are the names of the tables.
     """
     posterior = findings.posterior
     measured, pairs = measure_circularity(posterior)

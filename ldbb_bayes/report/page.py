@@ -221,10 +221,10 @@ def _lines_below_title(findings: Findings) -> tuple[str, str, str]:
 
 
 def _alerts(findings: Findings, others: Sequence[FurtherCampaign]) -> Iterator[str]:
-    """Yield the warnings that a reader of the report must see before any number.
+    """Yield the warnings that the report shows before all numbers.
 
-    The warnings are about the fit of the campaign, and about the differences between this campaign
-    and the campaigns ``others``.
+    The warnings are about the fit of the campaign, and about differences between this campaign and
+    the other campaigns (``others``).
     """
     yield from wording.alert_sentences(fit_of(findings.posterior), findings.result)
     name = str(findings.result["campaign"]["name"])

@@ -89,8 +89,8 @@ class DrawnPicture(NamedTuple):
     caption: str
 
 
-# Names of the functions that draw figures, for figures whose name differs from the name of the
-# function. The keys are the names of the figures.
+# Figures whose names differ from the names of the functions that draw them. The keys are the names
+# of the figures, and the values are the names of the functions.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)

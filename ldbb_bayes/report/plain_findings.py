@@ -299,9 +299,10 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 def best_step(numbers: SheetNumbers) -> str:
     """Return the name of the effect that makes the undetermined parameters most uncertain.
 
-    Reducing this effect helps most. A parameter is undetermined if the readings hardly determine
-    it. Each effect causes a share of the variance of every undetermined parameter. These shares are
-    added up, and the effect with the largest sum is chosen.
+    A parameter is undetermined if the readings hardly determine it. Each effect causes a share of
+    the variance of every undetermined parameter. The shares due to the same effect are added up,
+    and the effect with the largest sum is chosen. The undetermined parameters therefore become most
+    certain if the uncertainty due to this effect is reduced.
 
     Parameters
     ----------

@@ -91,9 +91,10 @@ def _screen_of_design(design: Design) -> tuple[Passage, ...]:
 def _expected_table(design: Design) -> Table:
     """Return a table of the standard uncertainties that are expected after the tests of a design.
 
-    The table has one row for each parameter for which the design was made, except slopes
-    (coefficients of the change of compliance with force). The columns are the uncertainties after
-    the recommended design and after at most two other designs, and the prior standard deviation.
+    The design was made for certain parameters. Each of them has one row in the table. Slopes
+    (coefficients of the change of compliance with force) have no row, unless the design was made
+    for slopes alone. The columns state the uncertainty after the recommended design, the
+    uncertainties after at most two other designs, the prior standard deviation, and the unit.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []

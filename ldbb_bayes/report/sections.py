@@ -81,7 +81,7 @@ class Section:
 
 
 def campaign(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the campaign: its tests, remarks, and the assumptions of a fit."""
+    """Yield the section on the campaign: a table of tests, remarks, and what a fit assumes."""
     yield from parts_of(findings.preview)
 
 
@@ -467,9 +467,9 @@ _SECTION_WRITERS = (
     method,
     glossary,
 )
-#: Title of every section of the annex (the part of a report after the certificate), and the
-#: function that yields its content. The keys are the anchors (ids) of the sections, in the order of
-#: the page.
+#: Sections of the annex (the part of a report after the certificate), in the order of the page.
+#: Each key is the anchor (id) of a section. The value is a pair: the title of the section, and the
+#: function that yields its content.
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _SECTION_WRITERS
 }

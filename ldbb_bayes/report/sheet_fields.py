@@ -37,9 +37,9 @@ _ORDER_ENTRIES = {
     TimeSource.RANDOM: "entries.random_order",
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
-# Model term that describes the errors of each part of the instrument; the keys are the parts. The
-# test certificate has a form field for the uncertainty of each part. The certificate's list of
-# other assumed effects therefore leaves these model terms out.
+# Names of the model terms that describe the errors of the instrument's parts. The keys are the
+# parts. The test certificate states the uncertainty of each part in a form field of its own. The
+# certificate's list of other assumed effects therefore leaves these model terms out.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
     "work": BallForm.__name__,

@@ -127,10 +127,11 @@ class SheetNumbers:
     def changes_with_force(self) -> Mapping[str, ChangeWithForce]:
         """Change C(F_max) − C(F_min) of each compliance between the smallest and largest force.
 
-        F_min and F_max are the smallest and the largest force tested [N]. The keys are the names of
-        the compliances. Each object states the change, the compliances at both forces, and the
-        credible intervals of these values, in the internal unit of the compliance (mm, N, rad). It
-        also states the probability that the compliance grows with the force.
+        F_min and F_max are the smallest and the largest force tested [N]. The mapping holds one
+        object for each compliance; the keys are the names of the compliances. Each object states
+        the change, the compliances at both forces, and the credible intervals of these values, all
+        in the internal unit of the compliance, such as mm/N. It also states the probability that
+        the compliance grows with the force.
         """
         return change_with_force(self.findings.posterior_of_certificate, prob=self.findings.prob)
 
@@ -204,8 +205,8 @@ class SheetNumbers:
     def _draws(self) -> Mapping[str, Any]:
         """Random draws from the posterior of each parameter, in internal units (mm, N, rad).
 
-        The draws of a compliance C(F) are values of C at the force ``force_N``. The keys are the
-        names of the parameters.
+        The draws of a compliance C(F) are values of C at the force ``force_N``. The keys of the
+        mapping are the names of the parameters.
         """
         return draws_at(self.findings.posterior_of_certificate, self.force_N)
 
@@ -425,10 +426,11 @@ def _direction_of_change(change: ChangeWithForce) -> Literal["increases", "decre
 
 
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
-    """Return the names of a model's compliances and geometric errors as objects.
+    """Return a dict with the names of a model's compliances and geometric errors.
 
-    The attributes of an object are the parts of the name, such as the axis. The keys of the result
-    are labels such as ``C_XXX``. ``bound`` is a model applied to a campaign.
+    The keys are labels such as ``C_XXX``. Each value is an object that represents the name; its
+    attributes are the parts of the name, such as the axis. ``bound`` is a model applied to a
+    campaign.
     """
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
     return {name.label: name for name in names}

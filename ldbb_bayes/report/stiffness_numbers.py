@@ -66,10 +66,10 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
 def _quantities_of_plane(
     plane: PlaneStiffness, words: Words, *, is_only: bool
 ) -> dict[str, StatedQuantity]:
-    """Return the least and the greatest stiffness in a plane, and their ratio.
+    """Return a dict with the least and the greatest stiffness in a plane, and with their ratio.
 
     The keys are names such as ``k_min``. If ``is_only`` is true, no other plane was tested, and the
-    principal axis and the difference of the direct compliances are added.
+    dict also has the principal axis and the difference of the direct compliances.
     """
     where = ""
     if not is_only:

@@ -716,9 +716,9 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
     """Return the name of an instrument error, and the place where the user can state its value.
 
-    The place is an entry of campaign.toml, such as "[mount] U_percent", in which the value from a
-    certificate can be written. If there is no such entry, the string begins with "none" and names
-    the model term that describes the error.
+    The place is the entry of campaign.toml in which the user can write the value from a
+    certificate, such as "[mount] U_percent". If there is no such entry, the string begins with
+    "none" and names the model term that describes the error.
     """
     table, _, key = uncertainty.certificate.partition("_")
     if key:

@@ -188,9 +188,10 @@ def _draw_axis_section(
 ) -> None:
     """Draw the log Bayes factors that lie in one section of a broken axis.
 
-    There is one row for each assumption about the models (about their priors, or about the random
-    differences between circles). A mark is filled if the readings do not reject the assumption.
-    Error bars extend 1.96 numerical standard errors to each side.
+    Each row shows the log Bayes factor under one assumption. Assumptions are about the priors of
+    the models, or about the random differences between circles. The mark in a row is filled if the
+    readings do not reject the assumption. Error bars extend 1.96 numerical standard errors to each
+    side.
     """
     rows = np.arange(len(assumptions))[::-1]
     value = np.array([assumption.log_bayes_factor for assumption in assumptions])
@@ -297,10 +298,10 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
         curves = model.compliance_against_force
 
     def draw_band(axes: Axes, name: str, factor: float) -> None:
-        """Draw the band of one compliance C, and the derivative d(F C)/dF as a dotted line.
+        """Draw the credible intervals of a compliance C as a band, and d(F C)/dF as a dotted line.
 
-        ``name`` is the name of the compliance. ``factor`` converts its unit in the program, such as
-        mm/N, to the unit shown, such as nm/N.
+        ``name`` is the name of the compliance. ``factor`` converts its internal unit, such as mm/N,
+        to the unit shown, such as nm/N.
         """
         curve = curves[name]
         force_N = np.array(curve.force_N)

@@ -39,7 +39,7 @@ _EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % 
 
 
 class _Panel(NamedTuple):
-    """A panel in the figure of circular-test quantities: its quantities and its axis label."""
+    """The quantities that one panel of a figure shows, and the label of its vertical axis."""
 
     quantities: tuple[str, ...]
     label: str

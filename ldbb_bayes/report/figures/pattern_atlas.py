@@ -119,11 +119,12 @@ def _atlas(
 ) -> Figure:
     """Draw the effect of every parameter on the readings of a circle, each in a polar panel.
 
-    ``patterns`` holds the change of the readings around the circle per unit of each parameter.
-    ``colours`` holds the colour of each parameter's line. The keys are the names of the parameters.
-    All patterns are scaled to the same height. Parameters in ``bold`` are drawn with thicker lines.
-    Parameters in ``without_effect`` have no effect on the readings; their pattern is drawn as a
-    circle. ``title`` is the title of the figure.
+    ``patterns`` holds the change of the readings around the circle per unit of each parameter. All
+    patterns are scaled to the same height. ``colours`` holds the colours of the parameters' lines;
+    a line without an entry is grey. The keys of both mappings are the names of the parameters.
+    ``bold`` names the parameters that are drawn with thicker lines. ``without_effect`` names the
+    parameters that have no effect on the readings; their patterns are drawn as circles. ``title``
+    is the title of the figure.
     """
     figure, all_axes = panels(len(patterns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
     axes: Any

@@ -108,9 +108,10 @@ def _draw_densities(axes: Axes, entry: ParameterIdentifiability) -> None:
 
 
 def _bell(value: Array, mean: float, sd: float) -> Array:
-    """Return a normal density at the points ``value``, shape (n,), scaled to a peak of 1.
+    """Return the density of a normal distribution at several points, scaled to a peak of 1.
 
-    ``mean`` and ``sd`` are the mean and the standard deviation of the normal distribution.
+    ``value`` holds the points, shape (n,). ``mean`` and ``sd`` are the mean and the standard
+    deviation of the normal distribution.
     """
     density = np.exp(-0.5 * ((value - mean) / sd) ** 2)
     return density / density.max()
