@@ -86,10 +86,10 @@ def _to_list(array: Array) -> Any:
 
 
 def _to_frame(rows: Any) -> pd.DataFrame:
-    """Return a data frame (table of pandas) with the rows of a table that were read from JSON.
+    """Return a table that was read from JSON as a data frame (table of pandas).
 
-    ``rows`` is a dictionary whose keys are the names of the rows, or a list of rows. If ``rows``
-    already is a data frame, it is returned unchanged.
+    ``rows`` holds the rows of the table. It is a list, or a dictionary whose keys are the names of
+    the rows. If ``rows`` already is a data frame, it is returned unchanged.
     """
     if isinstance(rows, pd.DataFrame):
         return rows
@@ -99,7 +99,7 @@ def _to_frame(rows: Any) -> pd.DataFrame:
 
 
 def _to_rows_by_name(frame: pd.DataFrame) -> dict[Any, Any]:
-    """Return the rows of a data frame as dictionaries. The keys are the names of the rows."""
+    """Return a dictionary from the names of a data frame's rows to dictionaries of cells."""
     return frame.to_dict(orient="index")
 
 
@@ -203,8 +203,8 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
         ]
         text = f"{kind.__name__}({', '.join(assignments)})"
     while len(text) > longest and assignments:
-        # If the object is an attribute of another object, and its text is too long, only the name
-        # of its class is displayed.
+        # If the text of an attribute of another object is too long, only the name of the
+        # attribute's class is displayed.
         assignments = assignments[:-1] if longest == _LONGEST_REPR else []
         text = f"{kind.__name__}({', '.join([*assignments, '…'])})"
     return text
@@ -286,8 +286,8 @@ class Result(Shown):
         return result
 
 
-# Objects of the library pydantic that convert results to dictionaries and back. The keys are the
-# classes of the results. Each converter is made when it is first needed.
+# Mapping from the classes of results to objects of the library pydantic. Such an object converts
+# results of the class to dictionaries and back. It is made when it is first needed.
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}
 
 
@@ -323,11 +323,10 @@ _REGISTRATIONS: set[Callable[[], object]] = set()
 
 
 def register_when_displayed(register: Callable[[], object]) -> None:
-    """Store a function that is called later and defines how results are displayed.
+    """Store the function ``register``, which is called later to define how results are displayed.
 
-    The program calls ``register`` without arguments when it must display a result whose class has
-    no display yet. Modules that are needed only for display are therefore loaded as late as
-    possible.
+    The call has no arguments, and is made when a result must be displayed whose class has no
+    display yet. Modules that are needed only for display are therefore loaded as late as possible.
     """
     _REGISTRATIONS.add(register)
 

@@ -183,7 +183,7 @@ class Table:
         """Return the cells of one row of the table as HTML.
 
         ``tags`` holds the name and the attributes of each cell's HTML element, and ``values`` the
-        texts of the cells. Cells of columns with numbers also get the class ``n``.
+        texts of the cells. The elements of cells in columns with numbers also have the class ``n``.
         """
         cells = []
         for tag, numeric, value in zip(tags, self.numeric, values, strict=True):
@@ -193,7 +193,7 @@ class Table:
 
 
 class _TextLayout:
-    """Layout of a table as lines of text of a given width."""
+    """Layout of a table as text, with lines of a given width if possible."""
 
     def __init__(self, table: Table, width: int) -> None:
         """Store the texts of ``table``, to be laid out in lines of ``width`` characters.
@@ -500,8 +500,7 @@ def readable(
     caption
         Caption of the table.
     units
-        Units of columns, which are displayed in the column headings. The keys are the names of the
-        columns.
+        Mapping from the names of columns to the units that are displayed in the column headings.
     """
     copy = ReadableFrame(frame)
     copy.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
@@ -608,9 +607,9 @@ def _displayed_cells(names: Sequence[Hashable], values: Sequence[Any]) -> list[A
 def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
     """Return the number of decimals with which a data frame's row is displayed.
 
-    With these decimals, the standard uncertainty of the row has two significant digits. ``row``
-    holds the cells of the row; the keys are the names of the columns. ``factor`` converts the unit
-    of the cells to the display unit. Return None for a row without a standard uncertainty.
+    With these decimals, the standard uncertainty of the row has two significant digits. ``row`` is
+    a mapping from the names of the columns to the cells of the row. ``factor`` converts the unit of
+    the cells to the display unit. Return None for a row without a standard uncertainty.
     """
     for name in _STANDARD_UNCERTAINTIES:
         u = row.get(name)
@@ -648,5 +647,5 @@ def _with_no_break_spaces(text: str) -> str:
 
 
 def _spaces_replaced(match: re.Match[str]) -> str:
-    """Return the text that a regular expression matched, with no-break spaces for all spaces."""
+    """Return the text that a regular expression matched, with no-break spaces for spaces."""
     return match[0].replace(" ", _NO_BREAK)

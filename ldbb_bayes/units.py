@@ -41,15 +41,16 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-# Display units of compliances. The keys are internal units. Each value is a pair: the factor from
-# the internal unit to the display unit, and the label of the display unit.
+# Display unit of each internal unit of a compliance. The keys are the internal units. Each value is
+# a pair: the factor from the internal unit to the display unit, and the label of the display unit.
 _COMPLIANCE_UNITS = {
     "mm/N": (1e6, "nm/N"),
     "rad/N": (1e9, "nrad/N"),
     "rad/(N mm)": (1e9, "µrad/(N m)"),
 }
-# Display units of quantities other than compliances. The keys are internal units. Each value is a
-# pair: the factor from the internal unit to the display unit, and the label of the display unit.
+# Display unit of each internal unit of other quantities than compliances. The keys are the internal
+# units. Each value is a pair: the factor from the internal unit to the display unit, and the label
+# of the display unit.
 _OTHER_UNITS = {
     "1": (1e6, "µm/m"),
     "1/mm": (1e9, "µm/m²"),
@@ -63,11 +64,12 @@ _OTHER_UNITS = {
 
 
 def _display_units() -> dict[str, tuple[float, str]]:
-    """Return the display units of all internal units (made of mm, N and rad).
+    """Return a dict with the display unit of each internal unit.
 
-    The keys are internal units. Each value is a pair: the factor from the internal unit to the
-    display unit, and the label of the display unit. Coefficients of the change of a compliance with
-    force are displayed per kN (linear) or per kN² (quadratic).
+    The keys are the internal units, which are made of mm, N and rad. Each value is a pair: the
+    factor from the internal unit to the display unit, and the label of the display unit.
+    Coefficients of the change of a compliance with force are displayed per kN (linear) or per kN²
+    (quadratic).
     """
     slopes = {}
     curvatures = {}
@@ -100,11 +102,11 @@ _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
 def _units_to_write() -> dict[str, _Size]:
-    """Return the conversions of the units that a user may write. The keys are names such as kN.
+    """Return a dict from names of units that a user may write, such as kN, to their conversions.
 
-    A conversion has three numbers: the value of the unit in mm, N and rad, the power of length in
-    its dimension, and the power of force. For kN, they are 1000, 0 and 1. A user may also write
-    quotients and squares of these units.
+    A conversion has three numbers. The first is the value of the unit, expressed in mm, N or rad.
+    The others are the power of length and the power of force in the dimension of the unit. For kN,
+    the three numbers are 1000, 0 and 1. A user may also write quotients and squares of these units.
     """
     sizes = {
         "1": _Size(1.0, 0, 0),
@@ -225,9 +227,9 @@ def _number_without_unit(match: re.Match[str] | None, text: str, subject: str) -
 
 
 def _check_finite(number: float, text: str, subject: str) -> None:
-    """Raise an `InputError` if the number read from a text is infinite, as for 1e999.
+    """Raise an `InputError` if a number that was read from a text, such as 1e999, is infinite.
 
-    ``subject`` is the name of the quantity in the message, which quotes ``text``.
+    The message quotes ``text``, and calls the quantity ``subject``.
     """
     require(
         math.isfinite(number),
@@ -454,7 +456,7 @@ def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Statement:
-    """A result and its uncertainty as texts, as metrologists write them, with their common unit."""
+    """A result and its uncertainty in the same unit, as texts that metrologists would write."""
 
     #: value of the result as text, rounded to the decimal place of the standard uncertainty
     value: str
@@ -532,11 +534,11 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
 
 
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
-    """Return value ± expanded uncertainty (k = 2) with the display unit, as text.
+    """Return a result as text in the display unit: value ± expanded uncertainty (k = 2).
 
-    ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval,
-    all in the internal unit ``unit``, which is composed of mm, N and rad. If the interval is skewed
-    about the value, the text is the value and the interval instead.
+    ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval.
+    All of them are in the internal unit ``unit``, such as mm/N. If the interval is skewed about the
+    value, the text states the value and the interval instead.
     """
     factor, label = display_unit(unit)
     if is_skewed(mean, interval):

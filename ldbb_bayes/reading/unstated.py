@@ -25,13 +25,15 @@ from ldbb_bayes.reading.unused_segments import states_correction, unused_segment
 
 __all__ = ["note_unstated"]
 
-# Each unused text on a convention, such as the sign of readings, gets a note. Other unused texts
-# get a note only until there are this many notes. One more note states how many texts have no note.
+# For every unused text on a convention, such as the sign of readings, a note is made. For other
+# unused texts, notes are made only until there are this many notes in all. One more note states how
+# many unused texts have no note.
 _MOST_TEXTS = 6
 # A note quotes at most this many characters of an unused text.
 _TEXT_SHOWN = 160
-# Fields for the size of one count (digital step) of the instrument. An import may ignore a line
-# that states such a field. The line counts as used only if a note cites it.
+# Names of the fields that state the size of one digital step of the instrument. An import may
+# ignore a line that states such a field. The line is therefore treated as used only if a note cites
+# it.
 _CITED_WHERE_USED = {"reading_scale", "angle_scale", "time_scale"}
 # Regular expression for a number in an unused text of a file. If several texts differ only in their
 # numbers, usually one of them gets a note.
@@ -43,8 +45,8 @@ _LETTER = re.compile(r"[^\W\d_]")
 class _Text(NamedTuple):
     """Unused text outside a table, shortened for a note."""
 
-    # number of the line that holds the text; for a line of another sheet, a text such as
-    # "3 of notes.txt"
+    # number of the line that holds the text; if the line is on another sheet, a text with the
+    # number and the sheet, such as "3 of notes.txt"
     line: int | str
     text: str
 
@@ -52,8 +54,8 @@ class _Text(NamedTuple):
 class _TextOutside(NamedTuple):
     """Line or cell of a file outside the tables of readings, and whether it was used."""
 
-    # number of the line that holds the text; for a line of another sheet, a text such as
-    # "3 of notes.txt"
+    # number of the line that holds the text; if the line is on another sheet, a text with the
+    # number and the sheet, such as "3 of notes.txt"
     line: int | str
     text: str
     # whether the import took a value, such as the radius, from the text of the line or cell

@@ -50,13 +50,13 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
     text
         A line of which at least one segment was used.
     quoted
-        Texts from the line that notes quote. A quoted segment is left out. If a note quotes the
-        whole line, segments that state a load are left out.
+        Parts of the line that are quoted in notes. A quoted segment is left out. If a note quotes
+        the whole line, segments that state a load are left out.
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
     # If a line is only one segment, that segment was used. There are two exceptions. The segment
-    # may have several parts, or it may define a difference of radii that leaves the sign of
-    # readings open, as in "Force 238 N nominal minus measured".
+    # may have several parts, of which some may be unused. Or it may define a difference of radii,
+    # as in "Force 238 N nominal minus measured", from which the sign of readings was not taken.
     has_parts = len(next(finer_divisions(text))) > 1
     if len(segments) == 1 and not has_parts and not leaves_difference_unread(text):
         return ""

@@ -41,8 +41,8 @@ _LONGEST_UNIT = 40
 # Removing accents from a text takes time, and many steps of an import need the same results. At
 # most this many results are stored.
 _KEPT_WORDS = 4096
-# Regular expression for a unit with a factor. An example is 0.1 µm, the unit of readings in counts
-# (digital steps) of 0.1 µm.
+# Regular expression for a unit with a factor, such as 0.1 µm. Readings have this unit if they are
+# numbers of digital steps of 0.1 µm.
 _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
@@ -74,15 +74,15 @@ def _role_words() -> dict[str, list[str]]:
     return role_words
 
 
-# Words that column headers use for each role; the keys are the roles, such as angle. If a header
-# has words of several roles, the role that is first among the keys is used.
+# Mapping from the roles of columns, such as angle, to the words that headers use for each role. If
+# a header has words of several roles, the role that is first among the keys is used.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
 # Regular expression for words that name other quantities, such as a maximum or an ambient pressure.
 # These must not be mistaken for the load or the radius of a test.
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 
 
-# Regular expression for a word for a fraction of a unit, such as tenths.
+# Regular expression for a word that names a fraction of a unit, such as "tenths".
 SHARE = re.compile(
     rf"(?<!\w)(?:{'|'.join(WORDS['shares'][share] for share in _SHARE_SIZES)})(?!\w)", re.IGNORECASE
 )
@@ -91,7 +91,8 @@ _PREFIX = re.compile(
     rf"(?<![^\W_])(?P<prefix>{'|'.join(WORDS['columns']['prefixes'])})[\s._\-]+(?P<unit>[^\W\d_]+)",
     re.IGNORECASE,
 )
-# Regular expressions for a fraction of a unit in words, such as "tenths of a micron".
+# Regular expressions for a fraction of a unit in words, such as "tenths of a micron". The keys are
+# the names of the fractions, such as "tenth".
 _UNIT_IN_SHARES = {
     share: re.compile(
         rf"(?<!\w)(?:{WORDS['shares'][share]})\s*(?:{WORDS['shares']['between']})*"
@@ -103,7 +104,7 @@ _UNIT_IN_SHARES = {
 
 
 def comparable(text: str) -> str:
-    """Return a text in a standard form, in which texts that differ only in notation are equal.
+    """Return a text in a standard form, so that texts which differ only in notation become equal.
 
     Capitals become small letters. Equivalent characters, such as the two signs for micro, become
     one character. Blanks, dots and colons at both ends are removed.
@@ -206,9 +207,9 @@ def _joined_prefix(match: re.Match[str]) -> str:
 
 
 def unit_in_shares(text: str) -> str:
-    """Return ``0.1 um`` for ``tenths of a micron``, and likewise for other fractions of units.
+    """Return a fraction of a unit in digits: ``0.1 um`` for the words ``tenths of a micron``.
 
-    The result is empty for any other text.
+    The result is an empty string if the text is not a fraction of a unit in words.
     """
     for share, pattern in _UNIT_IN_SHARES.items():
         match = pattern.fullmatch(text.strip(" ."))

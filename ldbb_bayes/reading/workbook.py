@@ -165,8 +165,8 @@ def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
 def _visible_rows(values: Sequence[Sequence[object]], hidden_lines: Collection[int]) -> list[Row]:
     """Return the rows of a sheet with their line numbers. Hidden and empty rows are left out.
 
-    ``values`` are the values of the cells in each row, and ``hidden_lines`` the line numbers of
-    hidden rows.
+    ``values`` holds the values of the cells, row by row, and ``hidden_lines`` the line numbers of
+    the hidden rows.
     """
     rows = []
     for line, values_of_row in enumerate(values, start=1):
@@ -199,9 +199,9 @@ def _cell_text(value: object) -> str:
 def _check_archive(path: Path, raw: bytes) -> None:
     """Raise an `InputError` for a zipped workbook that is damaged or would not fit into memory.
 
-    XLSX and ODS files are zipped. A workbook would not fit if it unpacks to too many bytes, or if
-    it is an XLSX file with a very high row or column number. ``raw`` is the content of the file at
-    ``path``, which is a ZIP archive.
+    XLSX and ODS files are zipped. A workbook is not expected to fit if it unpacks to too many
+    bytes, or if it is an XLSX file with a very high row or column number. ``path`` is the path of
+    the file, and ``raw`` its content, a ZIP archive.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:

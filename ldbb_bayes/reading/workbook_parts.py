@@ -43,10 +43,11 @@ class SheetParts:
 
 
 def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
-    """Return the hidden rows of each sheet, its units, and its formulas without a stored value.
+    """Return a dict with the contents of each sheet other than the values of its cells.
 
-    The keys of the result are the names of the sheets. ``raw`` is the content of the file. The
-    result is empty if the file is not in the format XLSX or cannot be read.
+    These contents are hidden rows, units in number formats, and formulas without a stored value.
+    The keys of the dict are the names of the sheets. ``raw`` is the content of the file. The dict
+    is empty if the file is not in the format XLSX or cannot be read.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
@@ -164,9 +165,9 @@ def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
 
 
 def _place_of(name: str) -> tuple[int, int] | None:
-    """Return the line number and the column index of the cell with a name such as B2.
+    """Return the line number and the column index of the cell that has a given name, such as B2.
 
-    Return None if the text is not the name of a cell.
+    Return None if ``name`` is not the name of a cell.
     """
     match = _CELL_NAME.fullmatch(name)
     if match is None:

@@ -100,7 +100,7 @@ class _Phrase(NamedTuple):
 class Catalogue(NamedTuple):
     """Translations of English texts into one language."""
 
-    #: Translations of whole texts into one language; the keys are the English texts.
+    #: Mapping from whole English texts to their translations into one language.
     entries: Mapping[str, str]
     #: translations of English texts that have placeholders; texts with the most characters outside
     #: the placeholders come first
@@ -372,7 +372,7 @@ def has_english(text: str) -> bool:
 
 
 def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | None:
-    """Return the translation of a report's annex into the language of the test certificate.
+    """Return an object that translates a report's annex into the language of the certificate.
 
     The annex consists of the sections of the report that follow the certificate.
 

@@ -106,7 +106,7 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Fraction of the row's width that each figure gets.
+        """Width of each figure as a fraction of the row's width.
 
         With these fractions, all figures of the row have the same height.
         """

@@ -29,8 +29,9 @@ class _Setting(NamedTuple):
     template: str
 
 
-# Settings of circular tests; the keys are names of attributes of a test. The table of a preview has
-# a column for a setting only if the tests differ in this setting.
+# Columns for the settings of circular tests. The keys are the names of the settings, which are
+# attributes of a test. The table of a preview has such a column only if the tests differ in the
+# setting.
 _SETTINGS = {
     "plane": _Setting("plane", "{}"),
     "setup": _Setting("set-up", "{}"),

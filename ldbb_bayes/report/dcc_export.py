@@ -151,10 +151,10 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 
 
 def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:
-    """Return the columns of a covariance matrix, each as a list of its elements.
+    """Return a list of the columns of a covariance matrix; each column is a list of pairs.
 
-    Each element is a tuple of the value and of the unit in D-SI notation. ``units`` are the units
-    of the parameters in the program, such as mm/N.
+    There is one pair for each element of the matrix: its value, and its unit in D-SI notation.
+    ``units`` are the units of the parameters in the program, such as mm/N.
     """
     columns = []
     for j, column_unit in enumerate(units):
@@ -186,10 +186,11 @@ def _parameter_entries(
 ) -> list[dict[str, Any]]:
     """Return one dictionary for each parameter, with the results for the certificate file.
 
-    ``entries`` are the results of the fit; the keys are names of parameters. ``interval`` is the
-    key of the credible interval in each entry, such as ``ci95``. ``draws``, shape (parameters,
-    draws), are random draws from the posterior. The entry ``within`` of each dictionary is the
-    fraction of the draws that lie within mean ± U, where U is twice the standard deviation.
+    ``entries`` is a mapping from the names of the parameters to dictionaries with the results of
+    the fit. ``interval`` is the key of the credible interval in these dictionaries, such as
+    ``ci95``. ``draws``, shape (parameters, draws), are random draws from the posterior. The entry
+    ``within`` of each returned dictionary is the fraction of the draws that lie within mean ± U,
+    where U is twice the standard deviation.
     """
     verdict_by_name = judge_posterior(posterior)
     parameters = []
@@ -217,11 +218,11 @@ def _parameter_entries(
 
 
 def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
-    """Return one dictionary for the change of each compliance with force, for the certificate file.
+    """Return a list of dictionaries for the certificate file, one for each compliance's change.
 
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
-    tested. The keys of the dictionaries are those of `_parameter_entries`, without ``low`` and
-    ``high`` for the credible interval.
+    tested. The dictionaries have the same keys as those of `_parameter_entries`, except ``low`` and
+    ``high``, the ends of the credible interval.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
@@ -248,11 +249,11 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     """Return what the certificate file states about the stiffness by direction.
 
     There is one dictionary for each quantity, such as the least stiffness in a plane. The
-    quantities are computed at the model's reference force. A stiffness is left out if only its
-    lower limit is known. A direction is left out if the readings do not determine it. Neither can
-    be stated as a value ± U. The keys of the dictionaries are those of `_parameter_entries`,
-    without ``low`` and ``high`` for the credible interval. ``prob`` is the probability of credible
-    intervals.
+    dictionaries have the same keys as those of `_parameter_entries`, except ``low`` and ``high``,
+    the ends of the credible interval. The quantities are computed at the model's reference force. A
+    quantity is left out if it cannot be stated as a value ± U: a stiffness or ratio of which only a
+    lower limit is known, or a direction that the readings do not determine. ``prob`` is the
+    probability of credible intervals.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
@@ -315,14 +316,14 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
 
 
 def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection) -> dict[str, Any]:
-    """Return what the certificate file states about one direction of the stiffness in a plane.
+    """Return a dictionary with what the certificate file states about one direction in a plane.
 
-    This is the direction of least or greatest stiffness, or the principal axis. It is stated as an
-    angle from the machine axis ``axis`` [°]. ``name`` identifies the angle for programs, and
-    ``shown`` is the symbol of the angle for people. The entry ``within`` is the share of the
-    posterior draws of the direction that lie within the mean direction ± U, where U is the expanded
-    uncertainty (k = 2). The entry ``verdict`` is a remark for the reader. The dictionary is empty
-    if the readings do not determine the direction.
+    The direction is that of the least or the greatest stiffness, or the principal axis. It is
+    stated as an angle from the machine axis ``axis`` [°]. ``name`` identifies the angle for
+    programs, and ``shown`` is the symbol of the angle for people. The entry ``within`` is the share
+    of the random draws from the posterior in which the direction differs from the mean direction by
+    at most the expanded uncertainty U (k = 2). The entry ``verdict`` is a remark for the reader.
+    The dictionary is empty if the readings do not determine the direction.
     """
     if not direction.is_determined:
         return {}

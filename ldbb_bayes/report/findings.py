@@ -157,7 +157,8 @@ class Findings:
     def verdicts_of_fit(self) -> Mapping[str, ParameterIdentifiability]:
         """Verdicts on how far the readings determine each parameter of the fitted model.
 
-        These verdicts are not averages over models. The keys are the names of the parameters.
+        These verdicts are not averages over models. The keys of the mapping are the names of the
+        parameters.
         """
         if self.averaged is None:
             return self.verdicts
@@ -167,7 +168,7 @@ class Findings:
     def budgets(self) -> Mapping[str, Budget]:
         """Uncertainty budgets of the parameters that the test certificate states.
 
-        The keys are the names of the parameters.
+        The keys of the mapping are the names of the parameters.
         """
         return budget_uncertainty(self.posterior_of_certificate)
 
@@ -189,7 +190,9 @@ class Findings:
         return predict_circularity(self.posterior, prob=self.prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
-        """Return the decisions on conformity with the tolerances. The keys are names of quantities.
+        """Return the decision on conformity for each quantity that has a tolerance.
+
+        The keys of the mapping are the names of the quantities.
 
         Compliances and circular deviations are assessed at the force ``force_N`` [N], or at the
         model's reference force if ``force_N`` is None.
@@ -260,7 +263,7 @@ def findings_of_fit(
         comparison = _compare_degrees(posterior)
 
     def next_tests() -> Recommended:
-        """Return the user's design of the next tests, or a computed design if there is none."""
+        """Return the user's design of the next tests, or compute one if the user gives none."""
         if recommended is None:
             return _design_next_tests(posterior, tests)
         if callable(recommended):

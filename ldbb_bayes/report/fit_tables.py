@@ -70,8 +70,8 @@ _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     """Return all results of a fit as a dictionary.
 
-    The results include changes of compliances with force, nuisance coefficients (of effects that
-    are modelled but not of interest), warnings and decisions on conformity.
+    The results include the changes of compliances with force, the coefficients of effects that are
+    modelled but not of interest (nuisances), warnings, and decisions on conformity.
 
     Parameters
     ----------
@@ -124,9 +124,13 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
     Returns
     -------
     FitWords
-        A dictionary with the keys ``state``, ``kinds`` (the kinds of all warnings and misfits),
-        ``verdict``, ``misfits`` and ``warnings``. The function ``print`` shows the dictionary as
-        sentences.
+        A dictionary, which the function ``print`` shows as sentences. It has five keys:
+
+        - ``state``: ``usable``, ``doubtful`` or ``unusable``
+        - ``kinds``: the kinds of all warnings and misfits
+        - ``verdict``: a sentence on whether the numbers can be used
+        - ``misfits``: strings that name the misfits
+        - ``warnings``: sentences that warn the user
 
     Examples
     --------
@@ -164,8 +168,8 @@ def words_of_fit(
     bound
         The model applied to the campaign.
     confounded
-        Names of the effects with which each parameter is confounded. The keys are the names of the
-        confounded parameters.
+        Mapping from the names of the confounded parameters to the names of the effects with which
+        each of them is confounded.
 
     Returns
     -------
@@ -191,9 +195,9 @@ def words_of_fit(
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return the remarks on a campaign that do not occur among the sentences on its fit.
+    """Return those remarks on a campaign that the sentences on its fit do not repeat.
 
-    ``campaign_preview`` holds all remarks on the campaign. They are made without a fit.
+    ``campaign_preview`` holds all remarks on the campaign, which are made without a fit.
     """
     return [
         wording.remark_words(remark)
@@ -252,8 +256,8 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     Parameters
     ----------
     decisions
-        Decisions as dictionaries, see `assess_conformity`. The keys are the names of the
-        quantities.
+        Mapping from the names of the quantities to the decisions. Each decision is a dictionary, as
+        `assess_conformity` describes it.
 
     Returns
     -------
@@ -288,7 +292,8 @@ def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:
     Parameters
     ----------
     changes
-        Changes as dictionaries, see `change_with_force`. The keys are the names of the compliances.
+        Mapping from the names of the compliances to their changes. Each change is a dictionary, as
+        `change_with_force` describes it.
 
     Returns
     -------
@@ -386,10 +391,10 @@ def _change_statement(change: Mapping[str, Any]) -> units.Statement:
 
 
 def _relative_change_cell(relative: Mapping[str, float] | None) -> str:
-    """Return the relative change of a compliance in per cent as a string.
+    """Return the relative change of a compliance as a string in per cent.
 
-    ``relative`` holds the median of the relative change. A dash is returned if ``relative`` is
-    None.
+    ``relative`` is a dictionary with the median of the relative change. A dash is returned if
+    ``relative`` is None.
     """
     if relative is None:
         return "–"
@@ -643,8 +648,8 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     Parameters
     ----------
     entries
-        Mean, sd and prior sd of each coefficient, from the results of a fit. The keys are the names
-        of the coefficients.
+        Mapping from the names of the coefficients to dictionaries with results of a fit: the mean,
+        the sd and the prior sd of the coefficient.
 
     Returns
     -------

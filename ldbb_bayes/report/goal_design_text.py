@@ -33,7 +33,11 @@ def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
-    """Return the JSON record of the cheapest campaign for uncertainty goals, with sentences."""
+    """Return the JSON record of the cheapest campaign that reaches all goals.
+
+    The goals are upper limits for the uncertainties of parameters. The record also has sentences
+    that describe the campaign.
+    """
     return {**result.as_dict(), "sentences": list(wording.goal_design_sentences(result))}
 
 

@@ -112,11 +112,12 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 
 
 def _origins_table(result: Identifiability) -> Table:
-    """Return a table of each parameter's prior, contraction and origins of variance.
+    """Return a table of the parameters, which compares prior and posterior variances.
 
-    The contraction is the share of the parameter's prior variance that the readings remove. The
-    origins divide the posterior variance into three shares. They are due to effects whose size was
-    measured in the campaign, is stated by the user, or is assumed by the model.
+    The columns include the contraction and the origins. The contraction is the share of the prior
+    variance that the readings remove. The origins are three shares of the posterior variance. The
+    first share is due to effects whose size was measured in the campaign, the second to effects
+    whose size is stated by the user, and the third to effects whose size is assumed by the model.
     """
     rows = []
     for name, entry in result.parameters.items():

@@ -26,12 +26,12 @@ def _machine_table(
     *,
     with_sums: bool,
 ) -> Table:
-    """Return a table of the parameters ``entries`` of a machine, one row for each parameter.
+    """Return a table of parameters of a machine, with one row for each of ``entries``.
 
-    The columns are the name, the unit, the pattern in each of the machine's planes, and the
-    meaning. The pattern is the parameter's effect on the readings. Some parameters represent a sum
-    of several parameters; if ``with_sums`` is true, the last column states the sum. ``title`` is
-    the heading of the first column.
+    The columns are the name of the parameter, its unit, its pattern in each of the machine's
+    planes, and its meaning. The pattern is the parameter's effect on the readings. Some parameters
+    stand for a sum of several parameters. If ``with_sums`` is true, one more column states this
+    sum. ``title`` is the heading of the first column.
     """
     heads = [title, "unit", "pattern", "what it is"]
     if len(machine.planes) > 1:

@@ -67,7 +67,7 @@ class Document(Shown):
     lines
         Lines of text below the title. They name the machine, the tests and the fit.
     alerts
-        Warnings that a reader must see before any number.
+        Warnings that are shown before all numbers.
     sections
         Sections of the annex in the order of the page. The tuple is empty if the report has no
         annex.
@@ -418,7 +418,7 @@ def write_report(
 
 
 def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) -> None:
-    """Raise an error if the user asks a report without annex for something that needs the annex.
+    """Raise an error if the user wants a report without annex, but also something in the annex.
 
     The annex is needed if it is to be printed (``annex`` is true), or if other campaigns
     (``beside_it``) are to be compared with the campaign of the report.
@@ -441,8 +441,8 @@ def _content_of_report_json(
     """Return the content of report.json without the entries ``state`` and ``conformity``.
 
     The content is a dictionary with the campaign, the model, the alerts, the provenance, all
-    tables, the comparison of models and the design. ``frames`` are the tables; the keys are the
-    names of the tables. If there is no comparison or no design, the dictionary states the reason.
+    tables, the comparison of models and the design. ``frames`` is a mapping from the names of the
+    tables to the tables. If there is no comparison or no design, the dictionary states the reason.
     """
     records = {
         name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()

@@ -63,7 +63,7 @@ def untranslated_texts(
 
 
 def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None:
-    """Return the translations of texts about the cheapest campaign into a language.
+    """Return an object that translates texts about the cheapest campaign into a language.
 
     None is returned if the language has no catalogues (files of translated texts). ``names`` are
     the names of campaigns and tests. They are not translated, even if they stand in quotation

@@ -48,9 +48,9 @@ _INK = 0  # grey level of text on a page of the certificate, from 0 (black) to 2
 _SOFT_INK = 85
 # grey level of the ruled lines of tables and form fields, from 0 (black) to 255 (white)
 _RULE = 150
-# Grey levels, from 0 (black) to 255 (white), of the background and the text of the certificate's
-# banner. The banner says whether the results can be used; the keys are "usable", "reserved" (with
-# reservations) and "unusable".
+# Grey levels of the certificate's banner, from 0 (black) to 255 (white). Each value is a pair: the
+# level of the background, and the level of the text. The keys are what the banner says about the
+# results: "usable", "reserved" (usable with reservations) or "unusable".
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
 # largest number of times that the font size is reduced to make a sheet of the test certificate fit
@@ -137,7 +137,7 @@ def _power_of_height(height_ratio: float, size_ratio: float) -> float:
 
 @contextmanager
 def _document() -> Iterator[FPDF]:
-    """Yield an empty PDF document with margins and fonts. Its font files are closed after use."""
+    """Yield an empty PDF document with margins and fonts, and close its font files after use."""
     pdf = FPDF()
     pdf.set_auto_page_break(False)
     pdf.set_margins(_LEFT, _TOP, _LEFT)

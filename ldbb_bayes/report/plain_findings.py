@@ -50,8 +50,8 @@ class FindingKind(StrEnum):
 class Finding:
     """A finding: something on the machine to inspect or to repair, with its probability.
 
-    ``values`` are the texts that are inserted into the sentence on the finding. The keys are the
-    names of the placeholders in this sentence.
+    The sentence on the finding has placeholders. ``values`` is a mapping from the names of the
+    placeholders to the texts that are inserted for them.
     """
 
     kind: FindingKind
@@ -364,9 +364,9 @@ def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> I
     """Yield one sentence on each step, other than the best step, that would help.
 
     A step, such as a calibration, reduces the uncertainty that is due to one effect. The sentence
-    names the parameters that this step would make more certain and the best step would not. The
-    keys of ``helped_by_step`` are the effects, as class names of model terms. The values are the
-    symbols of the parameters.
+    names the parameters that become more certain with this step, but not with the best step. The
+    keys of ``helped_by_step`` are the effects, given as class names of model terms. Each value
+    holds the symbols of these parameters.
     """
     for name, symbols in helped_by_step.items():
         yield words(

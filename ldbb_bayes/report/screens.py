@@ -37,14 +37,18 @@ def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     The first table has one row for each parameter except slopes (coefficients of a compliance as a
     polynomial in force). Instead of the slopes, it has one row for the change of each compliance
     over the tested forces. Each row states the expanded uncertainty U (k = 2), the verdict, the
-    cheapest remedy, and U with this remedy. A remedy is a certificate, or a change of the tests,
-    that reduces U markedly. The verdict names the largest source of variance, or the effects with
-    which the quantity is confounded. If some parameters need two remedies, a list of pairs of
-    remedies follows. Unless the prior is flat, a second table has one row for each certificate that
-    the instrument lacks. If it lacks several certificates, one more row is for all of them
-    together. A row names up to four parameters that the certificates would make less uncertain by
-    more than a tenth. The method ``details`` of the result returns all tables and sentences, with
-    the combinations of parameters that the readings cannot separate.
+    cheapest remedy, and U with this remedy. The verdict names the largest source of variance, or
+    the effects with which the quantity is confounded. A remedy is a certificate, or a change of the
+    tests, that reduces U markedly. If some parameters need two remedies, a list of pairs of
+    remedies follows.
+
+    Unless the prior is flat, a second table has one row for each certificate that the instrument
+    lacks. If the instrument lacks several certificates, one more row is for all of them together.
+    Each row names up to four parameters that the certificate, or all of them together, would make
+    less uncertain by more than a tenth.
+
+    The method ``details`` of the result returns all tables and sentences, including those on the
+    combinations of parameters that the readings cannot separate.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]

@@ -195,9 +195,9 @@ def path(findings: Findings) -> Iterator[Part]:
 def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], caption: str) -> Table:
     """Return a table of circular-test quantities with credible intervals, one row for each force.
 
-    ``table`` holds the quantities at all forces. ``quantities`` holds the units of the quantities
-    that are shown; the keys are the names of the quantities. If there are more than 12 forces, only
-    12 of them have a row.
+    ``table`` holds the quantities at all forces. ``quantities`` is a mapping from the names of the
+    quantities that are shown to their units. If there are more than 12 forces, only 12 of them have
+    a row.
     """
     row_by_force = {(row["force_N"], row["quantity"]): row for _, row in table.iterrows()}
     rows = []
@@ -296,7 +296,7 @@ def fit(findings: Findings) -> Iterator[Part]:
 
 
 def _p_value_cell(value: float | None) -> str | None:
-    """Return a p-value as a string with two significant digits, or None if there is none."""
+    """Return a p-value as a string with two significant digits, or None if ``value`` is None."""
     return None if value is None else f"{value:.2g}"
 
 

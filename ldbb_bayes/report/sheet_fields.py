@@ -29,8 +29,8 @@ _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # certificate show these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
 # Sheet 1 of the test certificate states how the order of the tests is known, for example from their
-# start times. The keys are the possible sources of this knowledge. The values are the names
-# under which the certificate's texts are stored.
+# start times. The keys are the possible sources of this knowledge. The values are the keys of the
+# texts that the certificate then shows.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
@@ -110,10 +110,10 @@ def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], 
 def _stated_entries(
     campaign: Campaign, keys: tuple[str, ...], words: Words
 ) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of a form field for each of the entries ``keys``.
+    """Yield the name and the text of one form field for each name in ``keys``.
 
-    An entry, such as the operator, is something that a campaign can state. The text is empty if the
-    campaign does not state the entry.
+    Each of ``keys`` names something that a campaign can state, such as ``operator``. The text of
+    the field is empty if the campaign does not state it.
     """
     for key in keys:
         yield words(f"fields.{key}"), shorten(str(getattr(campaign, key) or ""))

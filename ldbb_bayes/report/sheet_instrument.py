@@ -18,7 +18,7 @@ __all__ = ["InstrumentPiece", "instrument_pieces"]
 
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
 # The test certificate states one standard uncertainty for each part of the instrument. The keys are
-# the parts; each value is the name of the error to which the uncertainty belongs.
+# the parts. The value for a part is the name of the error that has this standard uncertainty.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",
@@ -75,7 +75,7 @@ def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]
 
 
 def _ball_size(findings: Findings, key: str, words: Words) -> str:
-    """Return the grade of a ball, such as G10, or its sphericity, such as 0.2 µm, as a string.
+    """Return a string with the grade of a ball, such as G10, or its sphericity, such as 0.2 µm.
 
     ``key`` names a part of the instrument. The sphericity is used if no grade is stated. If nothing
     is stated about the ball, the string describes the form error that the model assumes. The string

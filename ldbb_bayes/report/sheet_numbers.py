@@ -75,7 +75,7 @@ class SheetNumbers:
 
     @cached_property
     def parameters(self) -> dict[str, StatedQuantity]:
-        """Compliances at the force ``force_N``, and geometric errors. The keys are their names.
+        """Compliances at the force ``force_N``, and geometric errors, by their names.
 
         Offsets of the tool ball are left out. Slopes (coefficients of the change with force) are
         left out, too; `changes` holds the changes themselves.
@@ -90,8 +90,8 @@ class SheetNumbers:
     def slopes(self) -> dict[str, StatedQuantity]:
         """Slopes, that is, coefficients of the change of compliances with force.
 
-        The keys are the names of the slopes. Slopes without a tolerance are not shown on the test
-        certificate.
+        The keys of the dict are the names of the slopes. Slopes without a tolerance are not shown
+        on the test certificate.
         """
         return {
             name: stated for name, stated in self._parameters_and_slopes.items() if is_slope(name)
@@ -99,7 +99,7 @@ class SheetNumbers:
 
     @cached_property
     def changes(self) -> dict[str, StatedQuantity]:
-        """Changes of the compliances C(F) from the smallest force tested to the largest.
+        """Changes of the compliances C(F) from the smallest to the largest force tested.
 
         The keys are the names of the compliances.
         """
@@ -178,7 +178,7 @@ class SheetNumbers:
     def _parameters_and_slopes(self) -> dict[str, StatedQuantity]:
         """Compliances, slopes (coefficients of the change with force) and geometric errors.
 
-        Offsets of the tool ball are left out. The keys are the names of the parameters.
+        Offsets of the tool ball are left out. The keys of the dict are the names of the parameters.
         """
         bound = bound_of(self.findings.posterior_of_certificate)
         names = _names_by_label(bound)
@@ -212,7 +212,11 @@ class SheetNumbers:
 
     @cached_property
     def _summaries(self) -> dict[str, Mapping[str, float]]:
-        """Posterior mean, sd, median and credible interval of each parameter, by its name."""
+        """The posterior mean, sd, median and credible interval of each parameter.
+
+        The keys are the names of the parameters. Each value is a mapping with the numbers of one
+        parameter.
+        """
         prob = self.findings.prob
         return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
 
@@ -244,9 +248,9 @@ class SheetNumbers:
     def stiffnesses(self) -> dict[str, StatedQuantity]:
         """Stiffness 1 / C of every axis, where C is the median of the axis's direct compliance.
 
-        The keys are the labels of the compliances, such as ``C_XXX``. If the credible interval of a
-        compliance begins below a fifth of its median, only a lower limit of the stiffness is
-        stated.
+        The keys of the dict are the labels of the compliances, such as ``C_XXX``. If the lower end
+        of a compliance's credible interval is below a fifth of the median, only a lower limit of
+        the stiffness is stated.
         """
         stated = {}
         for compliance in bound_of(self.findings.posterior_of_certificate).compliances:
@@ -292,7 +296,7 @@ class SheetNumbers:
     def squareness_errors(self) -> dict[str, StatedQuantity]:
         """Squareness errors that are stated on sheet 1 of the test certificate.
 
-        The keys are the labels of the errors.
+        The keys of the dict are the labels of the errors.
         """
         names = _names_by_label(bound_of(self.findings.posterior_of_certificate))
         stated = {}
@@ -303,7 +307,11 @@ class SheetNumbers:
 
     @cached_property
     def directions(self) -> dict[str, StatedQuantity]:
-        """Least and greatest stiffness at the force ``force_N``, by names such as ``k_min``."""
+        """Stiffness by direction at the force ``force_N``, as the test certificate states it.
+
+        The keys of the dict are the names of the quantities, such as ``k_min`` for the least
+        stiffness.
+        """
         return stiffness_quantities(self._directional, self.words)
 
     @cached_property
@@ -317,9 +325,10 @@ class SheetNumbers:
     def path(self) -> dict[str, StatedQuantity]:
         """Circular deviations G, F_max and F_min of the tool path in every plane.
 
-        The keys are the symbols, such as ``G``. The deviations are measured from the least-squares
-        circle at the force ``force_N`` [N]. They are confounded with the same effects as the
-        geometric errors.
+        The deviations are measured from the least-squares circle at the force ``force_N`` [N]. They
+        are confounded with the same effects as the geometric errors. The keys of the dict are the
+        symbols of the deviations, such as ``G``; they also name the plane if several planes were
+        tested.
         """
         return self._path_quantities(self.force_N, ("G", "F_max", "F_min"))
 
@@ -327,8 +336,8 @@ class SheetNumbers:
     def path_on_second_sheet(self) -> dict[str, StatedQuantity]:
         """Circular deviation at no load, and radial deviations from the nominal circle.
 
-        The keys are the symbols of the deviations. The radial deviations from the nominal circle
-        are computed at the force ``force_N`` [N].
+        The radial deviations from the nominal circle are computed at the force ``force_N`` [N]. The
+        keys of the dict are the symbols of the deviations.
         """
         nominal = self._path_quantities(self.force_N, ("F_max_nominal", "F_min_nominal"))
         return self.unloaded_path | nominal
@@ -337,17 +346,19 @@ class SheetNumbers:
     def unloaded_path(self) -> dict[str, StatedQuantity]:
         """Circular deviation G of the tool path (ISO 230-4) at no load, in µm, for each plane.
 
-        Only geometric errors cause this deviation. The key is ``G_no_load``, or a key with the
-        plane, such as ``G_no_load_YZ``, if several planes were tested.
+        Only geometric errors cause this deviation. If one plane was tested, the dict has the single
+        key ``G_no_load``. If several planes were tested, each key also names the plane, as
+        ``G_no_load_YZ`` does.
         """
         return self._path_quantities(0.0, ("G",))
 
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
-        ``names`` are the names of the quantities, such as ``G``. The keys of the result are these
-        names with endings. The ending ``_no_load`` is added if the force is 0 N. The plane is added
-        if several planes were tested, as in ``G_YZ``. At 0 N, the symbol of a quantity ends in _0.
+        ``names`` are the names of the quantities, such as ``G``. The keys of the returned dict
+        begin with these names. If the force is 0 N, ``_no_load`` is added to the names. If several
+        planes were tested, the plane is added, too, as in ``G_YZ``. At 0 N, the symbol of a
+        quantity ends in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.posterior_of_certificate, [force_N], prob=prob)
@@ -502,10 +513,13 @@ def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, wor
 
 
 def _percent(share: float, words: Words) -> str:
-    """Return a share in per cent as a string, without decimals."""
+    """Return a share as a string in per cent, without decimals."""
     return words("percent", value=f"{100.0 * share:.0f}")
 
 
 def _partner_words(names: Sequence[str], words: Words) -> str:
-    """Return the names of effects, given as class names of model terms, joined in words."""
+    """Return a string that names effects in words.
+
+    ``names`` are the class names of the model terms that describe the effects.
+    """
     return words.joined([words.term(name) for name in names])

@@ -27,8 +27,8 @@ _MOST_UNDETERMINED = 12
 # probability lies between these two limits, so that the change is neither excluded nor certain.
 _CHANGE_IS_EXCLUDED = 0.05
 _CHANGE_IS_CERTAIN = 0.95
-# The test certificate names the changes of compliances with force whose signs are uncertain only if
-# the probability that compliance changes with force is above this limit.
+# Limit for the probability that compliance changes with force. Only if the probability is above
+# this limit, the test certificate names the compliances whose changes have uncertain signs.
 _CHANGE_IS_LIKELY = 0.5
 
 

@@ -101,10 +101,11 @@ def _quantities_of_plane(
 
 
 def _quantities_of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuantity]:
-    """Return two quantities that the test certificate states if only one plane was tested.
+    """Return a dict of two quantities that the certificate states if only one plane was tested.
 
-    ``principal_axis`` is the direction of the plane's principal axis. ``difference`` is the
-    difference of the direct compliances of the plane's two axes, such as C_XXX − C_YYY.
+    The key ``principal_axis`` is for the direction of the plane's principal axis. The key
+    ``difference`` is for the difference of the direct compliances of the plane's two axes, such as
+    C_XXX − C_YYY.
     """
     axis = plane.principal_axis
     limit = "–"
@@ -189,7 +190,7 @@ def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
 
 
 def _turned(angle_deg: float) -> float:
-    """Return the angle of an axial direction, as an angle between −45° and 135°.
+    """Convert the angle of an axial direction to an angle between −45° and 135°.
 
     ``angle_deg`` lies between 0° and 180°. An axial direction is the same as the opposite
     direction, so that 180° may be subtracted. If the direction is near one of the plane's two axes,

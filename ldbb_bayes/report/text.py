@@ -4,8 +4,10 @@ The function `parts_of` returns the passages (tables and sentences) of a result.
 `with_words` returns the JSON record of a result, with sentences that describe the result. Both
 functions have a separate implementation for each class of results. This module contains the
 implementations for most classes, and imports the modules that contain the other implementations.
-The log Bayes factor ln B states how much the readings favour one model over another. The expected
-log predictive density, elpd, states how well a model predicts readings that it has not seen.
+
+Tables of models use two terms. The log Bayes factor ln B states how much the readings favour one
+model over another. The expected log predictive density, elpd, states how well a model predicts
+readings that it has not seen.
 """
 
 from __future__ import annotations
@@ -64,8 +66,8 @@ _REGISTERED_MODULES = (
 # In the table of an uncertainty budget, a contribution has a row if its share of the variance is at
 # least this value. One further row states the sum of all smaller contributions.
 _SMALL_SHARE = 0.005
-# The table of an uncertainty budget has a row with the sum of the small contributions only if this
-# sum has at least this share of the variance.
+# The table of an uncertainty budget states the sum of all small contributions only if this sum is
+# at least this fraction of the variance.
 _NEGLIGIBLE_SHARE = 5e-4
 # A table of budgets names a source of uncertainty if its share of the parameter's variance is at
 # least this value.
@@ -258,9 +260,9 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 def _passages_of_results_by_name(results: ByName[Any]) -> tuple[Passage, ...]:
     """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
-    All ``results`` are of the same kind, which is one of these three. The keys are names of
-    parameters for budgets, names of quantities for decisions, and names of compliances for changes
-    with force. The table has one row for each result.
+    All ``results`` are of the same kind, which is one of these three. The keys of ``results`` are
+    the names of what the results are about: parameters (for budgets), quantities (for decisions) or
+    compliances (for changes with force). The table has one row for each result.
     """
     if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:
         return (change_table({name: change.as_dict() for name, change in results.items()}),)

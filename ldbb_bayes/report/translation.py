@@ -41,7 +41,8 @@ class Words:
     def __call__(self, key: str, **values: str) -> str:
         """Return the test certificate's text with a given key, such as ``heads.value``.
 
-        The names in braces in the text, such as ``{force}``, are replaced by ``values``.
+        The text may have placeholders in braces, such as ``{force}``. ``values`` holds the text
+        that replaces each placeholder.
         """
         words: Any = self.table
         for name in key.split("."):
@@ -57,7 +58,7 @@ class Words:
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
-        """Return the label of a unit with "per" translated into the language of the texts."""
+        """Return the label of a unit, in which the word "per" is translated."""
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:

@@ -1,10 +1,12 @@
 """Sentences about results: functions that choose templates and fill in the values.
 
-The templates of the sentences are in the files sentences.toml and sentences.j2. All decisions are
-values in the results; the program never takes them from the text of a sentence. Most templates have
-a key. The key names the kind of result that the sentence is about. A degeneracy is a combination of
-parameters and other effects that the readings cannot separate. A nuisance coefficient describes an
-effect that is modelled but not of interest.
+The templates of the sentences are in the files sentences.toml and sentences.j2. Most templates have
+a key, which names the kind of result that the sentence is about. Decisions, such as a verdict, are
+values in the results; the program never takes them from the text of a sentence.
+
+Two terms occur in many descriptions below. A degeneracy is a combination of parameters and other
+effects that the readings cannot separate. A nuisance coefficient describes an effect that is
+modelled but not of interest.
 """
 
 from __future__ import annotations
@@ -472,8 +474,8 @@ def degeneracy_items(
     """Return a description of each degeneracy, and of what would resolve it.
 
     A degeneracy is a combination of parameters and other effects that the readings cannot separate.
-    For each of ``degeneracies``, in the same order, ``cures`` holds the tests or calibrations that
-    would resolve it.
+    ``cures`` has one entry for each of ``degeneracies``, in the same order: the tests or
+    calibrations that would resolve the degeneracy.
     """
     items = []
     for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
@@ -768,11 +770,11 @@ def sum_in_words(parameter: VisibleParameter) -> str:
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
     """Return a string with the values of hyper-parameters, such as "sigma = 0.2 µm, decay = 0.5".
 
-    ``hyper_um`` holds the values: scales of the noise and of other effects [µm], and decay, a pure
-    number. The keys are the names of the hyper-parameters. Hyper-parameters whose names begin with
-    ``lambda_`` are left out. Each of them is a factor for one circle: its random shift and
-    unexplained deviations are larger by this factor than those of other circles. ``equals`` is the
-    string between a name and its value.
+    ``hyper_um`` is a mapping from the names of the hyper-parameters to their values. All values are
+    in µm, except the hyper-parameter ``decay``, which is a pure number. Hyper-parameters whose
+    names begin with ``lambda_`` are left out. Each of them is a factor for one circle: its random
+    shift and unexplained deviations are larger by this factor than those of other circles.
+    ``equals`` is the string between a name and its value.
     """
     sizes = []
     for name, value in hyper_um.items():
@@ -783,9 +785,10 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def origin_words(origin: str) -> str:
-    """Return a string on where the standard uncertainty of a source of variance comes from.
+    """Return a string that states where a source's standard uncertainty comes from.
 
-    ``origin`` is "measured here" (in this campaign), "stated" or "assumed".
+    A source is a source of variance in an uncertainty budget. ``origin`` is "measured here" (in
+    this campaign), "stated" or "assumed".
     """
     return str(_SENTENCES["origins"][origin])
 
@@ -801,12 +804,12 @@ def origins_in_words(entry: ParameterIdentifiability) -> str:
 
 
 def held_by_words(entry: ParameterIdentifiability) -> str:
-    """Return a string with the sources that cause most of a parameter's variance.
+    """Return a string that names the main source, or sources, of a parameter's variance.
 
-    In the example "mount 39 %, assumed", the mount causes 39 % of the variance, and the standard
-    uncertainty of its deflection is assumed. If the parameter is confounded, the string names the
-    effects with which it is confounded. Otherwise it names only the source with the largest share
-    of the variance.
+    For example, "mount 39 %, assumed" says that the mount causes 39 % of the variance, and that the
+    standard uncertainty of the mount's deflection is assumed. If the parameter is confounded, the
+    string names the effects with which the parameter is confounded. Otherwise the string names only
+    the source with the largest share of the variance.
     """
     origin = origin_words(entry.held_by.origin)
     if str(entry.verdict) == "confounded":
@@ -1383,8 +1386,8 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 def population_doubts(doubts: Any) -> tuple[str, ...]:
     """Return sentences on the limitations of the results for a population of machines.
 
-    ``doubts`` is the result for the population, and contains a list of the limitations. These
-    limitations matter most if the population serves as a prior for another machine.
+    ``doubts`` is the result for the population; one of its attributes lists the limitations. They
+    matter most if the population serves as a prior for another machine.
     """
     return _sentences("population_doubts", doubts)
 
@@ -1403,12 +1406,11 @@ def annex_words(degree: int, averaged: bool) -> str:
 
 
 def averaged_over(probabilities: Mapping[str, float]) -> str:
-    """Return a heading that names the models and alternative explanations averaged over.
+    """Return a heading that names the models and explanations over which results are averaged.
 
     An alternative explanation is an effect other than compliance, such as a nonlinear mount, that
-    may explain why the readings change with force. ``probabilities`` holds the probabilities of the
-    averaged models and of the alternative explanations. The keys are the names of models and
-    explanations.
+    may explain why the readings change with force. ``probabilities`` is a mapping from the names of
+    the models and alternative explanations to their probabilities.
     """
     degrees = [name for name in probabilities if name in DEGREE_NAMES]
     rivals = [name for name in probabilities if name not in DEGREE_NAMES]

@@ -29,7 +29,7 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-# Largest number of readings, added up over all tests, that a figure of polar traces shows as dots.
+# Largest number of dots in a figure of polar traces. Each dot is a reading of one of the tests.
 _MOST_DOTS = 2400
 # A figure of polar traces has 95 % bands only if it has at most this many tests. More bands would
 # overlap too much.
@@ -47,10 +47,10 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 class _TraceData:
     """Readings, predictions and radial scale for a figure of polar traces.
 
-    ``bound`` is the model applied to the campaign. ``beta``, shape (draws, p), holds random draws
-    of the p parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
-    hyper-parameters, such as the standard deviation of the noise. ``words`` holds the texts of the
-    figure; the keys are the names of the texts.
+    ``bound`` is the model applied to the campaign. ``beta`` holds random draws from the posterior
+    of the p parameters, shape (draws, p). ``phi`` holds random draws from the posterior of the h
+    hyper-parameters, such as the standard deviation of the noise, shape (draws, h). ``words`` is a
+    mapping from the names of the figure's texts to the texts.
     """
 
     bound: BoundModel
@@ -85,7 +85,7 @@ class _TraceData:
 
     @property
     def span(self) -> float:
-        """Range of the readings of all tests, but at least 0.001 µm [µm]."""
+        """Range of the readings of all tests [µm], or 0.001 µm if the range is smaller."""
         return max(self.high - self.low, 1e-3)
 
     @property

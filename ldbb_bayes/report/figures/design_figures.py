@@ -28,8 +28,8 @@ _LONGEST_BAR = 0.72
 class _PlanBars(NamedTuple):
     """Bars of one plan of tests in the figure of expected uncertainties.
 
-    ``sd`` holds the expected standard deviation of each parameter, in internal units (mm, N, rad).
-    The keys are the names of the parameters.
+    ``sd`` is a mapping from the names of the parameters to their expected standard deviations, in
+    internal units (mm, N, rad).
     """
 
     name: str
@@ -108,8 +108,8 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
 def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
     """Return the groups of bars in the bar chart, one group for each plan of tests.
 
-    ``today`` holds the present standard deviations of the parameters; its keys are their names. The
-    first group shows the present standard deviations, unless ``today`` is empty. The last group
+    ``today`` is a mapping from the names of the parameters to their present standard deviations.
+    The first group shows the present standard deviations, unless ``today`` is empty. The last group
     shows the standard deviations after very many repetitions of the recommended tests.
     """
     plans = []
@@ -132,7 +132,7 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _expected_in_figure(design: Design) -> dict[str, Any]:
-    """Return the expected uncertainty of every parameter that the figure shows.
+    """Return a dict with the expected uncertainty of every parameter that the figure shows.
 
     The keys are the names of the parameters. Slopes (coefficients of the change of compliance with
     force) are left out, unless the design was made for slopes alone.
@@ -149,9 +149,9 @@ def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array
     """Return the standard uncertainties expected after each plan of tests.
 
     The returned array has the shape (plans, parameters). The uncertainties are in the units that
-    the figure shows, such as nm/N. ``expected_by_name`` holds the expected uncertainty of each
-    parameter that is drawn, with the parameter's internal unit. The keys are the names of the
-    parameters.
+    the figure shows, such as nm/N. ``expected_by_name`` has an entry for each parameter that is
+    drawn. The key is the name of the parameter; the value holds the expected uncertainty and the
+    parameter's internal unit.
     """
     factors = [display_unit(expected.unit)[0] for expected in expected_by_name.values()]
     rows = []

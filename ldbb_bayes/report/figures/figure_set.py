@@ -22,7 +22,7 @@ from ldbb_bayes.report.figures.style import save_figure
 
 __all__ = ["FIGURES", "save_figures"]
 
-#: Functions that draw the figures of a posterior. The keys are the names of the figures.
+#: Mapping from the names of the figures of a posterior to the functions that draw them.
 FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
     {
         "traces": traces,

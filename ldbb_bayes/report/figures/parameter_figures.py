@@ -30,8 +30,7 @@ from ldbb_bayes.units import display_name, display_unit, inside_name, is_slope, 
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
-#: English texts in the figures on the sheets of the test certificate; the keys are the names of
-#: the texts.
+#: Mapping from the names of the texts in the figures of the test certificate to the English texts.
 WORDS: Mapping[str, str] = MappingProxyType(
     tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
 )
@@ -113,10 +112,11 @@ def forest(posterior: xr.DataTree) -> Figure:
 
 
 def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_FigureRow]]:
-    """Return the rows of every panel of the figure of credible intervals.
+    """Return a dict with the rows of each panel of the figure of credible intervals.
 
-    The keys are the labels of the panels' axes. Panels with compliances come first, then panels
-    with changes of compliances with force, then panels with geometric errors.
+    The keys are the labels of the panels' axes, and each value is a list of rows. Panels with
+    compliances come first, then panels with changes of compliances with force, then panels with
+    geometric errors.
     """
     compliances: dict[str, list[_FigureRow]] = {}
     geometry: dict[str, list[_FigureRow]] = {}

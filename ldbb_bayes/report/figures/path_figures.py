@@ -231,13 +231,13 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
 def _paths(
     posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, sources: Sequence[str]
 ) -> Mapping[str, Array]:
-    """Return the contributions of several sources to the tool path on a circle [µm].
+    """Return a mapping with the contributions of several sources to a circular tool path [µm].
 
     The circle is the first circle in the plane ``plane``, run with the force ``force_N`` [N].
-    ``sources`` are names of parameters or of groups of parameters. They are the keys of the result.
-    Each array has the shape (draws, 360): one row for each random draw from the posterior, and one
-    column for each of the angles 0° … 359°. The random draws are those that `decompose_deviation`
-    uses. ``bound`` is the model applied to the campaign.
+    ``sources`` are names of parameters or of groups of parameters; they are the keys of the
+    mapping. Each value is an array of the shape (draws, 360). It has one row for each random draw
+    from the posterior, and one column for each of the angles 0° … 359°. The random draws are those
+    that `decompose_deviation` uses. ``bound`` is the model applied to the campaign.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)

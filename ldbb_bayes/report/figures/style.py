@@ -1,4 +1,4 @@
-"""Common style of all figures, and functions that draw elements of several figures.
+"""Common style of all figures, and functions that draw elements which several figures share.
 
 Colour-blind readers can distinguish the colours, and every axis states its unit. The functions do
 not use Matplotlib's interface pyplot.
@@ -38,7 +38,8 @@ GREY = "#8C8C8C"
 FAINT = "#B8B8B8"
 LIGHT = "#D9D9D9"
 # Colours of the model terms (sources of uncertainty), which are the same in all figures. The keys
-# are the class names of the terms. Terms that a user defines get colours from ``_SPARE``.
+# are the class names of the terms. The colours of terms that a user defines are taken from
+# ``_SPARE``.
 _TERM_COLOURS = {
     "BallForm": PALETTE[1],
     "BarLength": PALETTE[3],
@@ -53,8 +54,8 @@ _TERM_COLOURS = {
     "Parameters": LIGHT,
 }
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
-# Metadata for Matplotlib that leave the date out of a file. The keys are file formats; PNG files
-# have no date.
+# Metadata with which Matplotlib writes no date into a file. The keys are file formats. PNG is not
+# among them, because PNG files have no date.
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 _STYLE = mpl.rc_params_from_file(
     Path(__file__).with_name("figures.mplstyle"), use_default_template=False
