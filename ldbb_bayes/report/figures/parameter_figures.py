@@ -30,7 +30,7 @@ from ldbb_bayes.units import display_name, display_unit, inside_name, is_slope, 
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
-#: Mapping from the names of the texts in the figures of the test certificate to the English texts.
+#: English texts in the figures of the test certificate. The keys are the names of the texts.
 WORDS: Mapping[str, str] = MappingProxyType(
     tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
 )
