@@ -41,9 +41,9 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
-# Number of random draws for each value of the hyper-parameters when the circle of a test is
-# predicted from the other tests. A draw consists of the parameters and of the nuisances (effects
-# that are modelled but not of interest) that are common to several tests.
+# The circle of a test may be predicted from the other tests. This is the number of random draws
+# that are then made for each value of the hyper-parameters. A draw consists of the parameters and
+# of the nuisances (effects modelled but not of interest) that are common to several tests.
 _DRAWS_PER_NODE = 8
 
 
@@ -57,13 +57,13 @@ def predict(
     The circles are predicted for the bar, balls, mount and force device of the posterior's
     campaign. The effects of the machine and of shared nuisances (effects that are modelled but not
     of interest, such as ball form) are drawn from the posterior. Effects that differ between
-    circles are drawn at random for each new circle: set-up shift (of zero and centre), discrepancy
-    (unexplained deviations of a circle), random force error and white noise. The scatter of set-up
-    shift and discrepancy is learnt from the measured circles. Effects that do not occur in the
-    measured circles, such as the length of the bar at another radius, are drawn from their prior.
-    If the times of the tests are not stated, the new circles are predicted as if they were run
-    after the measured circles. To predict a circle that is run between measured circles, state
-    ``time_s`` of all tests.
+    circles are drawn at random for each new circle. These are the set-up shift (a shift of zero and
+    centre), the discrepancy (the unexplained deviations of a circle), the random force error and
+    the white noise. The scatter of set-up shift and discrepancy is learnt from the measured
+    circles. Effects that do not occur in the measured circles, such as the length of the bar at
+    another radius, are drawn from their prior. If the times of the tests are not stated, the new
+    circles are predicted as if they were run after the measured circles. To predict a circle that
+    is run between measured circles, state ``time_s`` of all tests.
 
     Parameters
     ----------
@@ -175,14 +175,15 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Return random circles of planned tests: effects of the machine and of shared nuisances [mm].
+    """Return random circles of planned tests, without noise [mm].
 
-    Shared nuisances are effects that are modelled but not of interest and that are common to
-    several tests. The result holds the Fourier coefficients of the circles (orders 0 to 12), shape
-    (draws, tests, 25). Nuisances that also occur in the measured tests are drawn from their
-    posterior, all other nuisances from their prior. ``measured`` and ``planned`` are the model
-    applied to the measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the
-    h hyper-parameters; ``beta``, shape (draws, p), holds posterior draws of the p parameters.
+    A circle is the sum of the effects of the machine and of shared nuisances. Shared nuisances are
+    effects that are modelled but not of interest and that are common to several tests. Nuisances
+    that also occur in the measured tests are drawn from their posterior, all other nuisances from
+    their prior. The result holds the Fourier coefficients of the circles (orders 0 to 12), shape
+    (draws, tests, 25). ``measured`` and ``planned`` are the model applied to the measured and to
+    the planned tests. ``phi``, shape (draws, h), holds draws of the h hyper-parameters; ``beta``,
+    shape (draws, p), holds posterior draws of the p parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []

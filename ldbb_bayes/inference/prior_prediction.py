@@ -25,10 +25,10 @@ def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Ite
 
     Nuisances are effects that are modelled but not of interest. A test has n readings. Each of
     ``size`` draws from the prior of parameters, hyper-parameters and nuisances gives one circle,
-    with white noise. If the model excludes negative compliances, the draws contain none. Some prior
-    standard deviations are proportional to an estimate Ĉ of the compliances, which is computed from
-    the measured readings. Otherwise the measured readings are not used. ``bound`` is the model of
-    the campaign; its prior must not be flat.
+    with white noise. If the model excludes negative compliances, the draws contain none. The
+    measured readings are used only to estimate the compliances, because some prior standard
+    deviations are proportional to these estimates. ``bound`` is the model of the campaign; its
+    prior must not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))

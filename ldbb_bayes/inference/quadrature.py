@@ -48,8 +48,8 @@ def integrate(
         Function that returns ln f, shape (n,), at n points in h dimensions, shape (n, h).
     modes : sequence of pairs
         One pair for each mode (maximum) of f, the highest mode first. A pair holds the mode, shape
-        (h,), and a square root, shape (h, h), of the covariance matrix there: the inverse of the
-        negative Hessian of ln f.
+        (h,), and a square root of the covariance matrix there, shape (h, h). The covariance matrix
+        is the inverse of the negative Hessian of ln f.
     tolerance : float
         Error allowed in ln ∫ f [nat].
     step : float, optional

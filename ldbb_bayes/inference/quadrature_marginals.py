@@ -39,7 +39,7 @@ def marginalize(
     tolerance: float = 1e-3,
     seed: int = 1,
 ) -> pd.DataFrame:
-    """Return posterior means, sd and quantiles of every parameter by quadrature.
+    """Return the posterior mean, sd and quantiles of every parameter, computed by quadrature.
 
     The integral over the hyper-parameters (such as the standard deviation of the noise) is a sum
     over weighted nodes. No Markov chain is needed, because the parameters are Gaussian given the

@@ -31,7 +31,7 @@ __all__ = ["densities_of", "groups_of", "prior_draws_of", "record_from"]
 
 
 def densities_of(draws: ModelDraws) -> dict[str, Array]:
-    """Return log posterior and log prior densities of n posterior draws, each of shape (n,).
+    """Return log posterior and log prior densities of n posterior draws, in a dict of arrays (n,).
 
     The entry ``lp`` is the logarithm of the posterior density in the coordinates of the sampler
     (see `JointDensity`); the density is not divided by the evidence. The entry ``parameters`` is
@@ -54,8 +54,8 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
 
     Parameters are compliances, their changes with force, and geometric errors; hyper-parameters are
     quantities such as the standard deviation of the noise. The arrays have the shapes (size, p) and
-    (size, h). If the model excludes negative compliances, the draws contain none. A flat prior of
-    the parameters cannot be drawn from; the array of the parameters then has the shape (0, 0).
+    (size, h). If the model excludes negative compliances, the draws contain none. If the prior of
+    the parameters is flat, no parameters can be drawn, and their array has the shape (0, 0).
     ``rng`` generates the random numbers. ``bound`` is the model of the campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
@@ -128,11 +128,12 @@ def _draws_by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Arra
 def record_from(
     bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: int, started: datetime
 ) -> dict[str, Any]:
-    """Return the record that the group ``provenance`` of a posterior keeps as JSON text.
+    """Return a record of how a posterior was made.
 
-    The record states the campaign, the model, how the sampler ran, the quality of the fit, the
-    versions of the software, the seed of the random numbers, and the time ``started`` at which
-    sampling began. ``bound`` is the model of the campaign.
+    The group ``provenance`` of the posterior keeps the record as JSON text. The record states the
+    campaign, the model, how the sampler ran, the quality of the fit, the versions of the software,
+    the seed of the random numbers, and the time ``started`` at which sampling began. ``bound`` is
+    the model of the campaign.
     """
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {

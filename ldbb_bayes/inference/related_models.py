@@ -21,8 +21,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels", "log_values"]
 
-# Error allowed in the log probability that no compliance is negative [nat]: ``_SHARE_OF_TOLERANCE``
-# times the tolerance of the log evidence, but at least ``_FINEST_TOLERANCE``.
+# The log probability that no compliance is negative may have an error of ``_SHARE_OF_TOLERANCE``
+# times the tolerance of the log evidence, but the permitted error is at least ``_FINEST_TOLERANCE``
+# [nat].
 _SHARE_OF_TOLERANCE = 0.25
 _FINEST_TOLERANCE = 1e-3
 
@@ -78,10 +79,11 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
-        """Return the nodes of one model, with new weights for the posterior of another model.
+        """Return the nodes of the given model, with new weights for the posterior of another model.
 
         Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
-        the hyper-parameters under the other model. This density is evaluated at all nodes.
+        the hyper-parameters under the other model. It is evaluated at every node; the new weights
+        are computed from its values.
         """
         plain = replace(
             self._integral,

@@ -90,10 +90,11 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 
 
 def _fitness_percent(rmse_um: float, span_mm: float) -> float:
-    """Return the fitness of a test [%]; NaN if all readings of the test are equal.
+    """Return the fitness of a test [%], or NaN if all readings of the test are equal.
 
-    The fitness (Eq. 35 of the article on the model) is 100 % minus the root-mean-square residual
-    ``rmse_um`` in per cent of ``span_mm``, the largest minus the smallest reading.
+    The fitness (Eq. 35 of the article on the model) is 100 % minus ``rmse_um`` in per cent of
+    ``span_mm``. ``rmse_um`` is the root-mean-square residual [µm], and ``span_mm`` is the largest
+    reading minus the smallest reading [mm].
     """
     if span_mm <= 0:
         return float("nan")
@@ -101,11 +102,10 @@ def _fitness_percent(rmse_um: float, span_mm: float) -> float:
 
 
 def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Return one array for every test: readings minus predicted readings, shape (n,) [mm].
+    """Return the readings minus the predicted readings [mm], one array (n,) for every test.
 
     A test has n readings. ``predicted``, shape (tests, 25), holds the Fourier coefficients of the
-    orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the model of
-    the campaign.
+    orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the model of the campaign.
     """
     return [
         test.readings_mm() - basis(test.angles_rad()) @ coefficients
@@ -114,12 +114,11 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Return one array for every test: its reduced readings minus the prediction, shape (m,) [mm].
+    """Return the reduced readings minus their predictions [mm], one array (m,) for every test.
 
     The readings of a test are reduced to m ≤ 25 numbers that contain all information about its
     Fourier coefficients of the orders 0 to 12. ``predicted``, shape (tests, 25), holds the
-    coefficients that are predicted for each test [mm]. ``bound`` is the model of
-    the campaign.
+    coefficients that are predicted for each test [mm]. ``bound`` is the model of the campaign.
     """
     return [
         np.asarray(reduced.reading_mm) - reduced.factor @ coefficients

@@ -1,4 +1,4 @@
-"""Sampling of the posterior of a model and a campaign, by emcee or by independent draws.
+"""Draws from the posterior of a model applied to a campaign, made by emcee or independently.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, such as the standard deviation of the noise. ESS is the effective sample size.
@@ -66,7 +66,7 @@ _LENGTHS_WHEN_THINNED = 2.0
 
 
 class SampledDraws(NamedTuple):
-    """Statistics of a run of a sampler, and its draws of parameters and hyper-parameters."""
+    """Posterior draws of parameters and hyper-parameters, and statistics of the sampler's run."""
 
     run: EnsembleRun
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
@@ -78,7 +78,7 @@ class SampledDraws(NamedTuple):
 
 
 class IndependentDraws(NamedTuple):
-    """Posterior draws of parameters and hyper-parameters that are independent, or nearly so."""
+    """Independent or nearly independent posterior draws of parameters and hyper-parameters."""
 
     #: posterior draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (size, p)
@@ -214,10 +214,10 @@ class FittedModel(NamedTuple):
     #: model of the campaign, with the posterior draws of its parameters and hyper-parameters; the
     #: draws of all chains are joined
     draws: ModelDraws
-    #: draws, log densities and data of a posterior; the first key is the name of a group of arrays,
-    #: the second key the name of the array
+    #: draws, log densities and data of a posterior, in a dict of groups; each group is a dict of
+    #: arrays. The keys are the names of the groups and of the arrays
     groups: Mapping[str, Mapping[str, Array]]
-    fit: Fit  #: how well the model fits the readings, with warnings
+    fit: Fit  #: how well the model fits the readings, and warnings for the user
     #: how the sampler ran, for example its number of draws; stored as the entry ``sampler`` of the
     #: posterior's record
     sampler: Mapping[str, Any]
@@ -248,7 +248,7 @@ def fit_model(
     inside : HyperPosterior
         Posterior density of the hyper-parameters (such as the standard deviation of the noise)
         under the condition that no compliance is negative. If the model allows negative
-        compliances, the draws come from the density without this condition.
+        compliances, the density without this condition is used instead (``inside.plain``).
     sampler : {"joint", "independent"}
         Name of the sampler.
     seed : int
@@ -304,11 +304,11 @@ def run_sampler(
 ) -> SampledDraws:
     """Return posterior draws of parameters and hyper-parameters, drawn by the named sampler.
 
-    ``run`` of the result describes the run of the sampler; ``converged`` of ``run`` states whether
-    the draws meet the stopping rule. If ``converged`` is false, the sampler gave up. If ``sampler``
-    is "independent" but the importance weights cannot be trusted, emcee samples parameters and
-    hyper-parameters jointly instead. For independent draws, ``steps`` of ``run`` is the number of
-    draws of one chain, ``walkers`` is 1, and ``acceptance`` is the share of proposals accepted.
+    If ``sampler`` is "independent" but the importance weights cannot be trusted, emcee samples
+    parameters and hyper-parameters jointly instead. The field ``run`` of the result describes the
+    run of the sampler. ``run.converged`` states whether the draws meet the stopping rule; if they
+    do not, the sampler gave up. For independent draws, ``run.steps`` is the number of draws of one
+    chain, ``run.walkers`` is 1, and ``run.acceptance`` is the share of proposals accepted.
 
     Parameters
     ----------
@@ -324,7 +324,8 @@ def run_sampler(
     progress
         Function called with a `Progress` each time that convergence is assessed.
     **ensembles
-        Numbers of ``ensembles`` and of ``walkers`` of emcee; not used for independent draws.
+        ``ensembles`` and ``walkers``: number of ensembles that emcee runs, and number of walkers of
+        each ensemble. Both are not used for independent draws.
 
     Returns
     -------
@@ -335,8 +336,8 @@ def run_sampler(
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
         except TooRoughError:
-            # The proposal density differs too much from the posterior for rejection sampling.
-            # Parameters and hyper-parameters are drawn by emcee instead.
+            # Rejection sampling failed, because its proposal density differs too much from the
+            # posterior. Parameters and hyper-parameters are drawn by emcee instead.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 
@@ -351,9 +352,9 @@ def _sample_independently(
     """Return independent posterior draws; their number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
-    The stopping rule ``rule`` demands an effective sample size and an R-hat. A chain never has more
-    draws than ``max_steps`` of ``rule``, whether or not the rule is met. ``seed`` is the seed of
-    the random numbers; ``progress`` is called at every assessment.
+    The stopping rule ``rule`` sets a minimum for the effective sample size and a maximum for R-hat.
+    A chain never has more draws than ``max_steps`` of ``rule``, whether or not the rule is met.
+    ``seed`` is the seed of the random numbers; ``progress`` is called whenever the rule is checked.
     """
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))

@@ -25,15 +25,17 @@ __all__ = ["SharedDraws", "draw_with_shared"]
 # Gaussian density, at most this number of times. If a compliance is still negative, the parameters
 # are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
-# The parameters may be drawn from a density that is shifted towards compliances that are not
-# negative. If such a draw is rejected, a new draw is made, until this number of draws is reached.
+# A draw of the parameters with a negative compliance may be replaced by a draw from a density that
+# is shifted towards compliances that are not negative. If the sampler rejects the new draw, it
+# makes another one. This is the largest number of such attempts.
 _REPEATS = 20
 
 
 class SharedDraws(NamedTuple):
-    """Random draws of hyper-parameters, parameters and nuisances that several tests share.
+    """Random draws of the hyper-parameters, the parameters and the shared nuisances.
 
-    Nuisances are effects that are modelled but not of interest.
+    Shared nuisances are effects that are modelled but not of interest and that are common to
+    several tests.
     """
 
     #: n random draws of the h hyper-parameters (such as the standard deviation of the noise), shape
@@ -42,8 +44,7 @@ class SharedDraws(NamedTuple):
     #: n random draws of the p parameters (compliances, their changes with force, geometric errors)
     #: in mm, N and rad, shape (n, p)
     beta: Array
-    #: n random draws of the q coefficients of nuisances (effects that are modelled but not of
-    #: interest) that tests share, shape (n, q)
+    #: n random draws of the q shared nuisance coefficients, shape (n, q)
     shared: Array
 
 

@@ -111,10 +111,11 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
-    """Return ``table``, which then prints changes of compliances instead of coefficients.
+    """Return ``table`` with changes of compliances instead of coefficients when it is printed.
 
-    A change is the change of a compliance C(F) from the smallest force tested to the largest. The
-    coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on F. ``prob``
+    A change is the difference of a compliance C(F) between the smallest and the largest force
+    tested. The coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on
+    F. ``prob``
     is the probability of the credible interval of each change, and ``posterior`` the posterior that
     the table summarizes.
     """
@@ -185,12 +186,13 @@ def _json_entry(draws: Array, unit: str, prior_sd: float | None, prob: float) ->
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
-    """Return prior standard deviations and prior means; the keys are the names of the parameters.
+    """Return two dicts: the prior standard deviations and the prior means.
 
-    There is a standard deviation for every parameter and hyper-parameter. For compliances, it is
-    the standard deviation before truncation (the condition that no compliance is negative). For a
-    parameter with a flat prior, the standard deviation is None. There are means only for parameters
-    with a proper prior, not for hyper-parameters. Units are mm, N and rad.
+    The keys of both are names of parameters. The first dict has a standard deviation for every
+    parameter and hyper-parameter. For compliances, it is the standard deviation before truncation
+    (the condition that no compliance is negative). For a parameter with a flat prior, it is None.
+    The second dict has means only for parameters with a proper prior, not for hyper-parameters.
+    Units are mm, N and rad.
     """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]

@@ -54,7 +54,7 @@ class Axes(NamedTuple):
     rotation: str  #: rotation about the normal of the circle's plane, such as C for XY
 
 
-# Planes in which circular tests are possible, each with its two linear axes and its rotation.
+# Planes in which circular tests are possible, with the names of their axes and of their rotation.
 PLANES: Mapping[str, Axes] = {
     "XY": Axes("X", "Y", "C"),
     "YZ": Axes("Y", "Z", "A"),
@@ -110,16 +110,16 @@ class Circle(Shown):
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint of a linear axis: name of the axis, what it carries, and position of the joint's frame.
+    """Joint of a linear axis, with the position of the joint's frame.
 
     The frame is the coordinate system of the joint. The compliances and error motions of the joint
     refer to the origin of this frame.
     """
 
     axis: str  #: name of the linear axis to which the joint belongs: X, Y or Z
-    branch: Branch  #: whether the axis of the joint carries the ``tool`` or the ``workpiece``
-    #: position (X, Y, Z) of the joint's coordinate system (frame) with all axes at zero [mm],
-    #: measured from the centre of the tool ball with all axes at zero
+    branch: Branch  #: what the axis of the joint carries: ``tool`` or ``workpiece``
+    #: position (X, Y, Z) of the joint's coordinate system (frame), measured from the centre of the
+    #: tool ball [mm]; all machine axes are at zero
     frame_mm: Sequence[float]
 
     @property
@@ -169,13 +169,13 @@ class Machine(Shown):
     topology: str = "wCAFYXZSt"  #: letters of the machine axes, in order from workpiece to tool
     #: planes of the circular tests: one or more of XY, YZ and ZX
     planes: str | Sequence[str] = ("XY",)
-    #: position (X, Y, Z) of the coordinate system (frame) of each axis' joint [mm]; the keys are
-    #: the letters of the axes. All axes are at zero, and the origin is the centre of the tool ball.
-    #: The frame of a joint that is not listed here is at this origin, as in the paper.
+    #: dict of the positions (X, Y, Z) of the coordinate systems (frames) of joints [mm]; its keys
+    #: are the letters of the axes. Positions are measured from the centre of the tool ball, with
+    #: all axes at zero. The frame of a joint that is not listed is at this centre, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        """Check planes, topology and frames of joints; store planes and frames as tuples."""
+        """Check the fields, and store the planes and the positions of the frames as tuples."""
         planes = (self.planes,) if isinstance(self.planes, str) else tuple(self.planes)
         check_known("plane", planes, PLANES)
         object.__setattr__(self, "planes", tuple(plane for plane in PLANES if plane in planes))
@@ -259,8 +259,8 @@ class Machine(Shown):
         """Return the joint of the linear axis with the given name: X, Y or Z.
 
         In the topology, the axes that carry the workpiece come before the foundation F, and the
-        axes that carry the tool come after it. An axis without an entry in ``frames_mm`` has its
-        frame at the origin.
+        axes that carry the tool come after it. If ``frames_mm`` has no entry for the axis, the
+        frame of the joint is at the centre of the tool ball when all axes are at zero.
         """
         branch: Branch = "tool"
         if self.topology.index(axis) < self.topology.index("F"):

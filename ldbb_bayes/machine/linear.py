@@ -110,7 +110,7 @@ def compliance_jacobian(
 
     Returns
     -------
-    Jacobian, shape (n, number of compliances) [1, mm or mm²].
+    Matrix of shape (n, number of compliances). The unit of a column is 1, mm or mm².
     """
     direction = circle.direction(angle_rad)
     wrenches = {}
@@ -128,11 +128,11 @@ def compliance_jacobian(
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the change of the reading per unit of each geometric error.
 
-    The equations are Eq. 16-18 of the article on the model. The result has the shape (n, number of
-    geometric errors) [mm per unit of the error] for n angles, with one column for each name that
-    `geometric_names` returns. ``circle`` is the nominal circle of the test on ``machine``.
-    ``angle_rad``, shape (n,), holds the angles of the bar, measured from the first axis of the
-    plane [rad].
+    The equations are Eq. 16-18 of the article on the model. The result has one row for each of n
+    angles, and one column for each name that `geometric_names` returns. The readings are in mm, and
+    the units of the errors are made of mm and rad. ``circle`` is the nominal circle of the test on
+    ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar, measured from the first
+    axis of the plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
@@ -201,21 +201,21 @@ class Kept:
     names: tuple[ComplianceName, ...]
     #: for each compliance in ``names`` (those that circular tests can separate), the names of all
     #: compliances of its proportional set (Table 2 of the article on the model). The compliances of
-    #: a set change the readings in proportion to each other. The compliance from ``names`` comes
-    #: first.
+    #: a set change the readings in proportion to each other. The first name in each set is that of
+    #: the compliance in ``names``.
     sets: tuple[tuple[str, ...], ...]
-    #: weights of the compliances of each proportional set, that is, of compliances that change the
-    #: readings in proportion to each other. A weight is the effect of a compliance on the reading
-    #: divided by the effect of the set's first compliance; its unit is a power of mm.
+    #: for each set of ``sets``, the weights of its compliances, in the same order. A weight is the
+    #: effect of a compliance on the reading divided by the effect of the set's first compliance;
+    #: its unit is a power of mm.
     weights: tuple[tuple[float, ...], ...]
-    #: for each compliance in ``names`` (those that circular tests can separate), further
-    #: compliances that change its estimated value, with the weights by which they are multiplied.
-    #: The effect of such a further compliance on the readings is a linear combination of the
-    #: effects of several compliances in ``names``.
+    #: for each compliance in ``names`` (those that circular tests can separate), a dict of other
+    #: compliances that change its estimated value. The keys are these compliances, and the values
+    #: are the weights by which they are multiplied. The effect of such a compliance on the readings
+    #: is a linear combination of the effects of several compliances in ``names``.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
     #: for each compliance in ``names`` (those that circular tests can separate), whether the laws
-    #: of physics exclude negative values; they do so, for example, for a deflection in the
-    #: direction of the load that causes it
+    #: of physics exclude negative values. For example, they do if the compliance is a deflection in
+    #: the direction of the load that causes it
     not_negative: tuple[bool, ...]
     #: names of the compliances that never change a reading of a circular test
     null: tuple[str, ...]
@@ -280,8 +280,9 @@ class _Candidates:
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on ``circles``, with their effects.
 
-    The result has all planar compliances of the tested planes. Any other compliance of a joint of
-    ``machine`` is included only if it changes a reading on one of ``circles``.
+    A planar compliance relates a displacement or rotation in a tested plane to a force or moment in
+    the same plane. All planar compliances of ``machine`` are returned. Other compliances are
+    returned only if they change a reading on one of ``circles``.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)
@@ -455,12 +456,11 @@ class _TableOrder(NamedTuple):
     # number of rotary components of the compliance (its motion may be a rotation, and its load a
     # moment): 0, 1 or 2
     rotations: int
-    # position of the displacement or rotation i of C_ijk in the order of Table 1 of the article on
-    # the model
+    # position of the displacement or rotation i of C_ijk in the article's order (Table 1)
     twist: int
-    # position of the force or moment j of C_ijk in the order of Table 1 of the article on the model
+    # position of the force or moment j of C_ijk in the article's order (Table 1)
     wrench: int
-    # position of the joint k of C_ijk in the order of Table 1 of the article on the model
+    # position of the joint k of C_ijk in the article's order (Table 1)
     joint: int
 
 
@@ -538,8 +538,8 @@ def hybrid_jacobian(
     Returns
     -------
     pandas.DataFrame
-        Table of n rows and one column per parameter [mm per internal unit (mm, N, rad) of the
-        parameter].
+        Table of n rows and one column per parameter. The readings are in mm, and the units of the
+        parameters are made of mm, N and rad.
 
     Raises
     ------

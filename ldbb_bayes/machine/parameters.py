@@ -26,10 +26,11 @@ ComplianceKind = Literal[
     "direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"
 ]
 # Names of the six components of a twist (displacement and rotation) or of a wrench (force and
-# moment): X, Y, Z are the components along the axes, and A, B, C the components about the axes.
+# moment). X, Y and Z are displacements or forces along the axes; A, B and C are rotations or
+# moments about the axes.
 COMPONENTS = LINEAR + ROTARY
-# Power of the axis coordinate by which a geometric error is multiplied. The keys are the kinds of
-# geometric errors; for kinds that are not listed, the power is 0.
+# The effect of a geometric error is proportional to a power of the axis coordinate. The dict holds
+# the exponent for each kind of geometric error; for kinds that are not keys, it is 0.
 _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 

@@ -73,9 +73,8 @@ class _SortedColumns(NamedTuple):
     #: for each coefficient of the columns in ``shared``, the class name of the nuisance term to
     #: which it belongs
     owners: list[str]
-    #: columns (readings per unit coefficient) of nuisance terms (effects modelled but not of
-    #: interest) whose coefficients differ between tests; the effects of these terms are treated as
-    #: noise that is independent between tests
+    #: nuisance effects with coefficients that differ between tests; they are treated as noise that
+    #: is independent between tests
     noises: list[_Noise]
 
 

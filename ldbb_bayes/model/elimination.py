@@ -74,14 +74,14 @@ _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
-    """Entries of a matrix P that change when groups of its columns are eliminated (factorisation).
+    """Entries of a matrix P that change when groups of its columns are eliminated.
 
-    The elimination of a group changes P in m later columns, which are called the border of the
-    group and are numbered from 0. Let P_ij be the entry of P in row i and column j of the border; j
-    = m is the right-hand side. The change of P_ij is −Σ_k s_k L_ik L_jk, where k are the columns of
-    the group, L is the Cholesky factor, and s_k is the sign of the pivot of column k (+1 or −1). An
-    `Update` describes the entries P_ij for i from ``first`` to ``stop`` − 1 and j from ``first`` to
-    m.
+    The elimination of a group, as a step of the Cholesky factorisation, changes P in m later
+    columns. They are called the border of the group and are numbered from 0. Let P_ij be the entry
+    of P in row i and column j of the border; j = m is the right-hand side. The change of P_ij is
+    −Σ_k s_k L_ik L_jk, where k are the columns of the group, L is the Cholesky factor, and s_k is
+    the sign of the pivot of column k (+1 or −1). An `Update` describes the entries P_ij for i from
+    ``first`` to ``stop`` − 1 and j from ``first`` to m.
     """
 
     #: Groups of columns whose elimination an `Update` describes: a slice of the list of all groups
@@ -92,9 +92,9 @@ class Update(NamedTuple):
     #: the set of these m columns is called the border of the group. Several groups may have the
     #: same border; different borders share no column.
     borders: int
-    #: Smallest row index i of the entries P_ij that an `Update` describes. The m later columns that
-    #: change when a group of columns is eliminated are numbered from 0; i and j count these
-    #: columns.
+    #: Smallest row index i of the entries P_ij that an `Update` describes. When a group of columns
+    #: is eliminated, m later columns change. i and j are the numbers of these columns, counted
+    #: from 0.
     first: int
     #: Largest row index i of the entries P_ij that an `Update` describes, plus 1; i is counted as
     #: for ``first``.
@@ -361,7 +361,7 @@ class Elimination:
 
     @property
     def entries(self) -> int:
-        """Number of rows of the workspace, the array in which Cholesky factors are computed."""
+        """Number of rows of the workspace (the array in which Cholesky factors are computed)."""
         return self._plan.entries
 
     @property
@@ -521,8 +521,8 @@ class DesignRows:
         """Return the Cholesky elimination of all nuisance coefficients in an order that saves time.
 
         Nuisances are effects modelled but not of interest. Shared coefficients are the same in all
-        tests. ``last`` is the number of shared coefficients that are eliminated after all others,
-        in the order of their columns; they belong to the last shared columns.
+        tests. The last ``last`` shared coefficients are eliminated after all others, in the order
+        of their columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)

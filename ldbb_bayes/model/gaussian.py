@@ -240,7 +240,8 @@ class Gaussian(Shown):
         Parameters
         ----------
         triangle
-            Triangular factor R of the QR decomposition, shape (..., at least q, q + 1).
+            Triangular factor R of the QR decomposition, shape (..., rows, q + 1). It has at least q
+            rows.
         origin
             Values of the q coefficients, shape (..., q). The decomposition is computed for the
             deviations of the coefficients from these values, which reduces rounding errors.
@@ -337,7 +338,7 @@ class Gaussian(Shown):
         return self._factors.scale
 
     def spread(self, combinations: Array | None = None) -> Array:
-        """Return a square root X of the covariance of the q coefficients, X Xᵀ = covariance.
+        """Return a square root X of the covariance of the q coefficients, with X Xᵀ = covariance.
 
         Parameters
         ----------
@@ -349,7 +350,7 @@ class Gaussian(Shown):
 
         Returns
         -------
-        Square root X, shape (..., q, q); shape (..., m, q) for m linear combinations.
+        Square root X. Its shape is (..., q, q), or (..., m, q) for m linear combinations.
         """
         rows = np.eye(self.scale.shape[-1]) if combinations is None else combinations
         scaled = np.swapaxes(rows * self.scale[..., None, :], -1, -2)
@@ -397,7 +398,7 @@ class Gaussian(Shown):
         )
 
     def from_standard(self, z: Array) -> Array:
-        """Return coefficients mean + S L⁻ᵀ z from standard normal z, both of shape (..., q).
+        """Return the coefficients mean + S L⁻ᵀ z, shape (..., q), for standard normal values z.
 
         S⁻¹ L Lᵀ S⁻¹ is the precision matrix of the q coefficients, with S diagonal and L lower
         triangular.

@@ -26,8 +26,8 @@ from ldbb_bayes.results import Array
 __all__ = ["EntryBlock", "GramEntries"]
 
 # Gram entries (scalar products of columns of the design matrix) are computed in blocks. A block is
-# stored as a dense matrix if at least this fraction of its entries is not zero. According to
-# measurements, a dense product takes a third of the time of a sparse product for each entry.
+# stored as a dense matrix if at least this fraction of its entries is not zero. The reason is that,
+# in measurements, each entry took a third as long in a dense product as in a sparse product.
 _DENSE_SHARE = 0.35
 # A block of scalar products of columns is stored as a dense matrix only if each product with this
 # matrix uses at least this number of nonzero entries. With fewer entries, the function calls for
@@ -65,9 +65,9 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index, within each group, of the first column whose Gram entries (scalar products of columns
-    #: of the design matrix) are in ``products``. For all columns in ``products``, entries above the
-    #: row with this index are left out.
+    #: Index, counted within each group, of the first column in ``products``. Gram entries (scalar
+    #: products of columns of the design matrix) in rows above this index are left out of
+    #: ``products``.
     first: int
     #: For each group of columns of the design matrix, the indices of k kinds of rows, shape
     #: (groups, k). Rows of one kind have the same variance. The array ``products`` holds one sum of
@@ -162,11 +162,12 @@ def _sparse_gram(
     values: Array,
     kinds: NDArray[np.intp],
 ) -> csr_array:
-    """Return all Gram entries, shape (entries, kinds), for a design matrix and readings.
+    """Return all Gram entries of a design matrix and readings, shape (entries, kinds).
 
-    ``size`` is the number of entries; `GramEntries` explains ``place``, ``columns``, ``values`` and
-    ``kinds``. Each row of the design matrix contributes the products of all pairs of its nonzero
-    elements. The readings are treated as a last column of the matrix.
+    Gram entries are scalar products of columns of the design matrix over rows of one kind (rows
+    with the same variance). Each row contributes the products of all pairs of its nonzero elements.
+    The readings are treated as a last column of the matrix. ``size`` is the number of entries;
+    `GramEntries` explains ``place``, ``columns``, ``values`` and ``kinds``.
     """
     order = np.argsort(np.diagonal(place))
     table = np.column_stack([columns[:, order], values])
@@ -174,9 +175,9 @@ def _sparse_gram(
     row, column = np.nonzero(table)
     element = table[row, column]
     # ``table`` is the design matrix with the readings as last column. Its nonzero elements are
-    # listed row by row and numbered. Each element, except a reading, is multiplied by itself and by
-    # all later elements of its row. ``first`` and ``second`` are the numbers of the two elements of
-    # each product.
+    # numbered row by row. Each element, unless it is a reading, is multiplied by itself and by all
+    # later elements of its row. ``first`` and ``second`` hold the numbers of the first and of the
+    # second factor of every product.
     end_of_row = np.cumsum(np.bincount(row, minlength=len(table)))
     number = np.arange(len(row))
     products = np.where(column < len(order), end_of_row[row] - number, 0)
@@ -216,8 +217,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # For each group of columns, the arrays have space for the scalar products of ``most_kinds``
-    # kinds of rows (rows of one kind have the same variance). If a group has fewer kinds, the
+    # Rows of one kind have the same variance. The arrays ``group_kinds`` and ``rows`` have space
+    # for ``most_kinds`` kinds of rows in each group of columns. If a group has fewer kinds, the
     # remaining elements are zero.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1

@@ -226,7 +226,7 @@ class HybridModel(Result):
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
-        """Return the model with the same point estimate as in the article on the model (Eq. 31).
+        """Return the model that gives the point estimate of the article on the model (Eq. 31).
 
         The model has flat priors and no nuisances (effects modelled but not of interest), and its
         compliances may be negative. ``degree`` is the degree of the compliance as a polynomial in
@@ -290,11 +290,11 @@ class HybridModel(Result):
     ) -> HybridModel:
         """Return the same model with other priors of parameters and hyper-parameters.
 
-        A parameter of interest gets a mean and a sd; if it was fixed at zero, it is free again. The
-        mean of a slope (change of a compliance with force) must be 0. Each value is a string with a
-        unit, or a number. Numbers for parameters of interest are in internal units (mm, N, rad); a
-        number for a field of `Prior` is in the unit that the field's name states. Whether a
-        parameter exists is checked when the model is applied to a campaign.
+        For a parameter of interest, give the mean and the sd of its prior; if it was fixed at zero,
+        it is free again. The mean of a slope (change of a compliance with force) must be 0. Each
+        value is a string with a unit, or a number. Numbers for parameters of interest are in
+        internal units (mm, N, rad); a number for a field of `Prior` is in the unit that the field's
+        name states. Whether a parameter exists is checked when the model is applied to a campaign.
 
         Parameters
         ----------
@@ -427,7 +427,7 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd σ of white noise, then those that nuisances have.
+        """Hyper-parameters of the model: first the sd σ of white noise, then those of nuisances.
 
         Nuisances are effects modelled but not of interest. Most of their hyper-parameters are sds
         of effects. Some are numbers without unit, such as the exponent with which form errors
@@ -562,7 +562,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """
 
     def place(scale: Scale) -> int:
-        """Return the number by which the hyper-parameter ``scale`` is sorted."""
+        """Return the sort key of the hyper-parameter ``scale``: its place in the order."""
         if scale.name in _HYPER_ORDER:
             return _HYPER_ORDER.index(scale.name)
         return len(_HYPER_ORDER) + int(scale.law == "circle")
@@ -642,8 +642,8 @@ class Simulation(Result):
     #: true hyper-parameters (such as the standard deviation of the noise) of the simulation by
     #: name; lengths in µm
     hyper_um: dict[str, float]
-    #: unit of each compliance, slope (change of a compliance with force) and geometric error by
-    #: name, made of mm, N and rad
+    #: units, made of mm, N and rad, of all compliances, slopes (changes of compliances with force)
+    #: and geometric errors; the keys are the names of these parameters
     units: dict[str, str]
 
 
@@ -690,7 +690,7 @@ class BoundModel(Shown):
         whole campaign: the reference force F0, the force range, the region in which compliances are
         not negative, the estimate Ĉ of the compliances, and whether the form errors of the two
         balls are modelled as one sum or separately.
-    pilot : for a plan, a campaign from which F0, the force range and Ĉ are taken.
+    pilot : only for a plan: the campaign from which F0, the force range and Ĉ are taken.
 
     Attributes
     ----------
@@ -720,7 +720,7 @@ class BoundModel(Shown):
         keep_tests: Sequence[str] | None = None,
         pilot: Campaign | None = None,
     ) -> None:
-        """Apply a model to one campaign: compute readings per unit parameter, and priors.
+        """Apply a model to one campaign: compute effects of parameters on readings, and priors.
 
         ``model`` is the model for any campaign. ``keep_tests`` names the tests of ``campaign`` that
         are used; by default all are used. ``pilot`` is the campaign from which a plan takes the
@@ -783,9 +783,10 @@ class BoundModel(Shown):
         """Return ``setting`` with the names of the circles' noise factors λ added.
 
         ``setting`` describes the conditions of all tests. A noise factor λ is a hyper-parameter
-        that multiplies the noise of one circle. Circles have noise factors only if the model has
-        the term `CircleScale`, and the campaign has at least four tests. For a plan, it is also
-        sufficient that the campaign from which the plan was designed (its pilot) has four tests.
+        that multiplies the noise of one circle. Circles have noise factors only if two conditions
+        are met: the model has the term `CircleScale`, and the campaign has at least four tests. A
+        plan with fewer tests meets the second condition if the campaign from which it was designed
+        (its pilot) has at least four tests.
         """
         count = len(self.campaign.tests)
         if self.pilot is not None:
@@ -837,9 +838,9 @@ class BoundModel(Shown):
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from a pilot campaign.
 
-        The pilot is the campaign from which this plan was designed. Compliances that the model has
-        for the plan but not for the pilot get the values that are assumed if there are no readings.
-        Geometric errors that the model has for the plan but not for the pilot are zero.
+        The pilot is the campaign from which this plan was designed. The model may have parameters
+        for the plan that it does not have for the pilot. Such compliances have the values that are
+        assumed if there are no readings; such geometric errors are zero.
         """
         bound = BoundModel(self.model, pilot)
         of_pilot = bound.estimate
@@ -1023,10 +1024,9 @@ class BoundModel(Shown):
         """Return the density of the readings with the coefficients of ``columns`` integrated out.
 
         ``columns`` holds the columns and the noise of nuisance terms (effects modelled but not of
-        interest). ``interest``, shape (tests, 25, p), holds the effects of the p parameters for
-        whose values the density is computed; None if the density does not depend on parameters.
-        The readings that the least-squares estimate `centre` of the parameters predicts are
-        subtracted from the readings.
+        interest). If the density depends on the p parameters, ``interest``, shape (tests, 25, p),
+        holds the reading per unit of each of them; otherwise it is None. The readings that the
+        least-squares estimate `centre` of the parameters predicts are subtracted from the readings.
         """
         return StructuredGaussian(
             self.reduced,

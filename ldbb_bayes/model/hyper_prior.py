@@ -30,31 +30,31 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Lower bound of the exponent p, the decay: the prior sd of a form error with n waves around the
-# circle is proportional to n^(−p).
+# Lower bound of the decay p. The prior sd of a form error with n waves around the circle is
+# proportional to n^(−p).
 _LEAST_DECAY = 0.5
 
 
-# Upper bound of the exponent p, the decay: the prior sd of a form error with n waves around the
-# circle is proportional to n^(−p).
+# Upper bound of the decay p. The prior sd of a form error with n waves around the circle is
+# proportional to n^(−p).
 _MOST_DECAY = 3.5
 
 
-# Shape a of the inverse gamma prior of λ², InvGamma(a, b) with the rate b, where λ is the factor
-# that multiplies the noise of one circle.
+# λ is the factor that multiplies the noise of one circle. Its square has an inverse gamma prior
+# with the shape a and the rate b. This number is a.
 _SHAPE = 1.5
 
 
-# Rate b of the inverse gamma prior of λ², InvGamma(a, b) with the shape a, where λ is the factor
-# that multiplies the noise of one circle.
+# λ is the factor that multiplies the noise of one circle. Its square has an inverse gamma prior
+# with the shape a and the rate b. This number is b.
 _RATE = 1.5
 
 
-# Substitutes for hyper-parameters, used when a model takes the values of its hyper-parameters from
-# another model that lacks some of them. A model lacks the scale ω of the machine's pattern
-# (geometric and cyclic errors of higher orders) if no ball is clocked (turned in its socket between
-# tests) and no ball is certified. The pattern is then included in the form errors of the balls, so
-# that ω is replaced by their scale τ.
+# A model may take the values of its hyper-parameters from another model. If the other model lacks a
+# hyper-parameter that is a key of this dict, the value of its substitute is taken. A model lacks
+# the scale ω of the machine's pattern (geometric and cyclic errors of higher orders) if no ball is
+# clocked (turned in its socket between tests) and no ball is certified. The pattern is then
+# included in the form errors of the balls, so that their scale τ is the substitute for ω.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
@@ -117,12 +117,12 @@ class HyperPrior:
         """Return values of this model's hyper-parameters, taken from another model, shape (..., h).
 
         This model has h hyper-parameters. ``other`` is the prior of the other model, and ``phi``
-        holds values of the other model's hyper-parameters along its last dimension. Each
-        hyper-parameter gets the value of the hyper-parameter of the same name in ``other``. If
-        ``other`` lacks the scale ω of the machine's pattern (geometric and cyclic errors of higher
-        orders), ω is set to the scale τ of the balls' form errors, which include the pattern in
-        this case. All further hyper-parameters that ``other`` lacks are set to their prior medians.
-        Lengths are in mm.
+        holds values of the other model's hyper-parameters along its last dimension. Each of the h
+        hyper-parameters is set to the value of the hyper-parameter of the same name in ``other``.
+        If ``other`` lacks the scale ω of the machine's pattern (geometric and cyclic errors of
+        higher orders), ω is set to the scale τ of the balls' form errors, which include the pattern
+        in this case. All further hyper-parameters that ``other`` lacks are set to their prior
+        medians. Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
@@ -208,8 +208,8 @@ class HyperPrior:
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
-            # If the factor λ that multiplies the noise of a circle is very small, λ⁻² overflows.
-            # The prior density of such a λ is zero.
+            # The density contains λ⁻², where λ is the factor that multiplies the noise of a circle.
+            # If λ is so small that λ⁻² overflows, the density is set to zero.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)
@@ -302,7 +302,9 @@ class HyperPrior:
         return np.asarray(np.sqrt(_RATE / rng.standard_gamma(_SHAPE, size)))
 
     def quantile(self, level: Array) -> Array:
-        """Return the prior quantiles of the h hyper-parameters, shape (..., h), lengths in mm.
+        """Return the prior quantiles of the h hyper-parameters, shape (..., h).
+
+        Quantiles of lengths are in mm.
 
         Parameters
         ----------

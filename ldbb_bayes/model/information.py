@@ -63,13 +63,13 @@ class Information:
     #: errors) have flat priors.
     flat: bool
     #: Design matrix of each test, shape (k, m): the change of the test's k reduced readings per
-    #: unit of each of the model's m coefficients. Reduced readings are the at most 25 numbers that
+    #: unit of each of the model's m coefficients. Reduced readings are numbers, 25 at most, that
     #: replace the readings of a test.
     design: tuple[Array, ...]
-    #: Covariances of the k reduced readings of each test, for every independent source of noise:
-    #: one dict of arrays of shape (k, k) [mm²] for each test. Reduced readings are the at most 25
-    #: numbers that replace the readings of a test. The keys are the class names of the terms that
-    #: cause the noise; the white noise of the readings has the key ``NOISE``.
+    #: One dict for each test. It holds, for every independent source of noise, the covariance of
+    #: the test's k reduced readings (at most 25 numbers that replace its readings), shape (k, k)
+    #: [mm²]. The keys are the class names of the terms that cause the noise; the white noise of the
+    #: readings has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -231,9 +231,10 @@ class Information:
 
     @cached_property
     def _noise_names(self) -> frozenset[str]:
-        """Class names of nuisance terms that act as noise, and ``NOISE`` for white noise.
+        """Names of all sources of noise.
 
-        Nuisances are effects that are modelled but not of interest.
+        They are ``NOISE`` for white noise, and the class names of the nuisance terms that act as
+        noise. Nuisances are effects that are modelled but not of interest.
         """
         return frozenset(name for sources in self.noise for name in sources)
 
@@ -432,8 +433,9 @@ class Information:
 
     @cached_property
     def _all_rows(self) -> Array:
-        """Design matrix of m coefficients for k readings scaled to unit noise, shape (k, m).
+        """Design matrix of all m coefficients, scaled to noise of unit variance, shape (k, m).
 
-        Every source of noise in the model is included in the noise.
+        The matrix has one row for each of k reduced readings. The noise is the sum of all sources
+        of noise in the model.
         """
         return self.rows()

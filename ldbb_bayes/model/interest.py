@@ -94,7 +94,7 @@ class ParametersOfInterest:
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """Names of the compliances that circles can separate, without their changes with force."""
+        """Names of the compliances that circles can separate; names of slopes are not included."""
         return self.visible.names
 
     def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:
@@ -176,14 +176,14 @@ class ParametersOfInterest:
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return prior sds or magnitudes of compliances, enlarged for compliances left out.
+        """Return prior sds or typical magnitudes of the model's compliances, shape (compliances,).
 
         ``size_of`` is a function that returns the prior sds, or the typical magnitudes, for given
-        names of compliances. Estimates of compliances in the model also include parts of
-        compliances that are left out of it (`Kept.absorbed`). The prior sd or magnitude of a
-        compliance that is left out is therefore multiplied by a weight and added in quadrature. The
-        result has the shape (compliances,). If several such compliances change the readings in
-        proportion to each other, only one of them is added.
+        names of compliances. Some compliances are left out of the model, and the estimates of the
+        model's compliances include parts of them (`Kept.absorbed`). The prior sd or magnitude of
+        each compliance left out is therefore multiplied by a weight and added in quadrature. If
+        several compliances left out change the readings in proportion to each other, only one of
+        them is added.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -197,10 +197,10 @@ class ParametersOfInterest:
 def interest_columns(setting: Setting, degree: int) -> Array:
     """Return the reading per unit of all parameters of interest, shape (tests, 25, parameters).
 
-    The reading is described by 25 Fourier coefficients. The reading per unit is F (F − F0)^k j_C
-    for a compliance (k = 0) and for its slope of degree k (change with force); it is j_G for a
-    geometric error. F is the force, F0 the reference force, j_C the reading per unit force and
-    compliance, and j_G the reading per unit geometric error. ``setting`` describes the test
+    The reading is described by 25 Fourier coefficients. The reading per unit of a compliance is F
+    j_C. The reading per unit of its slope of degree k (change with force) is F (F − F0)^k j_C. The
+    reading per unit of a geometric error is j_G. F is the force, F0 the reference force, and j_C
+    the reading per unit force and per unit of the compliance. ``setting`` describes the test
     conditions, and ``degree`` is the degree of the compliance as a polynomial in force.
     """
     lever = setting.force_N - setting.reference_force_N

@@ -56,10 +56,11 @@ _LEAST_VARIANCE = 1e-60
 
 
 class _InterestRows(NamedTuple):
-    """The k rows of the observation equations z − H β = A x + noise that depend on β.
+    """The k observation equations that contain the parameters of interest β.
 
-    Nuisances are effects that are modelled but not of interest. z are the readings, β the p
-    parameters of interest, and x the coefficients of nuisances.
+    All observation equations together are z − H β = A x + noise. z are the readings, β the p
+    parameters of interest, and x the coefficients of nuisances (effects that are modelled but not
+    of interest).
     """
 
     #: Transpose of the design matrix A of the nuisance coefficients (of effects modelled but not of
@@ -74,10 +75,11 @@ class _InterestRows(NamedTuple):
 
 
 class _Batch(NamedTuple):
-    """Quantities for w values of the hyper-parameters φ that are processed together.
+    """Quantities computed for a batch of w values of the hyper-parameters φ.
 
-    w is a multiple of eight; if necessary, the last value of φ is repeated. The library for matrix
-    products (BLAS) then rounds in the same way, whatever w is.
+    All values of a batch are processed together. w is a multiple of eight; if necessary, the last
+    value of φ is repeated. The library for matrix products (BLAS) then rounds in the same way,
+    whatever w is.
     """
 
     #: Indices of the w values of the hyper-parameters in the array that the caller gave, shape
@@ -134,7 +136,8 @@ class StructuredGaussian:
         Names of the h hyper-parameters φ, in the order in which arrays hold their values.
     interest
         Reading per unit of each of the p parameters β, as 25 Fourier coefficients, shape
-        (tests, 25, p). The methods then need values of β. By default there are no such parameters.
+        (tests, 25, p). If it is given, the methods need values of β. By default the readings do not
+        depend on parameters β.
     """
 
     def __init__(
@@ -146,7 +149,7 @@ class StructuredGaussian:
         hypers: Sequence[Hyper],
         interest: Array | None = None,
     ) -> None:
-        """Set up the observation equations and compute what does not depend on hyper-parameters.
+        """Set up the observation equations, and all quantities that hyper-parameters do not change.
 
         ``reduced`` are the readings of every test, reduced to at most 25 numbers. ``columns`` are
         columns and noise of the nuisance terms (effects modelled but not of interest). ``offset``,

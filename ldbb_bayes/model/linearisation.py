@@ -125,10 +125,10 @@ def estimate_machine(
     """Return compliances and geometric errors estimated by least squares from the whole campaign.
 
     Compliances are taken as constant in force. If the least-squares solution is not unique, the
-    solution nearest to the prior mean is returned, with distances in units of the prior sd.
-    Compliances that change no reading get the values assumed for a plan. For a plan, which has no
-    readings, all compliances get these values, and the geometric errors get their prior means. The
-    compliances of the result are treated as exactly known.
+    solution nearest to the prior mean is returned, with distances in units of the prior sd. A plan
+    has no readings: the geometric errors are set to their prior means, and all compliances to
+    values that are assumed for a plan. In a campaign with readings, only compliances that change no
+    reading are set to these values. The compliances of the result are treated as exactly known.
 
     Parameters
     ----------

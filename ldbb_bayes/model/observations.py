@@ -4,16 +4,17 @@
 
 z are the readings of all tests, reduced to at most 26 numbers for each test: 25 for the Fourier
 functions to order 12, and the norm of the part of the readings that these functions cannot describe
-(`reduction`). β are the p parameters of interest (compliances, their changes with force, and
-geometric errors), with the design matrix H (rows, p). x are the coefficients of nuisances, which
-are effects modelled but not of interest, with the design matrix A (rows, coefficients); each
-coefficient is rescaled as `Observations.unit` describes. Shared coefficients are the same in all
-tests; a private coefficient belongs to a single test. The rows of a test are rotated so that the
-covariance of all noise in the test is diagonal. The prior of each coefficient adds one row, unless
-the prior is flat. Only the diagonal matrix D depends on the hyper-parameters φ, the scales
-(standard deviations) of the noise and of nuisances. Each entry of D is a weighted sum of squares.
-The quantities that are squared are called sources of variance; they are hyper-parameters and
-products of hyper-parameters.
+(`reduction`). β are the p parameters of interest: compliances, their changes with force, and
+geometric errors. Their design matrix is H, shape (rows, p). x are the coefficients of nuisances,
+which are effects modelled but not of interest. Their design matrix is A, shape (rows,
+coefficients). Each coefficient is rescaled as `Observations.unit` describes. Shared coefficients
+are the same in all tests; a private coefficient belongs to a single test.
+
+The rows of a test are rotated so that the covariance of all noise in the test is diagonal. The
+prior of each coefficient adds one row, unless the prior is flat. Only the diagonal matrix D depends
+on the hyper-parameters φ, which are the scales (standard deviations) of the noise and of nuisances.
+Each entry of D is a weighted sum of squares. The quantities that are squared are called sources of
+variance; they are hyper-parameters and products of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Rows(NamedTuple):
 
     z are reduced readings or prior means, β are the p parameters of interest, x are the
     coefficients of nuisances (effects modelled but not of interest), and D is a diagonal covariance
-    matrix. Reduced readings are the at most 26 numbers that replace the readings of a test.
+    matrix. Reduced readings are numbers, 26 at most, that replace the readings of a test.
     """
 
     #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest),
@@ -75,9 +76,8 @@ class Observations(NamedTuple):
     """
 
     rows: Rows
-    #: Sources of variance, one for each column of ``rows.variance``. A source is a hyper-parameter,
-    #: that is, the standard deviation of an effect such as the white noise, or a product of
-    #: hyper-parameters.
+    #: Sources of variance, one for each column of ``rows.variance``. A source is a hyper-parameter
+    #: (such as the standard deviation of the white noise) or a product of hyper-parameters.
     sources: list[Source]
     #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). Nuisances are
     #: effects modelled but not of interest. The unit is the prior sd of the coefficient divided by
@@ -328,9 +328,9 @@ def _sort_sources(
     """Return a list of all sources of variance without repetition, sorted by hyper-parameter.
 
     A source of variance is a hyper-parameter (the sd of an effect) or a product of
-    hyper-parameters. The result contains all sources of the terms, the sd σ of white noise, and the
-    constant 1, which is the source of variances that do not depend on hyper-parameters. ``hypers``
-    are the names of the hyper-parameters, which determine the order.
+    hyper-parameters. Besides the sources of all terms, the result contains two others: the sd σ of
+    white noise, and the constant 1 for variances that do not depend on hyper-parameters. ``hypers``
+    are the names of the hyper-parameters, in the order by which the sources are sorted.
     """
     sources = {Source(), Source("sigma")}
     for term in terms:

@@ -34,10 +34,10 @@ __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 # When a group of columns of a sparse matrix is eliminated, several later columns change. One
 # function call computes the change of this number of later columns.
 PRODUCT_COLUMNS = 8
-# When a group of columns of a sparse matrix is eliminated, some function calls are made only once
-# for the whole group. This is the time of these calls. This time and the other times in this module
-# were measured; the unit is the time of one multiplication for all values of the hyper-parameters
-# that are processed together. The exact values matter little.
+# Time of the function calls that are made once for a whole group of columns when the group is
+# eliminated from a sparse matrix. All times in this module were measured. Their unit is the time of
+# one multiplication for all values of the hyper-parameters that are processed together. The exact
+# values matter little.
 _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a sparse matrix, as part of a group of
 # columns, in units of the time of one multiplication.

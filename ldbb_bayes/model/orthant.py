@@ -133,12 +133,12 @@ class NoisyLogProbability(NamedTuple):
     #: log probability that no element of u is negative, for each of w Gaussian vectors u, shape
     #: (w,)
     log_value: Array
-    #: largest error of each log probability ln P(u ≥ 0) [nat], shape (w,), that can arise because
-    #: analytical bounds are used or some constraints u_j ≥ 0 are left out; infinite if no
+    #: largest error that each log probability ln P(u ≥ 0) can have because analytical bounds are
+    #: used or because some constraints u_j ≥ 0 are left out [nat], shape (w,); infinite if no
     #: quasi-random point satisfies all constraints
     common_error: Array
-    #: error of each log probability ln P(u ≥ 0) [nat], shape (w,), that arises because the number
-    #: of quasi-random points is limited: the standard error, times a factor from Student's t
+    #: error of each log probability ln P(u ≥ 0) that is due to the limited number of quasi-random
+    #: points [nat], shape (w,). It is stated as the standard error times a factor from Student's t
     noise: Array
 
 
@@ -147,8 +147,9 @@ class _Solved(NamedTuple):
 
     Each of the w vectors e is standard normal and has q elements. ``axes``, shape (w, d, q), holds
     d orthonormal directions; the constraints depend only on the components of e along them.
-    ``tilted`` holds the constraints on these components, with a triangular matrix of coefficients,
-    and the shifts (tilts) of the density from which the components are drawn.
+    ``tilted`` holds the constraints on these components, which have a triangular matrix of
+    coefficients. It also holds the shifts (tilts) of the density from which the components are
+    drawn.
     """
 
     tilted: Tilted
@@ -266,9 +267,9 @@ class Orthant:
         """Return ln P(u ≥ 0) for w Gaussian vectors u, from analytical bounds or sampled points.
 
         The bounds are used for a vector if the largest error that they permit is at most
-        ``tolerance`` [nat]. For other vectors, the number of points is increased until the noise,
-        the error due to the quasi-random points, is at most ``largest_noise`` [nat]. ``points``
-        generates the points.
+        ``tolerance`` [nat]. For other vectors, ``points`` generates quasi-random points. The error
+        due to these points is called noise. The number of points is increased until the noise is at
+        most ``largest_noise`` [nat].
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
@@ -559,9 +560,9 @@ def _scramble_error(weight: Array) -> Array:
 
     ``weight`` holds the weights of all quasi-random points, shape (scrambles, points, w). Each
     scramble (a randomly shifted copy of the points) gives one estimate: the mean of its weights.
-    The error is the standard error of the mean of the eight independent estimates, times a factor
-    because there are only eight of them. It is at least a tenth of the standard error that
-    independent random points would have.
+    The error is the standard error of the mean of the eight independent estimates, multiplied by a
+    factor from Student's t, because there are only eight of them. The error is at least a tenth of
+    the standard error that the same number of independent random points would give.
     """
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]

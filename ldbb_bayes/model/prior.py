@@ -86,8 +86,9 @@ _LARGEST_MEAN_PER_SD = 1000.0
 # Regular expression for the names of compliances, such as C_XXX, and of their slopes (changes with
 # force), such as C_XXX_1.
 _COMPLIANCE_NAME = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])(?:_[12])?")
-# Regular expressions for the names of geometric errors; the keys are the kinds of errors. The names
-# are, for example, E_XX1, E_YX2, E_C0YX, E_Xt0, and E_Xt0_2 for the offset in set-up 2.
+# For each kind of geometric error, a regular expression for the names of such errors. Examples of
+# names are E_XX1 (gain), E_YX2 (straightness), E_C0YX (squareness), E_Xt0 (offset of the tool ball
+# in set-up 1) and E_Xt0_2 (the same offset in set-up 2).
 _GEOMETRIC_NAMES: dict[GeometricKind, re.Pattern[str]] = {
     "gain": re.compile(r"E_(?:XX|YY|ZZ)1"),
     "straightness": re.compile(r"E_([XYZ])(?!\1)[XYZ]2"),
@@ -247,8 +248,8 @@ class Prior(Shown):
     #: scale of the half-normal prior of δ [µm]. δ is the sd of random shifts from one circle to the
     #: next: shifts of the zero of the readings, and of the centre of the circle
     delta_um: float = 1.0
-    #: scale of the half-normal prior of κ, the sd of the discrepancy (model inadequacy, and
-    #: variation from circle to circle) [µm]
+    #: scale of the half-normal prior of κ [µm]. κ is the sd of the discrepancy, which consists of
+    #: errors of the model and of variation from circle to circle
     kappa_um: float = 1.0
     #: scale of the half-normal prior of τ, the sd of the balls' form error with 6 waves around the
     #: circle [µm]
@@ -280,8 +281,8 @@ class Prior(Shown):
     #: prior sds that the user gave instead of the defaults, in internal units (mm, N, rad); the
     #: keys are names of parameters of interest, such as C_XXX
     overrides: Mapping[str, float] = field(default_factory=dict)
-    #: prior means that are not zero, in internal units (mm, N, rad); the keys are names of
-    #: parameters of interest, such as C_XXX
+    #: dict of the prior means that are not zero, in internal units (mm, N, rad); its keys are names
+    #: of parameters of interest, such as C_XXX
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -453,8 +454,8 @@ class Prior(Shown):
         """Return the joint prior of the hyper-parameters, with lengths in mm.
 
         Hyper-parameters are the scales (standard deviations) of the noise and of other effects, and
-        numbers without unit, such as the decay p. The prior sd of a form error of order n is
-        proportional to n^(−p).
+        numbers without unit. One such number is the decay p: the prior sd of a form error of order
+        n is proportional to n^(−p).
 
         Parameters
         ----------

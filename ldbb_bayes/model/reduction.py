@@ -46,17 +46,19 @@ class NearUniform(NamedTuple):
     has the shape (25, 25). At exactly uniform angles λ is zero.
     """
 
-    #: Norms, at uniform angles, of the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ: the
-    #: diagonal of S in RᵀR = S (1 + V λ Vᵀ) S, shape (25,). R is the triangular factor in the QR
-    #: decomposition of these functions at the test's angles.
+    #: Norms that the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ have at uniform angles, shape
+    #: (25,). They are the diagonal of the matrix S in RᵀR = S (1 + V λ Vᵀ) S, where R is the
+    #: triangular factor in the QR decomposition of these functions at the test's angles.
     column_norms: Array
-    #: Departures λ from uniform angles in RᵀR = S (1 + V λ Vᵀ) S, shape (25,), sorted so that the
-    #: largest absolute value is first. R is the triangular factor in the QR decomposition of the
-    #: Fourier functions at the test's angles. At uniform angles λ is zero, and RᵀR = S².
+    #: Departures λ of the test's angles from uniform spacing, shape (25,), sorted so that the
+    #: largest absolute value is first. They are the diagonal of the matrix λ in RᵀR = S (1 + V λ
+    #: Vᵀ) S, where R is the triangular factor in the QR decomposition of the Fourier functions at
+    #: these angles. At uniform angles λ is zero, and RᵀR = S².
     departure: Array
-    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25); S is the diagonal matrix of
-    #: ``column_norms``, and R the triangular factor in the QR decomposition of the Fourier
-    #: functions. Each column of V belongs to one of the 25 departures λ in ``departure``.
+    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25). R is the triangular factor in
+    #: the QR decomposition of the Fourier functions at the test's angles. S and λ are diagonal
+    #: matrices with the elements ``column_norms`` and ``departure``. Each column of V belongs to
+    #: one element of λ.
     directions: Array
 
     @property
@@ -69,8 +71,8 @@ class NearUniform(NamedTuple):
 class Reduced:
     """Readings of one test, reduced to at most 25 numbers by projection on the Fourier basis.
 
-    The matrix B, shape (n, 25), holds the 25 Fourier functions at the test's n angles, and B = Q R
-    is its QR decomposition.
+    The Fourier basis is a matrix B, shape (n, 25): the 25 Fourier functions at the test's n angles.
+    With the QR decomposition B = Q R, the readings are projected on the columns of Q.
     """
 
     #: Reduced readings Qᵀ y [mm], shape (m,) with m = min(n, 25). y are the n readings of the test,
@@ -78,8 +80,8 @@ class Reduced:
     #: angles. None for a planned test, which has no readings.
     reading_mm: Array | None
     #: Triangular factor R in the QR decomposition of the 25 Fourier functions at the test's n
-    #: angles, shape (m, 25) with m = min(n, 25). It converts Fourier coefficients into reduced
-    #: readings, the at most 25 numbers that replace the readings of the test.
+    #: angles, shape (m, 25) with m = min(n, 25). It converts Fourier coefficients into the m
+    #: reduced readings that replace the readings of the test.
     factor: Array
     #: Sum of squares of the part of a test's readings that the Fourier functions to order 12 (1,
     #: cos θ, sin θ, …, sin 12θ) cannot describe [mm²].
@@ -126,8 +128,8 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
     """
     n = len(angle_rad)
     readings = np.zeros(n) if reading_mm is None else reading_mm
-    # Triangular factor of the matrix B with the readings as its last column. It is updated with
-    # one chunk of readings after the other.
+    # Triangular factor of the QR decomposition of [B, readings], the matrix B with one more column.
+    # It is updated with one chunk of readings after the other.
     triangle = np.zeros((0, SIZE + 1))
     for start in range(0, n, _CHUNK):
         chunk = slice(start, start + _CHUNK)

@@ -52,12 +52,12 @@ class _SharedCoefficients(NamedTuple):
     parameters of interest.
     """
 
-    #: reading per unit of each of the model's q coefficients that are the same in all tests, as 25
-    #: Fourier coefficients for each test, shape (tests, 25, q)
+    #: reading per unit of each of the q coefficients, as 25 Fourier coefficients for each test,
+    #: shape (tests, 25, q)
     values: Array
-    #: prior means of the model's q coefficients that are the same in all tests, shape (q,)
+    #: prior means of the q coefficients that have the same values in all tests, shape (q,)
     mean: Array
-    #: prior sds of the model's q coefficients that are the same in all tests, shape (q,); infinite
+    #: prior sds of the q coefficients that have the same values in all tests, shape (q,); infinite
     #: for a flat prior
     sd: Array
 
@@ -80,12 +80,12 @@ class ReferencePosterior:
     #: force) and geometric errors, without quadratic slopes
     interest: ParametersOfInterest
     prior: Prior
-    nuisances: Sequence[Term]  #: nuisance terms of the model (effects modelled but not of interest)
+    nuisances: Sequence[Term]  #: nuisance terms (effects modelled but not of interest) of the model
     #: names of the compliances, slopes (changes of compliances with force) and geometric errors
     #: that are fixed at zero
     fixed: Sequence[str]
-    #: fixed values of the hyper-parameters (such as the standard deviation of the noise) by name,
-    #: with lengths in mm
+    #: dict of the values at which the hyper-parameters (such as the standard deviation of the
+    #: noise) are fixed; its keys are their names. Lengths are in mm
     phi: Mapping[Hyper, float]
     reduced: Sequence[Reduced]  #: readings of every test, reduced to at most 25 numbers
 

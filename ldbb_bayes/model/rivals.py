@@ -23,14 +23,14 @@ class Rival(NamedTuple):
     """
 
     term: type[Term]
-    #: name of the field of a nuisance term (an effect modelled but not of interest), such as
-    #: curvature_um; if the field is zero, the effect that resembles a change of compliance with
-    #: force is switched off. Empty string if this effect is the whole term.
+    #: Name of the field of ``term`` that switches off this effect if it is set to zero, such as
+    #: ``curvature_um``. Empty string if the effect is the whole nuisance term (an effect modelled
+    #: but not of interest).
     setting: str
 
 
-# Alternative explanations of the slopes (effects that resemble a change of a compliance with
-# force). The keys are the names that results use for these effects.
+# The alternative explanations of the slopes: effects that resemble a change of a compliance with
+# force. The keys of the dict are the names that results use for these effects.
 RIVALS: dict[str, Rival] = {
     "joint load": Rival(JointLoad, ""),
     "curved mount": Rival(Mount, "curvature_um"),

@@ -35,11 +35,11 @@ __all__ = [
     "setting_of",
 ]
 
-# Sign of each direction of travel along a circle: clockwise (CW) is positive, counterclockwise
-# (CCW) negative.
+# Sign of each direction of travel along a circle: 1 for clockwise (CW), −1 for counterclockwise
+# (CCW).
 TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
-# Direction of travel along a circle for each sign: clockwise (CW) is positive, counterclockwise
-# (CCW) negative.
+# Name of the direction of travel along a circle for each sign: clockwise (CW) for 1,
+# counterclockwise (CCW) for −1.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
 # If the times of all tests differ from their mean by less than this number of hours, all tests are
@@ -98,8 +98,8 @@ class Setting:
     #: time of each test minus the mean time of the campaign [h], shape (tests,). For a plan, the
     #: mean time of the campaign from which it was designed (its pilot) is subtracted. If the time
     #: is missing for at least one test, all times are derived from the order in which the tests are
-    #: listed. The values are NaN if this order is not the order in which the tests were run, or if
-    #: all tests have the same time.
+    #: listed. All values are NaN if the user has declared that the tests were run in random order,
+    #: or if all tests have the same time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign [K], shape (tests,); NaN
     #: if unknown. For a plan, the mean temperature of the campaign from which it was designed (its
@@ -155,7 +155,7 @@ class Setting:
     compensated: bool
     #: nominal deflection of the work ball's mount per pressure of the regulator [µm/bar]
     deflection_um_per_bar: float
-    #: values and uncertainties from certificates for bar, balls, mount, force and angle
+    #: values and uncertainties of bar, balls, mount, force and angle that certificates state
     instrument: Instrument
 
     @property
@@ -177,7 +177,7 @@ class Setting:
 
     @property
     def travels(self) -> tuple[float, ...]:
-        """The different directions of travel of the tests: 1 clockwise, −1 counterclockwise."""
+        """Directions of travel that occur in the tests: 1 is clockwise, −1 is counterclockwise."""
         return tuple(sorted({*self.travel.tolist()}, reverse=True))
 
     @property
@@ -237,9 +237,10 @@ class Setting:
         return values.copy()
 
     def groups_by(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
-        """Yield one group of tests for every plane, radius or set-up of the campaign.
+        """Yield the tests of the campaign in groups.
 
-        ``kind`` states whether the tests are grouped by plane, by radius or by set-up.
+        ``kind`` states whether the tests of a group have the same plane, the same radius or the
+        same set-up.
         """
         of_tests: Array
         of_campaign: Sequence[Any]
@@ -311,10 +312,10 @@ def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> A
 
     u is the X, Y or Z component of the unit vector along the bar, as a function of the angle θ on
     the circle. The result, shape (tests, 25), describes |u|^``power``, multiplied by the sign of u
-    if ``signed`` is true; the method `Setting.along` states the formula. ``first_harmonics`` are
-    the bytes of an array of shape (tests, 2), which holds the Fourier coefficients of u for cos θ
-    and sin θ. Results are kept in a cache, because the models of a campaign need the same powers
-    hundreds of times.
+    if ``signed`` is true; the method `Setting.along` states the formula. ``first_harmonics`` holds
+    the Fourier coefficients of u for cos θ and sin θ: the bytes of an array of shape (tests, 2).
+    Results are kept in a cache, because the models of a campaign need the same powers hundreds of
+    times.
     """
     first = int(signed)
     series = np.zeros(MAX_ORDER + 1)
@@ -332,11 +333,12 @@ def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> A
 
 
 class _MachineColumns(NamedTuple):
-    """Fourier coefficients of functions of the angle on a circle, each of shape (..., 25, columns).
+    """Direction of the bar and effects of parameters, as functions of the angle on a circle.
 
-    ``direction`` is the unit vector along the bar, with the columns X, Y, Z. ``elastic`` is the
-    reading per unit force and per unit of each compliance, and ``geometric`` the reading per unit
-    of each geometric error.
+    Each field holds Fourier coefficients, shape (..., 25, columns). ``direction`` is the unit
+    vector along the bar; its columns are the components X, Y, Z. ``elastic`` is the reading per
+    unit force and per unit of each compliance, and ``geometric`` is the reading per unit of each
+    geometric error.
     """
 
     direction: Array
@@ -355,10 +357,10 @@ _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """Return the names of the geometric errors of a campaign's machine.
 
-    Each set-up has separate offsets of the tool ball from its nominal position, one along each
-    axis. A set-up has an offset along an axis only if one of its tests, run or foreseen, is in a
-    plane with this axis. The names of the offsets end in the number of the set-up, except for the
-    first set-up. A test that states no set-up belongs to the first one.
+    Each set-up has offsets of the tool ball from its nominal position. It has an offset along an
+    axis if this axis lies in the plane of at least one of its tests; tests that are foreseen but
+    not yet run count as well. The names of the offsets end in the number of the set-up, except for
+    the first set-up. A test that states no set-up belongs to the first one.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
@@ -380,9 +382,9 @@ def setting_of(
 ) -> Setting:
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
-    Some fields get their values only when a model is applied to the campaign. Here, the estimated
-    compliances and the readings that they predict are zero, and no circle has a factor that
-    multiplies its noise.
+    Some fields are filled in only when a model is applied to the campaign. Until then, the
+    estimated compliances and the readings that they predict are zero, and no circle has a factor
+    that multiplies its noise.
 
     Parameters
     ----------

@@ -28,8 +28,8 @@ __all__ = ["BallForm", "MachinePattern"]
 # and the order 1 (position of the ball's centre) are not part of the form error.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
-# higher orders). The pattern has no orders below 4, because the model describes such errors of the
-# machine by geometric errors such as squareness.
+# higher orders). The pattern has no orders below 4, because these lower orders are described by the
+# geometric errors of the model, such as squareness.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 # Hyper-parameter p (decay). The prior sds of the balls' form errors, and of the machine's errors of
 # higher orders, are proportional to n^(−p), where the order n is the number of waves around the
@@ -59,12 +59,15 @@ class _TurnedBall(NamedTuple):
 
 
 class _CoefficientPrior(NamedTuple):
-    """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
+    """Prior of the coefficients of a ball's form error.
 
-    #: factor f for each coefficient of a form error of the balls: half of the number of balls for
-    #: which no certificate or grade gives the form error of the coefficient's order n. The part f
-    #: τ² (n/6)^(−2p) of the coefficient's prior variance depends on the hyper-parameters τ (scale
-    #: of form errors at order 6) and p (decay with the order).
+    Each order has two coefficients, one of the cosine and one of the sine.
+    """
+
+    #: Factor f for each coefficient of a form error of the balls. One part of the coefficient's
+    #: prior variance is f τ² (n/6)^(−2p), with the order n and the hyper-parameters τ (scale of
+    #: form errors at order 6) and p (decay with the order). f is half of the number of balls for
+    #: which no certificate or grade gives the form error of the order n.
     share_of_tau: Array
     #: fixed part of the prior sd of each coefficient of a ball's form error [µm]; this part does
     #: not depend on hyper-parameters
@@ -276,13 +279,13 @@ class BallForm(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the assumed amplitudes of the balls' form errors, with their uncertainties.
 
-        There is one amplitude for each ball and order of a harmonic. ``campaign`` holds the
-        certificates and grades of the balls. If a ball's certificate states the harmonic, the
-        amplitude and its standard uncertainty are taken from there; otherwise the amplitude is
-        zero. If a certificate or grade states the deviation from
-        sphericity, the orders are 2 to 12. Otherwise they are 2, 3 and the orders of all harmonics
-        in the certificate. The contribution of the hyper-parameter τ to the prior sds is not
-        included. If the field ``law`` is ``1/n``, nothing is yielded.
+        For each ball, there is one amplitude for each order of a harmonic. ``campaign`` holds the
+        certificates and grades of the balls. If the ball's certificate states the harmonic, the
+        amplitude and its standard uncertainty are those of the certificate; otherwise the amplitude
+        is zero. If a certificate or grade states the ball's deviation from sphericity, the orders
+        are 2 to 12. Otherwise they are 2, 3 and the orders of all harmonics in the certificate. The
+        uncertainties do not contain the contribution of the hyper-parameter τ to the prior sds. If
+        the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -392,16 +395,17 @@ def _ball_in_words(coefficient: str) -> str:
 
 @dataclass(frozen=True)
 class MachinePattern(Term):
-    """Geometric errors of higher orders and cyclic errors: cos nθ, sin nθ, n = 4 … 12.
+    """Geometric and cyclic errors of the machine, as a sum of harmonics of the orders 4 to 12.
 
-    These errors are called the machine's pattern; θ is the angle on the circle. The prior sd of
-    each coefficient is ω (n/6)^(−p), with the hyper-parameters ω (prior sd at order 6) and p (decay
-    with order, the same as for the form errors of the balls). The pattern is the same in all tests
-    of one plane, direction of travel and radius. The term has an effect only if the clocking of a
-    ball (the angle by which it is turned in its socket) differs between tests, or if a certificate
-    or grade states the form error of a ball. Form error and pattern can then be separated, because
-    the form error turns with the ball while the pattern does not, or because the form error is
-    known. Otherwise the form errors of the balls in the model include the pattern.
+    These errors are called the machine's pattern. The harmonics are cos nθ and sin nθ, where n is
+    the order and θ the angle on the circle. The prior sd of each coefficient is ω (n/6)^(−p), with
+    the hyper-parameters ω (prior sd at order 6) and p (decay with order, the same as for the form
+    errors of the balls). The pattern is the same in all tests of one plane, direction of travel and
+    radius. The term has an effect only if the clocking of a ball (the angle by which it is turned
+    in its socket) differs between tests, or if a certificate or grade states the form error of a
+    ball. Form error and pattern can then be separated, because the form error turns with the ball
+    while the pattern does not, or because the form error is known. Otherwise the form errors of the
+    balls in the model include the pattern.
 
     Examples
     --------

@@ -74,11 +74,10 @@ class Uncertainty:
     name: str
     value: float
     sd: float
-    #: internal unit of an assumed property of the instrument and its standard uncertainty, made of
-    #: mm, N and rad
+    #: unit of ``value`` and ``sd``, made of mm, N and rad
     unit: str
-    #: name of the field of `Instrument` that holds the uncertainty of a property of the instrument
-    #: from its certificate, such as bar_U_um; empty string if there is no such field
+    #: Name of the field of `Instrument` for the uncertainty that a certificate states, such as
+    #: ``bar_U_um`` for the length of the bar; empty string if there is no such field.
     certificate: str
     #: whether a certificate states the uncertainty of a property of the instrument; otherwise the
     #: uncertainty is a default value
@@ -89,7 +88,8 @@ class Uncertainty:
 class Uncertainties(Result):
     """Uncertainties assumed for the instrument, and names of its calibration certificates.
 
-    The assumptions are made by nuisance terms, effects that are modelled but not of interest.
+    The uncertainties are assumed by nuisance terms, which describe effects that are modelled but
+    not of interest.
 
     Examples
     --------
@@ -102,8 +102,8 @@ class Uncertainties(Result):
     #: values and standard uncertainties that the nuisance terms (effects modelled but not of
     #: interest) assume for properties of the instrument, term by term
     assumed: tuple[Uncertainty, ...]
-    #: names of the instrument's calibration certificates; the keys are the certified parts, such as
-    #: bar for the certificate of the bar
+    #: dict of the names of the instrument's calibration certificates; its keys are the certified
+    #: parts, such as ``bar``
     certificates: Mapping[str, str]
 
 
@@ -200,12 +200,13 @@ class Term(Shown):
     'five waves (cos 5θ)'
     """
 
-    #: classes of all nuisance terms (effects modelled but not of interest), in the order in which
-    #: models, results and model files list them; the keys are the names of the classes
+    #: Dict of the classes of all nuisance terms (effects modelled but not of interest); its keys
+    #: are the names of the classes. Models, results and model files list the terms in the order of
+    #: this dict.
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: beginning of the names of the coefficients of a nuisance term (an effect modelled but not of
-    #: interest), or a tuple of several beginnings; by default made from the class name, such as
-    #: bar_length for BarLength
+    #: Beginning of the names of the coefficients of a nuisance term (an effect modelled but not of
+    #: interest). It is a tuple if these names can begin in different ways. By default it is made
+    #: from the class name: ``bar_length`` for the class BarLength.
     stem: ClassVar[str | tuple[str, ...]]
     #: name of a nuisance term (an effect modelled but not of interest) in reports; by default made
     #: from the class name, such as ball form for BallForm
@@ -254,8 +255,8 @@ class Term(Shown):
     def __post_init__(self) -> None:
         """Raise an `InputError` if a setting of the term has a value that is not permitted.
 
-        Numbers must be positive, but a curvature may be zero. Settings whose type is a ``Literal``
-        must have one of its values.
+        A number must be positive, except that a curvature may also be zero. If the type of a
+        setting is a ``Literal``, the value must be one of those that the ``Literal`` lists.
         """
         choices: dict[str, tuple[Any, ...]] = {}
         # The annotations of a term's class state the permitted choices of its settings. If a user
@@ -318,10 +319,10 @@ class Term(Shown):
         """Return whether a certificate states the uncertainty of a coefficient of this term.
 
         ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates. The
-        term may assume uncertainties for several properties, such as bar_length. A coefficient
-        whose name begins with the name of a property belongs to this property; for example,
-        bar_length_150 belongs to bar_length. If several properties fit, the one with the longest
-        name is used.
+        term may assume uncertainties for several properties of the instrument. A coefficient
+        belongs to the property with whose name its own name begins; for example, the coefficient
+        ``bar_length_150`` belongs to the property ``bar_length``. If several properties fit, the
+        one with the longest name is used.
         """
         stated = False
         longest = -1
