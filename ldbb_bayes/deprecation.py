@@ -116,7 +116,7 @@ def renamed_keyword(
 
         @wraps(function)
         def call(*arguments: _Arguments.args, **keywords: _Arguments.kwargs) -> _Result:
-            """Call ``function``, and pass an argument with the old name under the new name."""
+            """Call ``function``; an argument with the old name is passed under the new name."""
             if old in keywords:
                 name = function.__qualname__.removesuffix(".__init__")
                 warnings.warn(

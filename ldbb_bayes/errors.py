@@ -121,7 +121,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     lower_name = name.lower()
 
     def similarity(candidate: str) -> _Similarity:
-        """Return how similar the known name ``candidate`` is to the misspelt name."""
+        """Return measures of how similar the known name ``candidate`` is to the misspelt name."""
         lower_candidate = candidate.lower()
         match = SequenceMatcher(None, lower_candidate, lower_name)
         return _Similarity(

@@ -128,7 +128,7 @@ class CampaignContent(NamedTuple):
     """
 
     tests: tuple[CircularTest, ...]
-    # values of the fields of `Campaign` other than the tests, as campaign.toml states them; the
+    # dictionary of all fields of `Campaign` except the tests, as campaign.toml states them; the
     # keys are the names of the fields
     fields: dict[str, Any]
 
@@ -192,11 +192,11 @@ def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """In each table of campaign.toml, replace the key ``dcc`` with the values of a certificate.
+    """In each table of campaign.toml, replace the key ``dcc`` with what the certificate states.
 
-    The value of the key is the name of the certificate's file, a digital calibration certificate
-    (DCC). ``content`` is the content of the campaign.toml at ``path`` and is changed in place.
-    Raise an `InputError` if a table and its certificate both give the same value.
+    The key ``dcc`` names the file of a digital calibration certificate (DCC). ``content`` is the
+    content of the campaign.toml at ``path`` and is changed in place. Raise an `InputError` if a
+    table and its certificate both give the same value.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
@@ -304,17 +304,17 @@ def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
 def _stated_values(entry: _PlannedTest) -> dict[str, Any]:
     """Return what a table of campaign.toml states about a test without readings.
 
-    The keys are names of fields of `CircularTest`, such as force_N.
+    The result is a dictionary; its keys are names of fields of `CircularTest`, such as force_N.
     """
     return {key: value for key, value in vars(entry).items() if value is not None}
 
 
 def _planned_angles(plan: Mapping[str, Any]) -> Any:
-    """Return the angles of a planned test [deg], in equal steps.
+    """Return the evenly spaced angles of a planned test [deg].
 
-    ``plan`` holds the number of readings, the first angle and the arc under the keys readings,
-    start_deg and arc_deg of campaign.toml. Their default values are 720, 0° and 360°. The angles
-    include both ends of the arc, but in a full turn the first angle is not repeated.
+    ``plan`` has keys of campaign.toml: readings is the number of readings, start_deg the first
+    angle, and arc_deg the arc. Their default values are 720, 0° and 360°. The angles include both
+    ends of the arc, but in a full turn the first angle is not repeated.
     """
     readings = plan.get("readings", _PLANNED_READINGS)
     return planned_angles(readings, plan.get("start_deg", 0.0), plan.get("arc_deg", 360.0))

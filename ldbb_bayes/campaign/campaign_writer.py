@@ -16,7 +16,7 @@ from ldbb_bayes.errors import require
 __all__ = ["PILOT_NAME", "TOML_NAME", "write_campaign_into"]
 
 TOML_NAME = "campaign.toml"
-# Name of the folder, inside the folder of a plan, that holds the pilot. The pilot is the campaign
+# Name of a subfolder in the folder of a plan. The subfolder holds the pilot, that is, the campaign
 # or plan from which the plan was designed.
 PILOT_NAME = "pilot"
 # Version of the format of campaign.toml. It is written under the key ``schema``.
@@ -26,10 +26,10 @@ _SCHEMA = 1
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and one CSV file of readings for each test into an existing folder.
 
-    No CSV file is written for a test without readings: a test of a plan, or a foreseen test, which
-    may be run later. If the angles of a foreseen test are unevenly spaced, the same number of
-    evenly spaced angles is written instead. The pilot of a plan is written into the subfolder
-    ``pilot``. The pilot is the campaign or plan from which the plan was designed.
+    No CSV file is written for the tests of a plan and for foreseen tests (tests that may be run
+    later), because they have no readings. If the angles of a foreseen test are unevenly spaced, the
+    same number of evenly spaced angles is written instead. The pilot of a plan is written into the
+    subfolder ``pilot``. The pilot is the campaign or plan from which the plan was designed.
     """
     if campaign.pilot is not None:
         pilot_folder = folder / PILOT_NAME

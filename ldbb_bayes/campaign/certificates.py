@@ -83,9 +83,9 @@ class CertifiedQuantity:
     def role(self) -> str:
         """Role of the certified quantity, that is, what the quantity is, such as ``length``.
 
-        The name or the refType of the quantity shows the role. If neither does, the names and
-        refType attributes of the elements that contain the quantity are used. If these do not show
-        the role either, it is an empty string.
+        The name or the attribute refType of the quantity shows the role. If neither does, the names
+        and refType attributes of the elements that contain the quantity are used. If these do not
+        show the role either, the role is an empty string.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -173,7 +173,7 @@ class CalibrationCertificate(Shown):
 
         Returns
         -------
-        Keys and values of the object's table in campaign.toml.
+        Dictionary of certified values, with the keys of the object's table in campaign.toml.
 
         Raises
         ------
@@ -219,9 +219,9 @@ class CalibrationCertificate(Shown):
         An error of indication is used if the certificate states one. Otherwise a deviation from the
         nominal length is used or, if there is none, an actual length that is stated together with
         the nominal length. If the certificate describes several bars, the bar with the nominal
-        length ``length_mm`` is chosen. ``lengths`` holds all certified lengths, in lists with keys
-        such as ``deviation``. Raise an `InputError` if no quantity states an error, or if several
-        such quantities remain.
+        length ``length_mm`` is chosen. ``lengths`` is a dictionary of lists of all certified
+        lengths; its keys are roles such as ``deviation``. Raise an `InputError` if no quantity
+        states an error, or if several such quantities remain.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
         if not candidates and "nominal" in lengths:
@@ -346,11 +346,11 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return lists of the certified quantities whose unit has the given dimension, such as m.
+        """Return, by role, the certified quantities whose unit has the given dimension, such as m.
 
-        There is one list for each role; the keys are the roles. A role says what a quantity is,
-        such as a length or a force. Quantities with an unknown unit are included too, but
-        quantities without a role are left out.
+        A role says what a quantity is, such as a length or a force. The result is a dictionary of
+        lists of quantities; its keys are the roles. Quantities with an unknown unit are included
+        too, but quantities without a role are left out.
         """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
@@ -389,7 +389,7 @@ def _error_of_length(
     quantity
         Certified quantity from which the error is computed.
     lengths
-        All certified lengths, in lists with keys such as ``nominal`` or ``deviation``.
+        Dictionary of lists of all certified lengths; the keys are roles such as ``nominal``.
     """
     value, U = quantity.numbers(_METRES_PER_MICROMETRE)
     if not U:
@@ -442,7 +442,8 @@ def _several_errors(
     The message lists the first twelve errors. For each of them, it gives a name that distinguishes
     the error from the others, and the two numbers that the user may enter instead of the
     certificate: length_error_um and U_um. ``candidates`` holds the certified quantities that state
-    the errors. ``lengths`` holds all certified lengths, in lists with keys such as ``nominal``.
+    the errors. ``lengths`` is a dictionary of lists of all certified lengths; its keys are roles
+    such as ``nominal``.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:

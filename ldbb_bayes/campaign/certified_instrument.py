@@ -163,10 +163,10 @@ class Instrument(Shown):
 
     @property
     def certificates(self) -> dict[str, str]:
-        """Names of the calibration certificates; the keys are the certified objects.
+        """Dictionary with the names of the calibration certificates of the certified objects.
 
-        The objects are bar, force device, work ball and tool ball. Objects without a certificate
-        are left out.
+        The keys are the objects: bar, force device, work ball and tool ball. Objects without a
+        certificate are left out.
         """
         name_by_object = {
             "bar": self.bar_certificate,

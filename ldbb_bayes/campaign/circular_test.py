@@ -102,7 +102,7 @@ class TestFields(Shown):
 # If a table has no column with the name of one of these fields of a test, an import can take the
 # value of the field from elsewhere, for example from the name of the file.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Fields of a test whose values an import takes only from a column of the table with the same name.
+# Fields of a test that an import can fill only from a column with the name of the field.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
@@ -197,12 +197,12 @@ class CircularTest(TestFields):
     def _column(
         self, name: str, other_name: str, convert: Callable[[Array], Array]
     ) -> Array | None:
-        """Return the angles in degrees, or the readings in µm, of a test.
+        """Return the angles of a test in degrees, or its readings in µm.
 
-        ``name`` is the name of the field with values in degrees or µm, such as angle_deg.
-        ``other_name`` is the name of the field with values in radians or mm, such as angle_rad; the
-        function ``convert`` converts these values. Return None if the user gave neither field.
-        Raise an `InputError` if both are given, or if a value is not finite.
+        The user gives the values in the field ``name``, such as angle_deg, or in the field
+        ``other_name``, such as angle_rad. The function ``convert`` converts values in the field
+        ``other_name`` from radians to degrees, or from mm to µm. Return None if the user gave
+        neither field. Raise an `InputError` if both are given, or if a value is not finite.
         """
         column = getattr(self, name)
         other_column = getattr(self, other_name)
@@ -445,7 +445,7 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
 
 
 def planned_angles(readings: int, start_deg: float, arc_deg: float) -> Array:
-    """Return the angles of a planned test in equal steps [deg], shape (readings,).
+    """Return the evenly spaced angles of a planned test [deg], shape (readings,).
 
     The number of angles is ``readings``, the first angle is ``start_deg``, and the angles cover the
     arc ``arc_deg``. If ``arc_deg`` is negative, the angles decrease. The angles include both ends

@@ -38,9 +38,9 @@ _NO_RESULTS = (
 # Names of the XML elements of a digital calibration certificate that hold one number or a list of
 # numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList")
-# Names of the XML elements that state an expanded uncertainty. The first key is the name in version
-# 2 of the D-SI (Digital SI), the second key the name in version 1. Each value is the name of the
-# inner element that holds the number.
+# XML elements of the D-SI (Digital SI) that state an expanded uncertainty, first in version 2 and
+# then in version 1. Each key is the name of such an element; the value of the dict is the name of
+# the inner element that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
 # XML elements of the D-SI (Digital SI) that state a standard uncertainty. Each key is the name of
 # such an element; the value of the dict is the name of the inner element that holds the number.
@@ -77,7 +77,9 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
 
     Examples
     --------
-    A certificate that states a deviation of 0.8 µm from the nominal length, U = 0.9 µm at k = 3:
+    A certificate that states a deviation of 0.8 µm from the nominal length, U = 0.9 µm at k = 3.
+    The length error has the opposite sign, because the readings of a bar that is too long are too
+    small:
 
     >>> lb.campaign.read_dcc("bar.xml").fields("bar")  # doctest: +SKIP
     {'length_error_um': -0.8, 'U_um': 0.6, 'certificate': 'bar.xml, DCC K-2026-0815: ...'}
@@ -108,9 +110,9 @@ def _quantities_in(
 ) -> Iterator[CertifiedQuantity]:
     """Yield all certified quantities inside an XML element of a certificate.
 
-    ``holder`` is the element. ``holders`` are its name and refType attribute, after those of all
-    elements that contain it, outermost first. Each quantity stores the names and refType attributes
-    of all elements that contain the quantity.
+    ``holder`` is the element. ``holders`` lists the names and refType attributes of ``holder`` and
+    of all elements that contain it, outermost first. Each quantity stores the names and refType
+    attributes of all elements that contain the quantity.
     """
     for element in holder:
         name = _name_of(element)
@@ -126,8 +128,8 @@ def _quantities_in(
 def _number_elements(quantity: ElementTree.Element) -> Iterator[ElementTree.Element]:
     """Yield the XML elements that hold the numbers of a quantity of a certificate.
 
-    An element ``hybrid`` states one quantity in several units. Only one of its numbers is yielded:
-    the first one with a known unit, or the first of all if no unit is known.
+    An element ``hybrid`` states one quantity in several units. Only the first element with a known
+    unit is yielded or, if no unit is known, the first element.
     """
     for tag in _NUMBER_ELEMENTS:
         yield from quantity.iterfind(_SI + tag)
@@ -209,8 +211,8 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
     """Return the last uncertainty that a certificate's XML element states for its numbers.
 
     A standard uncertainty is returned as an expanded uncertainty with k = 1. An uncertainty without
-    a number is ignored. If no uncertainty is stated, the result holds empty lists. ``name`` is the
-    name of the quantity for error messages.
+    a number is ignored. If no uncertainty is stated, the lists in the result are empty. ``name`` is
+    the name of the quantity for error messages.
     """
     uncertainty = _Uncertainty()
     for inner in element.iter():
@@ -257,7 +259,7 @@ def _entry_for_quantity(entries: Sequence[_T], k: int) -> _T | None:
 
 
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
-    """Return the words, separated by blanks, in the D-SI element named ``tag`` inside ``element``.
+    """Return the words in the D-SI element ``tag`` inside ``element``; blanks separate the words.
 
     If there is no such element, return the words of the element with "XMLList" added to its name.
     Return an empty list if neither element exists.
@@ -267,7 +269,7 @@ def _words(element: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _numbers_in(element: ElementTree.Element, tag: str, name: str) -> list[float]:
-    """Return the numbers, separated by blanks, in the D-SI element ``tag`` inside ``element``.
+    """Return the numbers in the D-SI element ``tag`` inside ``element``; blanks separate them.
 
     ``name`` is the name of the quantity for error messages. Raise an `InputError` for a word that
     is not a number.

@@ -30,8 +30,8 @@ class UnitSize(NamedTuple):
 
     #: size of a certificate's unit in SI units, such as 1e-6 for µm; pressures are in bar
     factor: float
-    #: dimension of a certificate's unit, written as the SI unit (bar for pressure), such as m, N or
-    #: N/bar; empty string for a ratio
+    #: dimension of a certificate's unit, written as a string of SI units, with bar for pressure,
+    #: such as m, N or N/bar. The string is empty for a ratio.
     dimension: str
 
 

@@ -36,10 +36,10 @@ __all__ = [
     "write_campaign_into",
 ]
 
-# Name of the file with the true parameters, in the folder of a simulated campaign.
+# Name of a file in the folder of a simulated campaign. The file holds the true parameters.
 TRUTH_NAME = "truth.json"
-# Name of the file that states how the imported files were read, in the folder of an imported
-# campaign.
+# Name of a file in the folder of an imported campaign. The file states how the imported files were
+# read.
 IMPORT_NAME = "import.toml"
 # Largest number of characters of a name, machine_id or date that `labels_of` returns; longer
 # texts are left out.

@@ -31,9 +31,9 @@ _ORDER = 12
 # Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
 # angles cover a smaller arc.
 _FULL_DEG = 359.0
-# Limit [deg] for tests whose angles do not cover the full circle. The preview states the covered
-# arc if it is at most this limit, and otherwise the largest gap between angles. The limit is a full
-# circle minus one period of the highest order of the fitted Fourier series.
+# A remark on a test whose angles do not cover the full circle states the covered arc if the arc is
+# at most this limit [deg], and otherwise the largest gap between angles. The limit is a full circle
+# minus one period of the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this multiple of the
 # usual step from one angle to the next.
@@ -64,10 +64,10 @@ _SPIKE_SCATTERS = 8.0
 # level. The noise level is the standard deviation of the noise or the resolution of the readout,
 # whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Spikes are searched for in two steps, and each step makes at most this number of fits. The first
-# step makes all of them, and gives the readings new weights after each fit. In the second step,
-# each fit leaves out the spikes that the previous fit shows; the step ends when the spikes no
-# longer change.
+# Spikes are searched for in two steps. The first step makes this number of fits, and gives the
+# readings new weights after each fit. The second step makes at most this number of fits. Each of
+# them leaves out the spikes that the previous fit shows; the step ends when the spikes no longer
+# change.
 _MAX_ROUNDS = 20
 # The preview examines the sign of the readings if at least `_FEWEST_FOR_SIGN` tests were run on the
 # same circle. Only tests that cover more than `_WHOLE_TURN_DEG` [deg] are counted. A remark is made
@@ -83,8 +83,8 @@ _SD_PER_MAD = 1.4826
 # Smallest resolution [µm] that is accepted if more than nine tenths of the readings are distinct. A
 # smaller step only shows the number of digits with which the readings were written.
 _FINEST_STEP_UM = 0.005
-# If more than nine tenths of the readings are distinct, a resolution is determined only if there
-# are at least this number of distinct readings.
+# If more than nine tenths of the readings are distinct, a resolution is determined only if the
+# number of distinct readings is at least this large.
 _MIN_VALUES = 50
 
 
@@ -150,7 +150,7 @@ class _Remarks:
             self._remarks.append(Remark(kind, values))
 
     def as_tuple(self) -> tuple[Remark, ...]:
-        """Return all remarks on the campaign and its tests that were collected so far."""
+        """Return all remarks on the campaign and its tests that have been collected so far."""
         return tuple(self._remarks)
 
 
@@ -262,8 +262,8 @@ class _Angles(NamedTuple):
     step_deg: float
     #: largest gap between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
-    #: usual gap between neighbouring angles on the circle [deg] (see `usual_gap`), or ``step_deg``
-    #: if this is larger
+    #: usual gap between neighbouring angles on the circle [deg] (see `usual_gap`) or ``step_deg``,
+    #: whichever is larger
     usual_step_deg: float
     #: direction in which the angles run from reading to reading: clockwise (CW), counterclockwise
     #: (CCW), or None if the direction changes
@@ -305,7 +305,7 @@ class _Readings(NamedTuple):
 
 
 def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
-    """Return the summary of one test of a campaign, with remarks on what looks odd."""
+    """Return the summary of one test of a campaign, including remarks on what looks odd."""
     remarks = _Remarks()
     angles = _describe_angles(test)
     _remark_on_angles(test, campaign, angles, remarks)
@@ -343,9 +343,9 @@ def _remark_on_angles(
     """Add remarks on the angles of ``test`` to ``remarks``.
 
     A remark is made if the order of the angles contradicts the direction of travel given for the
-    test, if the angles do not cover the full circle, or if there is a wide gap between them.
-    ``campaign`` is the campaign of the test. ``angles`` holds the steps and gaps of the angles, and
-    the direction in which they run.
+    test, if the angles do not cover the full circle, or if there is a wide gap between neighbouring
+    angles. ``campaign`` is the campaign of the test. ``angles`` holds the steps and gaps of the
+    angles, and the direction in which they run.
     """
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
@@ -393,8 +393,8 @@ def _preview_readings(
     """Return quantities computed from the readings of ``test``, such as noise and resolution.
 
     Remarks on the readings, for example on a unit that is probably wrong, are added to ``remarks``.
-    ``stated_um`` is the resolution given for the campaign [µm]. ``angles`` are the steps, gaps and
-    direction of the test's angles.
+    ``stated_um`` is the resolution given for the campaign [µm]. ``angles`` holds the steps and gaps
+    of the test's angles, and the direction in which they run.
     """
     reading = test.reading_um
     span = float(np.ptp(reading))
@@ -454,7 +454,7 @@ def _noise_and_spikes(
         remarks.add(RemarkKind.OPEN, is_open, start_end_um=jump)
 
     def size_of_spike(position: int) -> float:
-        """Return the distance [µm] of one reading of the test from the curve fitted to the test.
+        """Return the distance [µm] between one reading of a test and the curve fitted to the test.
 
         ``position`` is the index of the reading.
         """
@@ -515,8 +515,8 @@ def _find_regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        # The first fitted curve minimises the sum of absolute deviations. It is a sum of p
-        # functions and therefore passes exactly through p of the readings. These readings say
+        # The first fitted curve is a weighted sum of p functions. Because it minimises the sum of
+        # absolute deviations, it passes exactly through p of the readings. These readings say
         # nothing about the scatter and are left out.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
@@ -642,7 +642,7 @@ def _radii(campaign: Campaign) -> list[float]:
 
 
 def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
-    """Return whether a plane has tests in clockwise and tests in counterclockwise direction."""
+    """Return whether both clockwise and counterclockwise tests were run in a plane."""
     return {"CW", "CCW"} <= {test.direction for test in campaign.tests if test.plane == plane}
 
 

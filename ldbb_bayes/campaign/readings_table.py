@@ -91,8 +91,8 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
     """Return the value that a column has in all rows of one test; None if the cells are empty.
 
-    ``test`` and ``column`` are the names of the test and of the column, and ``values`` the column's
-    values in the rows of the test. Raise an `InputError` if the values differ.
+    ``test`` is the name of the test, and ``column`` the name of the column. ``values`` are the
+    values of the column in the rows of the test. Raise an `InputError` if the values differ.
     """
     require(
         len(set(values.tolist())) == 1,
@@ -105,11 +105,12 @@ def _single_value(path: Path, test: str, column: str, values: Any) -> str | floa
 
 
 def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of a CSV file as arrays of numbers or strings, by column name.
+    """Return a dictionary of the columns of a CSV file; each column is an array.
 
-    If semicolons or tabs separate the cells and no number contains a point, commas are read as
-    decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for a name
-    that is not permitted, and for a cell without a number in a column of numbers.
+    The keys are the names of the columns, and the arrays contain numbers or strings. If semicolons
+    or tabs separate the cells and no number contains a point, commas are read as decimal marks.
+    ``known`` are the permitted names of columns. Raise an `InputError` for a name that is not
+    permitted, and for a cell without a number in a column of numbers.
     """
     rows, separator = read_strict_table(path)
     names = [""]

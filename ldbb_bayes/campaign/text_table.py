@@ -198,7 +198,7 @@ def _split_at_blanks(content: str) -> list[str]:
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return the number of each row's line in the text file, and the columns of the table.
+    """Return the line number of each row in the text file, and the columns of the table.
 
     The table has ``width`` columns. Additional cells of a row are ignored if they are empty. Raise
     an `InputError` for a row with fewer cells, and for a row with additional cells that are not

@@ -24,14 +24,14 @@ from ldbb_bayes.errors import InputError
 
 __all__ = ["app", "main"]
 
-# Class of the errors that are raised if a command is used wrongly. It is defined by the library
-# Click, or by the copy of Click in Typer, the library that reads the command line.
+# Class of the errors that are raised if a command is used wrongly. Typer, the library that reads
+# the command line, takes this class from the library Click or from its own copy of Click.
 _UsageError: Any = typer.BadParameter.__base__
 # Options that do not exist, but that a user may type because Python functions have arguments of
-# these names. The value for each of these options is the option to type instead.
+# these names. The dictionary states, for each of these options, the option to type instead.
 _OPTIONS_BY_ARGUMENT = {"--prob": "--ci", "--ci-prob": "--ci"}
-# Names of Python functions that users may type instead of a command. The value for each of these
-# names is the command that does the same.
+# Names of Python functions that users may type instead of a command. The dictionary states, for
+# each of these names, the command that does the same.
 _COMMANDS_BY_FUNCTION = {
     "calibrate": "validate",
     "preview": "check",

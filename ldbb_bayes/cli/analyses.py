@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = ["compare", "design", "identify", "validate"]
 
-# Columns, in addition to the parameter's name, of the file parameters.csv that the command
-# ``identify`` writes.
+# Columns of the file parameters.csv, which the command ``identify`` writes. The file has one more
+# column, with the names of the parameters.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 # Names of the figures that the command ``compare`` of ``ldbb-bayes`` writes.
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
@@ -124,7 +124,10 @@ def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple
 
 
 def _read_model_files(entries: list[str], flag: str) -> dict[str, str]:
-    """Return the model files typed as NAME=FILE.toml; the keys are the names of the models."""
+    """Return a dictionary of the model files that the user typed as NAME=FILE.toml.
+
+    The keys are the names of the models, and the values are the paths of the files.
+    """
     return pairs_in(entries, flag, "NAME=FILE.toml")
 
 

@@ -1,4 +1,4 @@
-"""Arguments that several commands share, made from options: campaign, instrument and model."""
+"""Campaign, instrument and model as arguments of several commands, made from typed options."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def instrument_fields(
 
 
 def _fields_from_dccs(options: dict[str, Any], bar_length_mm: float | None) -> dict[str, Any]:
-    """Return the fields of `Instrument` that digital calibration certificates (DCC) state.
+    """Return a dictionary of the fields of `Instrument` that calibration certificates (DCC) state.
 
     The paths of the certificates are removed from ``options``. ``bar_length_mm`` is the nominal
     length of the bar [mm], which is used to choose a bar if a certificate describes several bars.
@@ -331,7 +331,7 @@ def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
 
 
 def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
-    """Return the tolerances that the user typed, if any; the keys are names of quantities."""
+    """Return a dictionary of the tolerances that the user typed; the keys name the quantities."""
     return tolerances or {}
 
 
@@ -340,9 +340,9 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 _TABLE_OPTIONS = options_of("table", "labels")
 # Command-line options for values that calibration certificates state.
 _CERTIFICATE_OPTIONS = options_of("certificates")
-# Arguments of `instrument_fields` for values from calibration certificates. The last two are the
-# names of certificates. They have no command-line option, because they are read from the files of
-# the certificates.
+# Arguments of `instrument_fields` for values from calibration certificates. The last two arguments
+# are names of certificates. There are no command-line options for these names, because they are
+# read from the files of the certificates.
 _CERTIFICATE_KEYWORDS = [
     *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
     "bar_certificate",

@@ -59,7 +59,8 @@ def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], fol
 def _read_frames(entries: list[str], flag: str) -> dict[str, tuple[float, ...]]:
     """Return the positions of the joints' coordinate frames, typed as AXIS=X,Y,Z [mm].
 
-    The keys are the letters of the joints' axes. ``flag`` names the option in error messages.
+    The result is a dictionary; its keys are the letters of the joints' axes. ``flag`` names the
+    option in error messages.
     """
     pairs = pairs_in(entries, flag, "AXIS=X,Y,Z")
     points = points_in(pairs.values(), flag)

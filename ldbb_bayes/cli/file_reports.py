@@ -46,7 +46,7 @@ _TOLERANCE = 0.05
 
 
 class WrittenReport(NamedTuple):
-    """A report, after its files were written into the report's folder."""
+    """A report whose files have been written into a folder."""
 
     document: Document
     #: Tables and sentences on the results of the report, to be printed at the terminal.
@@ -187,9 +187,9 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Options that set the probability, the language, the force, and whether the annex (the
-        sections after the certificate) is printed or left out; the keys are the names of the
-        arguments. Options that the user did not type are left out.
+        Options that set the probability, the language and the force, and options that say whether
+        the annex (the sections after the certificate) is printed or left out. The keys are the
+        names of the arguments. Options that the user did not type are missing.
     """
     names = ("prob", "language", "annex", "sheets_only", "force_N")
     return {name: settings[name] for name in names if name in settings}
@@ -259,11 +259,12 @@ def _analyse_for_sheets(
     settings: dict[str, Any],
     executor: Executor | None = None,
 ) -> tuple[xr.DataTree, _Analyses]:
-    """Return a fit of compliance linear in force, and an average over two models.
+    """Return a fit with compliance linear in force, and an average over two models.
 
-    The two models have constant and linear compliance. For the arguments see `_analyse`. This
-    function is used if a report consists only of its first part, the certificate. The second part,
-    the annex, would also show a comparison of models and a choice of the tests to run next.
+    One of the two models has constant compliance, the other linear compliance. For the arguments
+    see `_analyse`. This function is used for a report without its second part, the annex. A
+    comparison of models and a choice of the next tests are not computed, because only the annex
+    shows them.
     """
     seed = settings["seed"]
     begin_step("fit")
@@ -277,7 +278,7 @@ def _analyse_for_sheets(
 def _no_design() -> str:
     """Return the reason why a report without an annex recommends no tests to run next.
 
-    The annex is the part of a report after the first part, the certificate.
+    A report consists of the certificate and, after it, the annex.
     """
     return wording.NO_ANNEX
 
@@ -310,7 +311,7 @@ def _import_in_worker(executor: Executor | None) -> None:
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:
-    """Return the result of an analysis for a report, or a string with the reason of its failure.
+    """Return the result of an analysis for a report, or a string with the reason for its failure.
 
     ``work`` is the function without arguments that computes the analysis.
     """
@@ -341,8 +342,8 @@ def _write_beside_page(
     result
         Summary of the fit.
     imported
-        Record of the import of the tables. The layout of the tables is written into a file. None
-        if the campaign was not imported.
+        Record of the import of the tables, with the layout of the tables, which is written into a
+        file; None if the campaign was not imported.
     analyses
         Further results; results that could not be computed are not written.
     """
@@ -368,9 +369,10 @@ def _printed_parts(
 ) -> tuple[Any, ...]:
     """Return the assumptions, remarks and results of a report, to be printed at the terminal.
 
-    ``source`` is the campaign with the record of its import. ``stated`` is the posterior averaged
-    over constant and linear compliance, or the fit of linear compliance if there is no average.
-    ``result`` is the summary of ``stated``. ``analyses`` are the further results of the report.
+    ``source`` is the campaign with the record of its import. ``stated`` is the posterior whose
+    results are stated: the average over constant and linear compliance or, if there is no average,
+    the fit of linear compliance. ``result`` is the summary of ``stated``. ``analyses`` are the
+    further results of the report.
     """
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names
@@ -394,7 +396,7 @@ def _printed_parts(
 
 
 def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
-    """Return the passages of a report on the comparison of models and on the next tests."""
+    """Return what a report says about the comparison of models and about the next tests."""
     parts: list[Any] = []
     comparison = analyses.comparison
     if isinstance(comparison, str):

@@ -38,8 +38,8 @@ class GoalDesignFiles(NamedTuple):
     record: dict[str, Any]
     #: contents of the files about the cheapest campaign; the keys are the names of the files
     contents: dict[str, Any]
-    #: function that writes the cheapest campaign that reaches the goals, as a plan, into a folder;
-    #: None if no campaign was found
+    #: function that writes a plan into a folder: the cheapest campaign that reaches the goals. None
+    #: if no campaign was found.
     write_more: Callable[[Path], object] | None
 
 
@@ -97,7 +97,8 @@ def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> Goal
     Returns
     -------
     GoalDesignFiles
-        If no campaign was found, there is only the file with the result, ``goals.json``.
+        The files. If no campaign was found, the only file is ``goals.json``, which holds the result
+        of the search.
     """
     # The module that writes model files is imported here, and not at the top of the file, because
     # it loads SciPy, which takes a long time.

@@ -24,12 +24,12 @@ def _column_in(text: str) -> str | int:
 
 
 def _read_column(text: str, flag: str) -> str | int:
-    """Return the column of a table that the user typed: its number (from 1) or its heading."""
+    """Return the number or heading of a table column that the user typed; numbers begin with 1."""
     return _column_in(text)
 
 
 def _read_columns(entries: list[str], flag: str) -> list[str | int]:
-    """Return the columns of a table that the user typed: their numbers (from 1) or headings."""
+    """Return the numbers or headings of table columns that the user typed; numbers begin with 1."""
     return [_column_in(text) for text in entries]
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["next_"]
 
-# Options of the command ``next`` that become arguments of `next_circle`, such as --radii.
+# Options of the command ``next``, such as --radii, whose values become arguments of `next_circle`.
 _OPTIONS = group(
     **options_of(
         "next",

@@ -45,12 +45,12 @@ __all__ = [
 # of an evidence, or the proof that a design is the best
 EXIT_MISSED = 1
 EXIT_BAD_INPUT = 2  # exit code of the program if options or files cannot be used
-# exit code of the program if the user types Ctrl-C, as in shells: 128 + SIGINT
+# exit code if the user types Ctrl-C: 128 plus the number of the signal, as in shells
 EXIT_INTERRUPTED = 130
 # If this value is the default of a command-line option, the user must type the option.
 REQUIRED = inspect.Parameter.empty
-# Placeholder that stands for an option's value in the help, for each type of value. The
-# placeholders are short, so that the names of options fit on narrow terminals.
+# Placeholders that stand for an option's value in the help; the keys are the types of the value.
+# The placeholders are short, so that the names of options fit on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
 # Content of the file options.toml, which states the options of all commands.
 CATALOGUE: Mapping[str, Any] = tomllib.loads(
@@ -59,7 +59,7 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 
 
 class Kind(NamedTuple):
-    """Kind of values of command-line options, with the function that converts typed values."""
+    """Kind of value that a command-line option can have, and how the typed value is converted."""
 
     #: Type in which Typer, the library that reads the command line, returns the typed value of an
     #: option.
@@ -87,8 +87,8 @@ class Option:
     #: value that is used if the user does not type the option; if None, no value is passed to the
     #: command's function
     default: Any
-    #: name of the command's keyword argument that gets the option's value; if empty, the argument
-    #: has the same name as the option
+    #: name of the command's keyword argument to which the option's value is passed; if empty, the
+    #: argument has the same name as the option
     to: str
     #: further arguments of `typer.Option`; the key ``name`` gives the flag of the option, if the
     #: flag does not follow from the name of the option
@@ -181,7 +181,7 @@ class Group:
 
 
 def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: Any) -> Option:
-    """Return an option of a command of ``ldbb-bayes``, or of a `group` of options.
+    """Return the declaration of a command-line option, for a command or for a `group` of options.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
         Value that is used if the user does not type the option. If it is None, no value is passed
         on.
     to
-        Keyword argument that gets the value. Default: the name of the option.
+        Name of the keyword argument to which the value is passed. Default: the name of the option.
     **settings
         Further arguments of `typer.Option`. The argument ``name`` gives the flag of the option, if
         the flag does not follow from the name of the option.
@@ -216,8 +216,8 @@ def group(
     Parameters
     ----------
     make
-        Function that gets the values as keyword arguments and returns the argument of the command.
-        Default: dict.
+        Function that makes the argument of the command; its keyword arguments are the values of the
+        options. Default: dict.
     positional
         Parameter of the command that is not an option; its value is the first argument of
         ``make``.
@@ -237,8 +237,9 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
     Parameters
     ----------
     *groups
-        Names of groups of options. Each group is a table of the file. A table inside this table
-        holds the options of one panel of the help.
+        Names of groups of options. Each group is a table of the file. If this table contains an
+        inner table, the help shows the options of the inner table together, under the name of the
+        inner table.
     **kinds
         Kinds of option values, in addition to the kinds that exist for all commands. The keys are
         the names of the kinds in the file.
@@ -376,9 +377,9 @@ def _read_negated(flag_is_set: bool, flag: str) -> bool:
 def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
     """Return the goals for expanded uncertainties U that the user typed as NAME=U.
 
-    The keys are names of quantities, and the values are texts such as "20 nm/N". Raise an
-    `InputError` if an entry has another form, or if a name occurs twice. ``flag`` is the flag of
-    the option for the error messages.
+    The result is a dictionary; its keys are names of quantities, and its values are texts such as
+    "20 nm/N". Raise an `InputError` if an entry has another form, or if a name occurs twice.
+    ``flag`` is the flag of the option for the error messages.
     """
     return pairs_in(entries, flag, "NAME=U")
 
@@ -386,7 +387,8 @@ def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
 def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
     """Return the tolerances of parameters that the user typed as NAME="VALUE UNIT".
 
-    The keys are names of quantities, and the values are texts such as "60 nm/N".
+    The result is a dictionary; its keys are names of quantities, and its values are texts such as
+    "60 nm/N".
     """
     return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
 

@@ -111,7 +111,11 @@ def write_files(
 
 
 def _text_of(name: str, content: Any) -> str:
-    """Return the content of a file as text: JSON if its name ends with .json, CSV for a table."""
+    """Return the content of a file as text.
+
+    The text is JSON if the file's name ends with .json. Otherwise a table becomes a CSV text, and
+    ``content`` that already is a text is returned unchanged.
+    """
     if name.endswith(".json"):
         return json_text(content)
     if isinstance(content, str):
@@ -187,8 +191,8 @@ class Output:
         record
             Dictionary with the result. With the option ``--json`` it is printed as JSON.
         result
-            Result to print without the option ``--json``, or a tuple of tables and sentences to
-            print.
+            What is printed without the option ``--json``: an object, or a tuple of tables and
+            sentences.
         contents, figures
             Contents of the files, and functions that draw the figures. The keys are the names of
             the files and figures; see `write_files`.

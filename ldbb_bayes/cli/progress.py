@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Function that updates a progress bar. It usually has two arguments: the number of items, such as
-# fits, that are done, and the number of all items.
+# Function that updates a progress bar. It usually has two arguments: the number of finished items,
+# such as fits, and the number of all items.
 Tell = Callable[..., None]
 # Function that begins a named step of a computation, and returns the function that reports the
 # progress of this step.
@@ -90,7 +90,10 @@ def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
 
 
 def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a progress bar that counts items, such as campaigns, that are done or have failed.
+    """Return a context manager that shows a progress bar for items such as campaigns.
+
+    The bar shows the number of finished items, the number of all items, and the number of items
+    that have failed.
 
     Parameters
     ----------
@@ -108,7 +111,7 @@ def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | 
 
 
 def sampling_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a progress bar for the random sampling of a posterior.
+    """Return a context manager that shows a progress bar for the random sampling of a posterior.
 
     The bar shows the effective sample size (ESS) of the draws as a fraction of the required size.
 

@@ -88,7 +88,7 @@ def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) ->
     """
 
     def read(answer: str) -> lb.reading.Layout:
-        """Return the layout (how tables are to be read), with the user's answer to a question."""
+        """Return a copy of ``layout``, completed with the user's answer to the question."""
         value: Any = answer
         if question.field == "sign" and answer in question.answers:
             value = int(answer)
@@ -143,7 +143,7 @@ def _ask_topology(planes: Sequence[str]) -> str:
     """
 
     def read(answer: str) -> str:
-        """Return the topology of the machine that the typed answer states."""
+        """Return the topology of the machine from the user's typed answer."""
         return _read_topology(answer, planes)
 
     typer.echo("What does the machine look like?", err=True)
@@ -195,9 +195,9 @@ def _read_yes_or_no(answer: str) -> bool:
 
 
 def _read_ball(answer: str) -> lb.Ball | None:
-    """Return the ball that the user's answer describes by its grade or its sphericity.
+    """Return the ball that the user describes by its grade or its deviation from sphericity.
 
-    Return None for an empty answer.
+    ``answer`` is the typed description. Return None if it is empty.
     """
     if not answer:
         return None

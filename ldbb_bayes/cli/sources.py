@@ -59,8 +59,8 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
     """Return tables and sentences on the assumptions about imported files and about the balls.
 
-    If the campaign states nothing about the form deviations of the two balls, the list says that
-    they are "as the model assumes". It does not state the model's prior.
+    If the campaign states nothing about the form deviations of the two balls, one of the
+    assumptions says that they are "as the model assumes". The prior of the model is not stated.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ class ReportSource:
         Raises
         ------
         InputError
-            If an option of tables, machine or instrument is given.
+            If such an option is given.
         """
         stated = self.layout != lb.reading.Layout() or self.campaign_fields or self.certificates
         require(
@@ -266,7 +266,7 @@ class ReportSource:
         return self._read_readings(ask=can_ask())
 
     def _read_readings(self, *, ask: bool) -> SourceCampaign:
-        """Return the campaign in a folder or a campaign.toml, or imported from the user's tables.
+        """Return the campaign that is read from a campaign.toml or imported from the user's tables.
 
         ``ask`` states whether to ask the user for information that the tables do not give.
         """
@@ -280,7 +280,8 @@ class ReportSource:
         """Return the campaign in the folder or the campaign.toml that the user names.
 
         Names and dates that the user gives as options replace those of the campaign. Raise an
-        `InputError` if several files are given, or options that apply only to the import of tables.
+        `InputError` if several files are given, or if an option is given that applies only to the
+        import of tables.
         """
         first = self.paths[0]
         require(
@@ -316,7 +317,7 @@ class ReportSource:
         instrument = lb.Instrument(**self.certificates)
 
         def import_with(layout: lb.reading.Layout) -> Imported:
-            """Return the campaign imported from the files, whose tables have the given layout."""
+            """Import the user's files, whose tables have the given layout; return the campaign."""
             return lb.import_campaign(
                 self.typed_paths, layout=layout, **self.campaign_fields, instrument=instrument
             )

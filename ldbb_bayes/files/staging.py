@@ -43,7 +43,7 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     folder = target
     if target.is_symlink():
         # The temporary folder is made beside the folder that it replaces. If the target is a link,
-        # this is the folder to which the link points.
+        # the folder to which the link points is replaced.
         folder = target.resolve()
     with refuse_unwritable(target):
         is_file = False
@@ -160,7 +160,7 @@ def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
 
 
 def _is_occupied(target: Path, error: OSError) -> bool:
-    """Return whether renaming failed with ``error`` because ``target`` is an existing folder."""
+    """Return whether a folder could not be renamed to ``target`` because ``target`` is a folder."""
     if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
         return not target.is_file()
     return error.errno == errno.EACCES and target.is_dir()

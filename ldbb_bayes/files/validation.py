@@ -16,7 +16,7 @@ __all__ = ["raises_input_error", "validated"]
 T = TypeVar("T")
 # Types of errors with which pydantic, the library that checks input, reports unknown keys.
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
-# Words with which most error messages of pydantic, the library that checks input, begin.
+# Beginning of most error messages of pydantic, the library that checks input.
 _EXPECTATION = "Input should be "
 
 
@@ -102,16 +102,17 @@ class _Location(NamedTuple):
     # keys of a TOML file that lead from the outermost table to an invalid entry; entries of lists
     # are numbered from 1
     keys: list[str]
-    # class of the library pydantic that describes valid content of the innermost table under
-    # ``keys``
+    # class, of the library pydantic, that describes valid content of one table of the file: the
+    # innermost table to which ``keys`` lead
     owner: Any
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     """Return the place in a file at which pydantic has found an error.
 
-    The place consists of the keys that lead to the invalid entry, with positions in lists counted
-    from 1. The result also holds the class that describes the innermost table under these keys.
+    The place consists of the keys that lead to the invalid entry; positions in lists are counted
+    from 1. The result also holds the class that describes the innermost table to which the keys
+    lead.
 
     Parameters
     ----------
@@ -120,7 +121,8 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     content
         Content of the file.
     loc
-        Location of the error as pydantic reports it: keys, indices in lists from 0, and types.
+        Location of the error as pydantic reports it: keys, positions in lists (counted from 0), and
+        names of types.
     """
     keys: list[str] = []
     owner = model
@@ -188,7 +190,7 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
 
         @wraps(pydantic_init)
         def checked_init(self: T, *args: Any, **kwargs: Any) -> None:
-            """Create an object of the class; raise an `InputError` for wrong arguments."""
+            """Create an object of the dataclass; raise an `InputError` for wrong arguments."""
             try:
                 pydantic_init(self, *args, **kwargs)
             except ValidationError as error:

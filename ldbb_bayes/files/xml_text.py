@@ -68,7 +68,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def leave_element(*_: object) -> None:
-        """Reduce the number of nested XML elements by one, because an element ends."""
+        """Count one level of nested XML elements less, because an element ends."""
         nonlocal depth
         depth -= 1
 

@@ -51,14 +51,15 @@ class Settings:
     """Settings with which every campaign of a batch is fitted."""
 
     model_toml: str  #: TOML text of the model that is fitted to every campaign of a batch
-    sampler: str = "independent"  #: name of the sampler of every fit, independent or joint
+    #: name of the sampler that every fit uses: ``independent`` or ``joint``
+    sampler: str = "independent"
     seed: int = 1  #: seed of the random draws of every fit of a batch
     ess: float = 1000.0  #: effective sample size that every fit of a batch aims to reach
     prob: float = 0.95  #: probability of the credible intervals of every fit of a batch
     #: whether the Bayes factor of linear over constant compliance is computed for every campaign
     compare: bool = True
-    #: fields of `Campaign` for campaigns in tidy CSV files, because such a file holds only the
-    #: fields of the tests; the keys are the names of the fields
+    #: values of fields of `Campaign`, for campaigns in tidy CSV files, which cannot state these
+    #: fields; the keys are the names of the fields
     table: Mapping[str, Any] = field(default_factory=dict)
     #: fields of `Instrument` that certificates state; the keys are the names of the fields. The
     #: values replace the values that the campaigns state for the same fields.
@@ -117,7 +118,7 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
-    """Return the row, in the table of a batch, of a campaign that could not be fitted.
+    """Return the row of a batch's table for a campaign that could not be fitted.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def failed_row(settings: Settings, job: Job, reason: str) -> dict[str, Any]:
 
 
 def _read_campaign(settings: Settings, path: str) -> Campaign:
-    """Read a campaign, and apply the settings of the batch that replace what its files state.
+    """Read a campaign, and replace what its files state with what the settings of the batch state.
 
     ``path`` is the file path of the campaign. The settings state certified properties of the
     instrument, tolerances and, for a tidy CSV file, also the fields of `Campaign` that such a file
@@ -329,8 +330,9 @@ def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
 def _conformity_columns(fitted: FittedModel) -> dict[str, Any]:
     """Return the decision on conformity for each quantity with a tolerance.
 
-    ``fitted`` is the fit of one campaign. The result is a dictionary with the single entry
-    ``conformity``, whose keys are the names of the quantities.
+    ``fitted`` is the fit of one campaign. The result is a dictionary with the single key
+    ``conformity``. Its value is a dictionary of the decisions, with the names of the quantities as
+    keys.
     """
     decisions = {
         name: decision.as_dict() for name, decision in assess_conformity(fitted.tree()).items()

@@ -45,7 +45,7 @@ class SufficientStatistics:
     """
 
     names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign's fit
-    #: units, made of mm, N and rad, of the q parameters and instrument errors
+    #: internal units of the q parameters and instrument errors, made of mm, N and rad
     units: tuple[str, ...]
     mean: Array  #: posterior means of the q parameters and instrument errors, shape (q,)
     #: posterior covariance matrix of the q parameters and instrument errors, shape (q, q)
@@ -117,11 +117,11 @@ class _ChosenCoefficients(NamedTuple):
     values in all campaigns with the same instrument.
     """
 
-    #: indices of the q parameters and instrument errors in the vector of all coefficients that are
+    #: indices of the q parameters and instrument errors in the vector that holds all coefficients
     #: common to the tests of a campaign
     places: list[int]
     names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign
-    #: units, made of mm, N and rad, of the q parameters and instrument errors
+    #: internal units of the q parameters and instrument errors, made of mm, N and rad
     units: tuple[str, ...]
     #: prior means of the q parameters and instrument errors in mm, N and rad, shape (q,)
     prior_mean: Array
@@ -131,11 +131,11 @@ class _ChosenCoefficients(NamedTuple):
 
 
 def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
-    """Return the coefficients whose moments are needed: parameters, then instrument errors.
+    """Return the coefficients whose moments are computed: parameters, then instrument errors.
 
-    Instrument errors are nuisance coefficients, that is, effects that are modelled but not of
-    interest. The vector of all coefficients of ``bound`` (a model applied to one campaign) begins
-    with the nuisance coefficients, whereas the result begins with the parameters.
+    ``bound`` is a model applied to one campaign. The vector of all its coefficients begins with the
+    nuisance coefficients, that is, with effects that are modelled but not of interest, such as
+    instrument errors. The result, in contrast, begins with the parameters.
     """
     nuisance_sds: list[tuple[str, float]] = []
     for term in bound.nuisance_columns:

@@ -1,7 +1,7 @@
 """Weighted sum of joint compliances that a fitted compliance stands for (its meaning).
 
 Readings do not determine the compliance of every joint. They determine only some weighted sums of
-the compliances of joints. A model keeps one compliance for each of these sums.
+the compliances of joints. A model has one compliance for each of these sums.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 
     Returns
     -------
-    Weighted sums; the keys are the labels of the fitted compliances, such as C_XXX. A sum is a
-    dictionary with the weights of the joints' compliances; its keys are the labels of these
-    compliances. The unit of a weight is a power of mm, so that the product of the weight and the
-    joint's compliance has the unit of the fitted compliance.
+    Dictionary of weighted sums; the keys are the labels of the fitted compliances, such as C_XXX.
+    Each sum is itself a dictionary of weights; its keys are the labels of the joints' compliances.
+    The unit of a weight is a power of mm, so that the product of the weight and the joint's
+    compliance has the unit of the fitted compliance.
     """
     circles = dict.fromkeys(test.circle for test in campaign.scope)
     compliances = kept_compliances(campaign.machine(), *circles)

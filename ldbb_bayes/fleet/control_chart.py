@@ -19,8 +19,8 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["draw_control_chart"]
 
-# The control chart marks a possible change of a parameter just before a campaign by a vertical line
-# if the probability of the change exceeds this value.
+# The control chart shows a vertical line just before a campaign if the probability that the
+# parameter changed there exceeds this value.
 _VISIBLE_PROBABILITY = 0.05
 # Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
@@ -113,7 +113,9 @@ class _PanelData(NamedTuple):
 
 
 def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
-    """Return the values in a parameter's panel, given the parameter's rows of `Trend.estimates`.
+    """Return the values that one panel of a control chart shows for a parameter.
+
+    ``rows`` are the rows of `Trend.estimates` for this parameter.
 
     ``factor`` converts values from the internal unit (mm, N, rad) to the unit of the panel's axis.
     """
@@ -128,7 +130,7 @@ def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
 
 
 def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
-    """Draw the panel of one parameter: its estimates, control limits and probable changes.
+    """Draw the panel of one parameter: its estimates, control limits and possible changes.
 
     ``axes`` is the panel of the control chart, ``trend`` the trend of the machine, and ``name`` the
     name of the parameter.
@@ -172,8 +174,8 @@ def _draw_points(
 
     The estimates are drawn into ``axes``, a panel of a control chart. ``chosen`` is a mask of the n
     campaigns, shape (n,), that is true for the estimates to draw. ``data`` holds the values of all
-    campaigns. ``colour`` and ``marker`` are those of the points; ``label`` is their text in the
-    legend.
+    campaigns. ``colour`` is the colour of the points, ``marker`` their shape, and ``label`` their
+    text in the legend.
     """
     if chosen.any():
         error = np.abs(data.interval - data.estimate)

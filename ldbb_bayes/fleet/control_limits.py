@@ -32,7 +32,7 @@ _SMALLEST_SD = 1e-300
 
 
 class ChartPoints(NamedTuple):
-    """Points and limits of a control chart for n campaigns in order of time and p parameters.
+    """Points and limits of a control chart for p parameters and n campaigns, in order of time.
 
     A point is the estimate of a parameter from one campaign alone. For these estimates, the errors
     of the instrument are fixed at their posterior means. All values are in units of the parameters'
@@ -135,7 +135,7 @@ def _posteriors_of_earlier_campaigns(level_likelihoods: Gaussian) -> Gaussian:
     There is one for each of n campaigns, in order of time, and for each of r values of the
     machine's scatter from campaign to campaign. The result has the shape (r, n − 1, q): one
     Gaussian posterior of the q quantities for each value of the scatter and each campaign except
-    the first. Their prior is N(0, I).
+    the first. The prior of the q quantities is N(0, I).
     """
     precision = np.cumsum(level_likelihoods.precision[:, :-1], axis=1)
     shift = np.cumsum(level_likelihoods.shift[:, :-1], axis=1)

@@ -55,8 +55,8 @@ STIFFNESS_NAME = re.compile(
     r"(k_min|k_max|k_ratio|softest_direction|stiffest_direction|principal_axis|C_..._minus_C_...)"
     r"(_[XYZ]{2})?|k_[123]"
 )
-# Values that a batch's table holds for every quantity with a tolerance, and their Arrow types. Each
-# value has a separate column, such as C_XXX.decision.
+# Arrow types of the values that a batch's table holds for every quantity with a tolerance; the keys
+# are the names of the values. Each value has a separate column, such as C_XXX.decision.
 _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
 # Number of rows in one row group of the Parquet file with a batch's table. The rows of a group are
 # written together.
@@ -130,11 +130,11 @@ def write_dataset(
 
 
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
-    """Return the Arrow schema of a batch's table: names, types and units of columns, and metadata.
+    """Return the Arrow schema of a batch's table, which states the columns and the metadata.
 
-    ``rows`` are the rows of the table. There are columns for all parameters, all stiffnesses by
-    direction and all quantities with a tolerance that occur in at least one row. ``about`` is
-    information on the batch for the metadata.
+    Each column has a name, a type and, in some cases, a unit. A parameter, a stiffness by direction
+    or a quantity with a tolerance has columns if it occurs in at least one of the rows ``rows``.
+    ``about`` is information on the batch, which becomes part of the metadata.
     """
     import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
 
@@ -159,7 +159,7 @@ def _arrow_field(name: str, kind: str, unit: str = "") -> pa.Field:
     """Return a column of a Parquet table: its name, Arrow type and unit.
 
     ``kind`` is the name of the type, such as ``double`` or ``list<double>``. The unit is stored in
-    the metadata of the column, unless it is empty.
+    the metadata of the column; an empty unit is not stored.
     """
     import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
 
@@ -199,10 +199,10 @@ def _one_value_per_column(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers_by_quantity(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the mean, sd, median and credible interval of each parameter and stiffness.
+    """Return the unit, mean, sd, median and credible interval of each parameter and stiffness.
 
-    ``row`` is one row of a batch: the results of one campaign. The keys of the result are the names
-    of the parameters and of the stiffnesses by direction.
+    ``row`` is one row of a batch, which holds the results of one campaign. The result is a
+    dictionary; its keys are the names of the parameters and of the stiffnesses by direction.
     """
     return {**row.get("parameters", {}), **row.get("stiffness", {})}
 
@@ -302,9 +302,9 @@ def _read(
     columns: Sequence[str] | None,
     further: re.Pattern[str] | None,
 ) -> pd.DataFrame:
-    """Return the rows of batches, with given columns and the columns of further quantities.
+    """Return requested columns of the tables of one or several batches, as one table.
 
-    ``path`` names one batch or several batches, as in `read_batch`. ``columns`` are names of
+    ``path`` names the batches, as in `read_batch`. ``columns`` are the names of the requested
     columns; None requests all columns. The columns of quantities whose names match the pattern
     ``further`` are returned, too.
     """
@@ -329,10 +329,10 @@ def _read(
 
 
 def _parameter_units(schema: pa.Schema) -> dict[str, str]:
-    """Return the unit of each parameter or stiffness from the schema of a batch's table.
+    """Return the units of parameters and stiffnesses that the schema of a batch's table states.
 
-    The unit of the parameter C_XXX is stored with the column C_XXX.mean. The keys of the result are
-    the names of the parameters.
+    The result is a dictionary; its keys are the names of the parameters and stiffnesses. The unit
+    of the parameter C_XXX, for example, is stored with the column C_XXX.mean.
     """
     units: dict[str, str] = {}
     for field in schema:

@@ -33,7 +33,7 @@ __all__ = [
 
 
 class DeviationFactors(NamedTuple):
-    """Cholesky factors L of the precision matrices of w / s, and products with L⁻¹.
+    """Cholesky factors L of the precision matrices of w / s, and products with their inverses L⁻¹.
 
     w are the deviations of the c parameters of each of n campaigns or machines from their common
     level, with the standard deviations s; in the formulae s stands for diag s. The likelihood of a
@@ -47,11 +47,11 @@ class DeviationFactors(NamedTuple):
     #: w / s, where w are the deviations of the c parameters from a common level. There is one L for
     #: each of k values of the standard deviations s and each of n campaigns or machines.
     diagonal: Array
-    #: products L⁻¹ s (Λ_c, η_c) for k values of the deviations' standard deviations s and n
-    #: campaigns or machines, shape (c, q + 1, k, n), where c is the number of parameters. L is the
-    #: Cholesky factor of the precision matrix of the deviations. The first q columns belong to the
-    #: precision Λ_c of the parameters in the likelihood, the last column to the shift η_c
-    #: (precision times estimate).
+    #: products L⁻¹ s (Λ_c, η_c), shape (c, q + 1, k, n), for c parameters, k values of the standard
+    #: deviations s, and n campaigns or machines. L is the Cholesky factor of the precision matrix
+    #: of w / s, where w are the deviations of the parameters from a common level. The first q
+    #: columns belong to Λ_c, the rows of the likelihood's precision for the parameters; the last
+    #: column belongs to η_c, the shift (precision times estimate) for the parameters.
     solved: Array
     #: inverses of the Cholesky factors L, shape (c, c, k, n); shape (c, 0, k, n) if the inverses
     #: were not requested. L Lᵀ is the precision matrix of w / s, where w are the deviations of the
@@ -135,11 +135,12 @@ class Estimates(NamedTuple):
     matrix H = S Λ_c is the sensitivity.
     """
 
-    #: posterior covariances of the c parameters, shape (n, c, c), one from each of n campaigns or
-    #: machines alone. The errors of the instrument are taken as known.
+    #: posterior covariances of the c parameters given each of n campaigns or machines alone, shape
+    #: (n, c, c). The errors of the instrument are taken as known.
     covariance: Array
-    #: derivatives of the c estimates from each of n campaigns or machines, shape (n, c, q), with
-    #: respect to the q true values of the parameters and of the instrument errors
+    #: derivatives of estimates with respect to true values, shape (n, c, q): estimates of the c
+    #: parameters from each of n campaigns or machines alone, and true values of the q parameters
+    #: and instrument errors
     response: Array
     #: estimates of the c parameters from each of n campaigns or machines alone, computed as if the
     #: instrument had no errors, shape (n, c)

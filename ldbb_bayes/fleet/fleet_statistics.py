@@ -61,23 +61,25 @@ class FleetStatistics:
     machines: tuple[str, ...]  #: name of the machine of each of n campaigns
     dates: tuple[datetime | None, ...]  #: date of each of n campaigns; None if it is not stated
     parameters: tuple[str, ...]  #: names of the c parameters to analyse, such as C_XXX
-    units: tuple[str, ...]  #: internal unit (of mm, N and rad) of each of the c parameters
+    units: tuple[str, ...]  #: internal units of the c parameters, made of mm, N and rad
     #: names of the s instrument errors whose values are the same in all campaigns; empty if the
     #: campaigns used different instruments
     instrument: tuple[str, ...]
-    #: standard deviations that serve as units, in mm, N and rad, shape (c + s,): first those of the
-    #: c parameters (see `reference_sd`), then the prior sds of the s instrument errors
+    #: standard deviations that serve as units of the likelihood, shape (c + s,): first the
+    #: reference sds of the c parameters (see `reference_sd`), then the prior sds of the s
+    #: instrument errors. They are in internal units, made of mm, N and rad.
     prior_sd: Array
-    #: likelihoods of the c parameters and s instrument errors from the n campaigns, in units of
-    #: ``prior_sd``, shape (n, c + s)
+    #: likelihood of the c parameters and s instrument errors from each of the n campaigns, in units
+    #: of ``prior_sd``, shape (n, c + s)
     likelihood: Gaussian
     reference_force_N: float  #: force for which the compliances of all campaigns are given [N]
     #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
     #: such range, the lowest force is above the highest force
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances for which each fitted compliance stands; the keys are the
-    #: names of the fitted compliances; empty if the batch does not state the sums
+    #: dictionary whose keys are the names of the fitted compliances. Each value is the weighted sum
+    #: of joint compliances for which the fitted compliance stands. The dictionary is empty if the
+    #: batch does not state the sums.
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -390,8 +392,8 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
     ``names`` that the campaign has. The new reference force is the old reference force plus
     ``force_change_N``. A compliance at the new force is the compliance at the old force, plus its
     slope times ``force_change_N``, plus its curvature times the square of ``force_change_N``.
-    ``wanted`` must not contain slopes or curvatures, because the function does not convert slopes,
-    which also depend on the reference force.
+    ``wanted`` must not contain slopes or curvatures. Slopes also depend on the reference force, but
+    this function does not convert them.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):

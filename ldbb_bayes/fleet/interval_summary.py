@@ -12,20 +12,24 @@ __all__ = ["Summary", "name_intervals"]
 
 @dataclass(frozen=True)
 class Summary(Result):
-    """Mean, sd and equal-tailed credible interval of a quantity, in internal units (mm, N, rad)."""
+    """Mean, sd and equal-tailed credible interval of a quantity, in its internal unit.
 
-    mean: float  #: mean of the quantity's distribution, in internal units (mm, N, rad)
-    sd: float  #: standard deviation of the quantity's distribution, in internal units (mm, N, rad)
-    #: lower and upper end of the quantity's equal-tailed credible interval, in internal units (mm,
-    #: N, rad)
+    Internal units are made of mm, N and rad.
+    """
+
+    mean: float  #: mean of the quantity's distribution, in the internal unit of the quantity
+    #: standard deviation of the quantity's distribution, in the internal unit of the quantity
+    sd: float
+    #: lower and upper end of the quantity's equal-tailed credible interval, in the internal unit of
+    #: the quantity
     interval: tuple[float, float]
 
 
 def name_intervals(record: Any, prob: float) -> Any:
-    """Return a record in which keys of credible intervals state the probability, such as ci95.
+    """Return a copy of a record in which keys such as ``ci95`` take the place of ``interval``.
 
-    In every key of the record, ``interval`` is replaced by ``ci`` followed by the probability in
-    per cent.
+    In every key of the record, the word ``interval`` is replaced with ``ci`` and the probability of
+    the credible interval in per cent.
 
     Parameters
     ----------

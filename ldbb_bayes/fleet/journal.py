@@ -128,8 +128,8 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
 
     Returns
     -------
-    Options, and versions of software. The keys are the names that the error message uses if an
-    option or a version differs between two runs.
+    Dictionary of options and versions of software. The keys are the names that the error message
+    uses if an option or a version differs between two runs.
     """
     identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
     for name in ("sampler", "seed", "ess", "prob", "compare"):
@@ -212,10 +212,10 @@ def begin_batch(
 def _check_same_identity(
     out: Path, identity_there: Mapping[str, Any], identity_here: Mapping[str, Any]
 ) -> None:
-    """Raise an `InputError` if an option or version differs between this run and the batch.
+    """Raise an `InputError` if this run has other options or versions of software than the batch.
 
-    ``identity_there`` are the options and versions with which the batch in the folder ``out`` was
-    begun; ``identity_here`` are those of this run.
+    ``identity_there`` holds the options and versions with which the batch in the folder ``out`` was
+    begun; ``identity_here`` holds those of this run.
     """
     for name in sorted({*identity_there, *identity_here}):
         if identity_there.get(name) != identity_here.get(name):

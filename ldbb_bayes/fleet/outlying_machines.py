@@ -52,7 +52,7 @@ _SMALLEST_P = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class JudgedMachines:
-    """Comparison of each of n machines, in c parameters, with the other machines.
+    """Comparison of the c parameters of each of n machines with those of the other machines.
 
     The comparison shows which machines do not belong to the population of the other machines.
     """
@@ -209,16 +209,16 @@ def _draw_spreads_without(m: int, density: SpreadDensity, *, mode: Array, seed: 
 def _compare_with_others(m: int, likelihood: Gaussian, separate: Estimates, spread: Array) -> Array:
     """Return the deviations z of the machine with the index m, shape (c, k, 1).
 
-    z is the difference between the estimate of a parameter from machine m alone and the prediction
-    of this estimate from the other machines. The difference is divided by its standard deviation.
-    The prediction includes the errors of the instrument, which all machines share. There are c
-    parameters. ``spread``, shape (k, c), holds k draws of the spreads (standard deviations of the
-    machines about the mean of their population). ``likelihood`` holds the likelihoods of all
-    machines, and ``separate`` the estimates from each machine alone.
+    The deviation z of a parameter is the difference between its estimate from machine m alone and
+    the prediction of this estimate from the other machines, divided by the standard deviation of
+    this difference. The prediction includes the errors of the instrument, which all machines share.
+    There are c parameters. ``spread``, shape (k, c), holds k draws of the spreads (standard
+    deviations of the machines about the mean of their population). ``likelihood`` holds the
+    likelihoods of all machines, and ``separate`` the estimates from each machine alone.
     """
-    # ``shared`` is the Gaussian density of the q quantities that all machines share: the mean of
-    # the population and the errors of the instrument, given each draw of the spreads. Its ``shift``
-    # is the product of precision and mean.
+    # For each draw of the spreads, ``shared`` holds the Gaussian density of the mean of the
+    # population and the errors of the instrument. All machines share these q quantities. ``shift``
+    # is the product of the precision and the mean of a Gaussian.
     shared = shared_quantities(_without_machine(m, likelihood), spread)
     machine = Estimates(
         separate.covariance[m : m + 1],
@@ -236,10 +236,10 @@ class _Prediction(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: logarithms of integrals, up to a constant, shape (k, n). If one of n machines is left out,
-    #: the readings of all other machines give a Gaussian function of the population's mean and the
-    #: instrument's errors. This function is integrated for each of k random draws of the spreads
-    #: (standard deviations from machine to machine).
+    #: logarithms of integrals, up to a constant, shape (k, n): one integral for each of k random
+    #: draws of the spreads (standard deviations from machine to machine) and each of n machines
+    #: that is left out. The integrand is the Gaussian function of the population's mean and the
+    #: instrument's errors that the readings of all other machines give.
     log_integral: Array
     #: differences between c parameters and their predictions from the other machines, divided by
     #: the standard deviations of these differences, shape (c, k, n). There are n machines and k
