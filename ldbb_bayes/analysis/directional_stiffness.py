@@ -242,12 +242,14 @@ class DirectionalStiffness(Result):
     def table(self) -> pd.DataFrame:
         """Return stiffnesses, compliances and directions as a table.
 
-        There is one row per plane, force and quantity.
+        There is one row per plane, force and quantity. The columns plane, force_N, quantity and
+        unit describe the row. The columns mean, sd, U_k2, median, ci_low and ci_high describe the
+        posterior of the quantity; directions are in degrees. The column is_determined states
+        whether the readings determine the quantity.
 
-        Columns are plane, force_N, quantity, unit, mean, sd, U_k2, median, ci_low, ci_high and
-        is_determined. Directions are in degrees. If three planes were tested, there are also rows
-        of principal stiffnesses, with the plane XYZ. Columns x, y and z then hold the components of
-        a unit vector along the axis. Column cone_deg holds the half angle of a cone about this
+        If three planes were tested, there are further rows for the principal stiffnesses, with XYZ
+        as the plane. In these rows, the columns x, y and z hold the components of a unit vector
+        along the principal axis. The column cone_deg holds the half angle of a cone about this
         vector; the true axis lies inside the cone with the probability ``prob``.
         """
         rows = []
@@ -399,7 +401,7 @@ def stiffness_of_fit(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction at one force, from draws of a fitted model.
 
-    This function returns the same as `stiffness`, but needs no stored posterior, which saves time.
+    The result is the same as that of `stiffness`. No stored posterior is needed, which saves time.
     ``draws`` are posterior draws of the model, ``force_N`` is the force of the bar [N], and
     ``prob`` is the probability of the credible intervals.
     """
@@ -415,9 +417,9 @@ def _stiffness_of(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction from draws of compliances and deflections.
 
-    ``circles`` holds the index of one test for each plane. ``draws`` holds posterior draws at the
-    forces ``forces`` [N]: draws of the compliances, and of the deflection per unit of force on the
-    circles of these tests. ``prob`` is the probability of the credible intervals.
+    ``circles`` holds the index of one test for each plane. ``draws`` holds posterior draws of the
+    compliances, and of the deflection per unit of force along the circles of these tests, at each
+    of the forces ``forces`` [N]. ``prob`` is the probability of the credible intervals.
     """
     planes = []
     for k, r in enumerate(circles):
@@ -698,10 +700,10 @@ def _share_within(deviation: Array, expanded: float) -> float:
 
 
 def _direction(angle_rad: Array, prob: float) -> AxialDirection:
-    """Return the mean of a direction and its uncertainty, from posterior draws of its angle.
+    """Return the mean direction and its uncertainty, from posterior draws of an angle.
 
-    ``angle_rad``, shape (draws,), are the angles [rad]; opposite directions are equivalent.
-    ``prob`` is the probability of the credible interval.
+    ``angle_rad``, shape (draws,), holds draws of the angle [rad]; opposite directions are
+    equivalent. ``prob`` is the probability of the credible interval.
     """
     resultant = np.exp(2j * angle_rad).mean()
     mean_deg = float(np.degrees(0.5 * np.angle(resultant))) % 180.0

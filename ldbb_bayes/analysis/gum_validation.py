@@ -85,9 +85,9 @@ class GumComparison(Result):
     #: numerical error of ``low`` and ``high``, the endpoints of the posterior interval. They are
     #: computed from random draws; the error is twice the larger of their two standard errors.
     error: float
-    #: largest difference between the endpoints of the coverage intervals by the GUM and by the
-    #: posterior that counts as agreement: the numerical tolerance δ of JCGM 101, computed from
-    #: ``GumValidation.digits`` and ``sd``
+    #: numerical tolerance δ of JCGM 101, computed from ``GumValidation.digits`` and ``sd``. The two
+    #: coverage intervals (by the GUM and by the posterior) agree if their endpoints differ by at
+    #: most this value.
     tolerance: float
     #: largest number of significant digits, from 0 to 2, for which the coverage intervals by the
     #: GUM and by the posterior agree. The digits are those of the standard uncertainty ``sd``.
@@ -97,7 +97,8 @@ class GumComparison(Result):
     def d_low(self) -> float:
         """Distance between the lower endpoints of the parameter's two coverage intervals.
 
-        The endpoint ``gum_low`` is by the GUM's law of propagation, and ``low`` by the posterior.
+        ``gum_low`` is the lower endpoint by the GUM's law of propagation, and ``low`` the lower
+        endpoint by the posterior.
         """
         return abs(self.gum_low - self.low)
 
@@ -105,7 +106,8 @@ class GumComparison(Result):
     def d_high(self) -> float:
         """Distance between the upper endpoints of the parameter's two coverage intervals.
 
-        The endpoint ``gum_high`` is by the GUM's law of propagation, and ``high`` by the posterior.
+        ``gum_high`` is the upper endpoint by the GUM's law of propagation, and ``high`` the upper
+        endpoint by the posterior.
         """
         return abs(self.gum_high - self.high)
 
@@ -268,10 +270,10 @@ def numerical_tolerance(u: float, digits: int) -> float:
 def agreeing_digits(distance: float, u: float) -> int:
     """Return the largest number of significant digits, at most two, for which two intervals agree.
 
-    ``u`` is the standard uncertainty, rounded to these digits. ``distance`` is the larger of two
+    The digits are those of the standard uncertainty ``u``. ``distance`` is the larger of two
     distances: between the lower endpoints of the intervals, and between their upper endpoints. The
-    intervals agree for a number of digits if ``distance`` is at most `numerical_tolerance`. If the
-    intervals do not agree even for one digit, the result is zero.
+    intervals agree for a number of digits if ``distance`` is at most the `numerical_tolerance` for
+    this number. If the intervals do not agree even for one digit, the result is zero.
     """
     for digits in range(_MOST_DIGITS, 0, -1):
         if distance <= numerical_tolerance(u, digits):

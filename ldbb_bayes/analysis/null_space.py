@@ -124,9 +124,9 @@ class NullSpace:
         as no change.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
-        # The matrix of effects on the readings has one singular value for each coefficient of the
-        # model. If there are fewer readings than coefficients, the singular values that NumPy does
-        # not return are zero.
+        # Each of the coefficients needs one singular value. If there are fewer readings than
+        # coefficients, NumPy returns only as many singular values as there are readings; the others
+        # are zero.
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
         # The right singular vectors are combinations of coefficients of the model. The singular
         # value of a combination is the root sum of squares of the changes that it causes in the n

@@ -48,9 +48,9 @@ __all__ = [
     "term_named",
 ]
 
-# Sources of uncertainty are said to cause most of a parameter's variance if together they cause
-# more than this share of it. If these sources were removed, the standard uncertainty of the
-# parameter would be smaller by about 30 % or more.
+# Sources of uncertainty are said to cause most of a parameter's variance if their share of the
+# variance, taken together, is above this number. If these sources were removed, the standard
+# uncertainty of the parameter would be smaller by about 30 % or more.
 MAJORITY = 0.5
 # The readings of a campaign are said to measure an effect if they alone determine it well enough:
 # its standard uncertainty, computed with a flat prior of the effect, is below this share of the
@@ -76,10 +76,10 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
     The standard uncertainty of a source is measured by the readings of this campaign, stated by a
     certificate or by the user, or assumed by the model.
 
-    The keys are the same as in `Information.shares`. A key has two parts: the name of the source (a
-    coefficient or a kind of noise), and the name of the model term to which the source belongs. In
-    this function, the priors of the parameters (key ``(OWN, OWN)``) count as assumed. Use
-    `is_prior_stated` to find out whether the user gave the prior of a parameter.
+    The keys are the same as in `Information.shares`. Each key is a pair of names: the name of the
+    source (a coefficient or a kind of noise), and the class name of the model term to which the
+    source belongs. In this function, the priors of the parameters (key ``(OWN, OWN)``) count as
+    assumed. Use `is_prior_stated` to find out whether the user gave the prior of a parameter.
 
     Parameters
     ----------
@@ -140,10 +140,11 @@ def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
 def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
     """Return a model term with default settings instead of the user's settings.
 
-    The defaults are those of the preset from which the model was made; a preset is a ready-made
-    model, such as ``HybridModel.first``. If the preset does not have the term, they are the
-    defaults of the term's class. Settings that are strings, such as the covariate of a drift, are
-    kept. They state which effect is modelled, and not how large the effect is.
+    The default settings are those of the term in the ready-made model, such as
+    ``HybridModel.first``, from which the model was made. If the ready-made model does not have the
+    term, the defaults of the term's class are used. Settings that are strings, such as the
+    covariate of a drift, are kept, because they state which effect is modelled, and not how large
+    the effect is.
     """
     usual = ready_made_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
@@ -158,10 +159,11 @@ class _PriorSize(NamedTuple):
     may be fixed.
     """
 
-    #: the prior standard deviation of a coefficient, or its ratio to ``hyper_parameters`` if it is
-    #: proportional to them
+    #: the prior standard deviation of a coefficient. If this is proportional to
+    #: ``hyper_parameters``, the factor of proportionality is stored instead.
     sd: float
-    #: the product of hyper-parameters to which the prior standard deviation is proportional
+    #: the hyper-parameters to whose product the prior standard deviation of a coefficient is
+    #: proportional
     hyper_parameters: Source
     #: the part of a coefficient's prior standard deviation that is not multiplied by
     #: hyper-parameters, because the user or a certificate states it
@@ -229,10 +231,10 @@ def _ready_made_model_named(preset: str, degree: int) -> HybridModel:
 
 
 def term_named(bound: BoundModel, owner: str) -> Term | None:
-    """Return the nuisance term of a model whose class has the name ``owner``.
+    """Return the nuisance term of the class named ``owner``; None if the model has no such term.
 
-    A nuisance is an effect that is modelled but not of interest. Return None if the model ``bound``
-    has no such term.
+    A nuisance is an effect that is modelled but not of interest. ``bound`` is the model, applied to
+    a campaign or to a plan.
     """
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:
@@ -241,11 +243,11 @@ def term_named(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
-    """Return the origin of the standard deviation of a scatter, such as the reading noise.
+    """Return the origin of the standard deviation of scatter, such as the reading noise.
 
-    The standard deviation is measured by the readings, stated by a certificate or the user, or
-    assumed. ``name`` is the class name of the model term that causes the scatter, or the name of
-    the reading noise.
+    The origin is measured if the readings determine the standard deviation, and stated if a
+    certificate or the user states it. Otherwise, the origin is assumed. ``name`` is the class name
+    of the model term that causes the scatter, or the name of the reading noise.
     """
     if name == NOISE:
         return Origin.MEASURED
@@ -261,10 +263,11 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return design-matrix columns of the coefficients that have a separate value in each test.
+    """Return the effects of those coefficients that have a separate value in each test.
 
-    Such coefficients act as noise. A column is the change of the readings per unit of a
-    coefficient. The keys of the result are class names of model terms.
+    Such coefficients act as noise. The keys of the result are class names of model terms; each
+    value holds the effects of a term's coefficients as columns of the design matrix. A column is
+    the change of the readings per unit of a coefficient.
     """
     noises = {}
     for kind, columns in bound.columns_of.items():

@@ -121,8 +121,9 @@ def find_outlying_tests(
     Returns
     -------
     DataFrame
-        One row per test. Columns are force_N, p_value, family_wise_p_value, flag, and the p-values
-        of the single Fourier orders, order_0 … order_12.
+        One row per test. The columns force_N, p_value, family_wise_p_value and flag describe the
+        test. The columns order_0, order_1 … order_12 hold the p-values of the single Fourier
+        orders.
 
     Raises
     ------
@@ -242,10 +243,10 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
     """Return the results ``judged`` with family-wise p-values, computed by Holm's method.
 
-    Holm's method orders the tests by their p-values. The family-wise p-value of a test must not be
-    smaller than that of a test before it. Tests that have been flagged and removed already come
-    before the tests in ``judged``. ``lowest`` is the largest family-wise p-value of the flagged
-    tests; any smaller family-wise p-value is raised to this number.
+    Holm's method orders the tests by their p-values. In this order, family-wise p-values must not
+    decrease. Tests that have been flagged and removed earlier count as coming before the tests in
+    ``judged``. ``lowest`` is the largest family-wise p-value of the flagged tests; in the result,
+    any smaller family-wise p-value is raised to this number.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
@@ -386,8 +387,8 @@ def _minus_log_tail(squared_distance: float, components: int) -> float:
 
     The deviation is that of the Fourier coefficients of one order. ``squared_distance`` is the
     squared Mahalanobis distance of the observed circle from the prediction; it is taken to have a
-    χ² distribution. ``components`` is the number of Fourier coefficients of the order, one or two,
-    and the number of degrees of freedom of χ².
+    χ² distribution. ``components`` is the number of Fourier coefficients of the order, one or two;
+    the χ² distribution has the same number of degrees of freedom.
     """
     if components == 2:
         return 0.5 * squared_distance

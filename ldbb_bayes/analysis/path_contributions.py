@@ -75,12 +75,16 @@ def decompose_deviation(
         force), every geometric error, and three sums: of all effects, of all compliances and of all
         geometric errors. Offsets of the tool ball are separate sources, and are not included in the
         sums. The columns plane, radius_mm, force_N and source describe the row. All other columns
-        are in µm. The columns maximum and minimum hold the largest and the smallest value, along
-        the circle, of the posterior mean of the contribution. The columns peak_to_peak, sd, ci_low
-        and ci_high describe the posterior distribution of the peak-to-peak value: its median, its
-        standard deviation and the ends of its credible interval. Because the contribution is
-        uncertain, the peak-to-peak values of the posterior draws are too large on average. This
-        mean error is subtracted.
+        are in µm:
+
+        - ``maximum`` and ``minimum``: largest and smallest value, along the circle, of the
+          posterior mean of the contribution;
+        - ``peak_to_peak`` and ``sd``: posterior median and standard deviation of the peak-to-peak
+          value;
+        - ``ci_low`` and ``ci_high``: ends of the credible interval of the peak-to-peak value.
+
+        Because the contribution is uncertain, the peak-to-peak values of the posterior draws are
+        too large on average. This mean error is subtracted.
 
     Raises
     ------
@@ -144,13 +148,13 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return the effects of each source on a circle, in columns by parameter, shape (25, p).
+    """Return a matrix for each source, with its effects on a circle, shape (25, p).
 
     A source is a single effect of the machine, such as a compliance, or a sum of effects, such as
-    the sum of all compliances. There is one column for each of the p parameters: the change of the
-    circle's 25 Fourier coefficients per unit of the parameter. The columns of parameters that do
-    not belong to the source are zero. Offsets of the tool ball are separate sources, and are not
-    included in the sums.
+    the sum of all compliances. The keys are names of sources. Each matrix has one column for each
+    of the p parameters: the change of the circle's 25 Fourier coefficients per unit of the
+    parameter. The columns of parameters that do not belong to the source are zero. Offsets of the
+    tool ball are separate sources, and are not included in the sums.
     """
     geometry = np.where(is_tool_ball_offset(bound), 0.0, columns.geometric)
     by_source = {

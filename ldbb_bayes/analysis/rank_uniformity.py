@@ -63,17 +63,18 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     level = np.arange(1, draws + 1) / (draws + 1)
     counts = np.arange(replicates + 1.0)[:, None]
     # For each k, the number of uniformly distributed ranks that are at most k has a binomial
-    # distribution. ``at_most`` and ``more_than`` are the probabilities that this number is at most
-    # n, or more than n. The rows are for n from 0 to ``replicates``, the columns for every k.
+    # distribution. ``at_most`` holds the probability that this number is at most n, and
+    # ``more_than`` the probability that it is more than n. Both matrices have one row for each n
+    # from 0 to ``replicates``, and one column for each k.
     at_most = bdtr(counts, replicates, level)
     more_than = bdtrc(counts, replicates, level)
 
     def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
-        """Return limits of the number of ranks that are at most k, shape (draws,) each.
+        """Return lower and upper limits of the number of ranks that are at most k, for every k.
 
-        The result holds the lower and the upper limits for k = 0 … draws − 1. If the ranks are
-        uniform, the number of ranks that are at most k has a binomial distribution. The probability
-        that this number is outside its limits is at most ``excluded``.
+        The two arrays hold the limits for k = 0 … draws − 1, shape (draws,) each. If the ranks are
+        uniform, the number of ranks that are at most k has a binomial distribution. For each k, the
+        probability that this number is outside its limits is at most ``excluded``.
         """
         lower = (at_most < 0.5 * excluded).sum(axis=0)
         upper = (more_than > 0.5 * excluded).sum(axis=0)
@@ -93,7 +94,7 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 
 def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """Return the probability that the numbers of ranks below several levels are within limits.
+    """Return the probability that, at every level, the number of ranks below it is within limits.
 
     There are ``replicates`` ranks, scaled to 0 … 1 and uniformly distributed. ``level`` holds
     increasing values between 0 and 1. ``lower`` and ``upper`` hold, for each level, the limits of

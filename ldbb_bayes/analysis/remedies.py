@@ -35,8 +35,8 @@ __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 # it, is then at most this number.
 CURED_RATIO = 0.5**0.5
 # A certificate or a change of the plan counts as a remedy only if it reduces the standard
-# uncertainty enough: the standard uncertainty after it, divided by the present one, is less than
-# this number.
+# uncertainty enough: the reduced standard uncertainty, divided by the present one, must be less
+# than this number.
 NARROWER = 0.9
 # A change of the plan that adds circles under other conditions must be clearly better than taking
 # all readings twice. It counts as a remedy only if the standard uncertainty after the change,
@@ -54,7 +54,7 @@ class Remedy(Result):
     certificate: str
     circles: int  #: number of circles that the remedy adds to the plan; 0 for a certificate
     #: standard uncertainty of the parameter after the remedy (a certificate or a change of the
-    #: plan), in mm, N and rad
+    #: plan), in the parameter's internal unit, which is composed of mm, N and rad
     sd: float
     #: standard uncertainty of the parameter with the remedy (a certificate or a change of the
     #: plan), divided by its standard uncertainty without the remedy

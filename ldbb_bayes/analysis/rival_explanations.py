@@ -70,11 +70,11 @@ class Explanations:
     def instead(self) -> tuple[str, ...]:
         """Names of the alternative explanations that make slopes unnecessary, or an empty tuple.
 
-        Slopes are changes of compliance with force. Alternative explanations make slopes
-        unnecessary under two conditions. The readings support slopes if there are no alternative
-        explanations, and they do not support slopes on average over all combinations of alternative
-        explanations. The result names the alternative explanations in the most probable combination
-        without slopes.
+        Slopes are changes of compliance with force. Alternative explanations make them unnecessary
+        if two conditions are met: in a comparison without alternative explanations, the readings
+        support slopes; on average over all combinations of alternative explanations, they do not.
+        The result names the alternative explanations in the most probable combination without
+        slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)

@@ -110,8 +110,9 @@ class Tolerance(Shown):
 class Quantity:
     """A quantity that may have a tolerance.
 
-    ``unit`` is the internal unit of the quantity (composed of mm, N and rad). ``sides`` states
-    which limits, "upper", "lower" or both, are meant if a tolerance is one number without a sign.
+    ``unit`` is the internal unit of the quantity (composed of mm, N and rad). If a tolerance is a
+    single number without a sign, ``sides`` states whether this number is the upper limit, the lower
+    limit or both.
     """
 
     unit: str

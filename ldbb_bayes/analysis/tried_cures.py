@@ -224,12 +224,12 @@ def sd_by_name(
 
 
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
-    """Return the changed plan for each change that may reduce uncertainties, the cheapest first.
+    """Return the changed plans that may reduce uncertainties, the cheapest change first.
 
-    The keys are the kinds of change. Another order of the circles is left out if the model has no
-    drift. The other direction of travel is left out if every plane is already run in both
-    directions. With another order, the circles of a plan are reordered. If the campaign has already
-    been run, its circles are repeated in the new order.
+    The keys are the kinds of change. If the change is another order of the circles, the circles of
+    a plan are reordered; the circles of a campaign that has already been run are repeated in the
+    new order. This change is left out if the model has no drift. The change to the other direction
+    of travel is left out if every plane is already run in both directions.
     """
     plan = bound.campaign.plan()
     tests = _with_drift_times(plan)

@@ -34,7 +34,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Kind of reason why the values on a test certificate cannot be used, or only with caution."""
+    """Kinds of reasons against the values on a test certificate, or for caution with them."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
@@ -62,9 +62,9 @@ class Reason(Result):
 
 @dataclass(frozen=True)
 class Judgement(Result):
-    """Whether the values on the certificate that a report contains can be used, and why not.
+    """Whether the values on a test certificate can be used, and reasons against their use.
 
-    ``reasons`` are all reasons against the use of the values, the most serious first.
+    The certificate is part of the report. The most serious of the ``reasons`` comes first.
     """
 
     use: Use
@@ -90,6 +90,7 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
     Returns
     -------
     frozenset of str
+        Names of the parameters.
     """
     ratios = {}
     for name, entry in verdicts.items():
@@ -172,7 +173,7 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons for caution with a test certificate, from the fit and from the verdicts.
+    """Return those reasons for caution with a certificate that the fit and the verdicts give.
 
     A verdict on a parameter states how far the readings determine it. ``stated`` are the names of
     the parameters on the certificate.
@@ -196,7 +197,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return reasons for caution with a test certificate that follow from a model comparison."""
+    """Return those reasons for caution with a certificate that the comparison of models gives."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))
@@ -206,5 +207,5 @@ def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
 
 
 def _has_concern(fit: Fit, kind: ConcernKind) -> bool:
-    """Return whether the fit of a model to the readings raises a concern of the kind ``kind``."""
+    """Return whether one of the concerns about the fit is of the kind ``kind``."""
     return any(concern.kind == kind for concern in fit.concerns)

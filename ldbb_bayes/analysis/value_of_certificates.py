@@ -22,9 +22,9 @@ __all__ = [
     "worth_of_certificates",
 ]
 
-# Certificates that the instrument could have. The keys are names of certificates; the values are
-# the fields of the instrument that the certificate states. A certificate for a single ball is meant
-# for instruments whose other ball already has a certificate.
+# Certificates that the instrument could have. The keys are names of certificates. Each value holds
+# the fields of the instrument that the certificate states, and what it states for them. A
+# certificate for a single ball is meant for instruments whose other ball already has a certificate.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "work ball of grade G10": {"work": Ball(grade="G10")},
@@ -101,9 +101,10 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
         Weights of the m coefficients in each of q combinations, shape (q, m). The coefficients are
         in internal units and in the order of `Information.names`: the parameters, then the nuisance
         coefficients that all tests share.
-    weight, phi
-        Weights, shape (w,), of w values of the h hyper-parameters, and these values, shape (w, h);
-        lengths in mm.
+    weight
+        Weights of the w values of the hyper-parameters, shape (w,).
+    phi
+        Values of the h hyper-parameters, shape (w, h); lengths in mm.
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)

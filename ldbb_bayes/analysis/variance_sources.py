@@ -39,8 +39,8 @@ __all__ = [
     "weights_of_parameters",
 ]
 
-# Name of a source of variance in an average over models: the differences between the means of a
-# quantity under the models.
+# Name of one source of variance in an average over models: each model gives another mean of a
+# quantity, and these means scatter.
 MODEL_CHOICE = "ModelChoice"
 
 
@@ -119,12 +119,12 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return, for each source of variance, the covariance of the errors that it causes.
+        """Return, for each source of variance, the covariance matrix of the errors that it causes.
 
-        A source is a model term, the reading noise or the prior of a parameter. The key of a source
-        consists of the name of the term, noise or parameter, and of the source's origin. A
-        covariance has the shape (q, q) for the errors of the q quantities. The covariances are
-        scaled so that the sum of their diagonals is ``sd``², the variances of the quantities.
+        A source is a model term, the reading noise or the prior of a parameter. The result is a
+        dict. Each key is a pair: the name of the source and its origin. Each value is a covariance
+        matrix of the errors of the q quantities, shape (q, q). The matrices are scaled so that the
+        sum of their diagonals is ``sd``², the variances of the quantities.
         """
         gaussian_sd = np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         sd_ratio = self.sd / gaussian_sd
@@ -371,7 +371,7 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
 
 
 def weights_of_parameters(information: Information) -> Array:
-    """Return the change of each parameter when each coefficient changes by its prior sd.
+    """Return the change of each parameter when one coefficient alone changes by its prior sd.
 
     The result has one row for each of the p parameters and one column for each of the m
     coefficients, shape (p, m). The parameters are themselves coefficients, so that every row has a

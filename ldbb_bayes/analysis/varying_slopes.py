@@ -79,11 +79,12 @@ class VaryingSlope:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Compliance C(F) against force F with its credible intervals, in mm, N and rad.
+    """Compliance C(F) against force F, with credible intervals.
 
     The arrays ``mean``, ``median``, ``low`` and ``high`` have one value for each of the forces
-    ``force_N``. ``low`` and ``high`` are the ends of the equal-tailed credible interval, and
-    ``prob`` is the probability of this interval.
+    ``force_N`` [N], in the compliance's internal unit ``unit``, which is composed of mm, N and rad.
+    ``low`` and ``high`` are the ends of the equal-tailed credible interval, and ``prob`` is the
+    probability of this interval.
     """
 
     unit: str

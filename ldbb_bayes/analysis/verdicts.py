@@ -137,7 +137,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class ParameterIdentifiability(Result):
-    """How well one parameter is known, in internal units (mm, N, rad).
+    """How well one parameter is known; values are in internal units composed of mm, N and rad.
 
     Examples
     --------
@@ -269,8 +269,8 @@ class Identifiability(Result):
     changes: dict[str, ChangeIdentifiability]
     #: degeneracies: combinations of model coefficients whose effects on the readings cancel
     degeneracies: tuple[Degeneracy, ...]
-    #: what would resolve each of ``degeneracies`` (combinations of coefficients whose effects on
-    #: the readings cancel): kinds of further tests, or a calibration
+    #: for each of the ``degeneracies`` (combinations of coefficients whose effects on the readings
+    #: cancel), the ways to separate the effects: kinds of further tests, or a calibration
     cures: tuple[tuple[Cure, ...], ...]
     #: class names of the model terms that belong to the ready-made model, such as
     #: ``HybridModel.first``, but that the user has left out. Their effects are not included in the
@@ -289,9 +289,9 @@ class Identifiability(Result):
     #: nuisances (effects not of interest) that act in several tests
     correlation: ByRow
     #: standard uncertainties to expect with further certificates of the instrument. The outer keys
-    #: are the cases, and the inner keys are names of parameters. The cases are no further
-    #: certificate, each certificate that the instrument does not have yet, and all these
-    #: certificates together. For a flat prior, there are no entries.
+    #: are the cases, and the inner keys are names of parameters. The cases are "none of these", the
+    #: name of each certificate that the instrument does not have yet and, if there are several such
+    #: certificates, "all of these". For a flat prior, there are no entries.
     certificates: dict[str, dict[str, float]]
     #: values of the hyper-parameters, such as the standard deviation of the noise, at which the
     #: verdicts on the parameters are computed; the keys are names of hyper-parameters. Lengths are
@@ -303,9 +303,10 @@ class Identifiability(Result):
 
 
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
-    """Return weights, shape (w,), and values, shape (w, h), of a plan's h hyper-parameters.
+    """Return the weights of w values of a plan's hyper-parameters, and these values.
 
-    A hyper-parameter is, for example, the standard deviation of the noise. The weighted values
+    A hyper-parameter is, for example, the standard deviation of the noise. The weights have the
+    shape (w,), and the values of the h hyper-parameters the shape (w, h). The weighted values
     represent the posterior of the hyper-parameters given the readings of the plan's pilot (the
     campaign from which the plan was designed). Without such readings, the prior median is the only
     value.
@@ -319,10 +320,11 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 
 
 def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
-    """Return the parameters' standard deviations before a plan is run, and those expected after it.
+    """Return the parameters' standard deviations before and after a plan is run.
 
-    Before the plan is run, these are prior standard deviations. After it, they are posterior
-    standard deviations, from the same forecast that `design` makes. Return None for a flat prior.
+    Before the plan is run, these are prior standard deviations. After it, they are the posterior
+    standard deviations to expect, from the same forecast that `design` makes. Return None for a
+    flat prior.
     """
     if bound.model.prior.flat:
         return None
@@ -333,7 +335,7 @@ def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
 def _scaled_to_forecast(
     expected: SampledSd, bound: BoundModel, certificates: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties with further certificates, scaled to match a plan's forecast.
+    """Return standard uncertainties with further certificates, made consistent with a forecast.
 
     ``certificates`` holds, for each certificate, the standard uncertainty of every parameter. The
     first entry holds the standard uncertainties without a further certificate. For each parameter,
@@ -464,7 +466,7 @@ def _averaged_over_scales(
     weight: Array,
     phi: Array,
 ) -> AveragedVariance:
-    """Return the posterior variances of quantities under one model, and their sources.
+    """Return the posterior variances of quantities under one model, with the sources of variance.
 
     The quantities are the parameters of ``bound``, and the changes of compliances with force
     (``changes``). The shares of the sources in the variances are computed from ``information``, at
@@ -483,7 +485,7 @@ def _averaged_over_scales(
 
 
 def _weights_of_quantities(information: Information, changes: Mapping[str, CurveChange]) -> Array:
-    """Return the change of each quantity when each coefficient changes by its prior sd.
+    """Return the change of each quantity when one coefficient alone changes by its prior sd.
 
     The result has one row for each of the q quantities and one column for each of the m
     coefficients, shape (q, m). The quantities are all parameters, then all changes of compliances
@@ -593,12 +595,12 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 
 
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
-    """Return the variances of parameters and of changes of compliances with force in one model.
+    """Return the variances of the parameters, and of the changes of compliances, in one model.
 
-    ``model`` is one of several models whose results are averaged. ``changes`` holds the changes
-    that occur in any of these models; the keys are names of compliances. In the result, the
-    parameters come first, then the changes. If a change does not occur in ``model``, its weights in
-    the field ``ModelVariance.weights`` are zero.
+    A change is the change of a compliance with force. ``model`` is one of several models whose
+    results are averaged. ``changes`` holds the changes that occur in any of these models; the keys
+    are names of compliances. In the result, the parameters come first, then the changes. If a
+    change does not occur in ``model``, its weights in the field ``ModelVariance.weights`` are zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))
@@ -698,9 +700,10 @@ def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return weights, shape (w,), and values, shape (w, h), of the h hyper-parameters φ.
+    """Return the weights of w values of the hyper-parameters φ, and these values.
 
-    The w values are quadrature nodes. Together with their weights, they represent p(φ | y), for the
+    The weights have the shape (w,), and the values of the h hyper-parameters the shape (w, h). The
+    values are quadrature nodes: together with their weights, they represent p(φ | y), for the
     readings y and a model in which compliances may be negative. Hyper-parameters that are lengths
     are in mm; the others have no unit. For a plan, the prior median is the only node.
     """
@@ -721,7 +724,7 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 
 
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:
-    """Return the terms of the ready-made model that the user has left out, as class names.
+    """Return the class names of those terms of the ready-made model that the user has left out.
 
     ``bound`` was made from a ready-made model such as ``HybridModel.first``. The result is empty
     for the ready-made model ``paper``, which has no terms.
@@ -892,10 +895,10 @@ def _remedies_of(
 ) -> dict[str, Remedy | None]:
     """Return the cheapest remedy for every parameter and every change of a compliance with force.
 
-    A remedy for a large uncertainty is a certificate or a change of the plan. The keys are the
-    names that `remedies` uses. ``tried`` holds the campaign, with the uncertainties of its
-    parameters after each remedy. ``parameters`` and ``changes`` hold the verdicts and uncertainties
-    without any remedy.
+    A remedy for a large uncertainty is a certificate or a change of the plan. The keys of the
+    result are the names of the parameters, and names such as "change of C_XXX" for the changes.
+    ``tried`` computes the uncertainties after each remedy. ``parameters`` and ``changes`` hold the
+    verdicts and the uncertainties without any remedy.
     """
     entries: list[ParameterIdentifiability | ChangeIdentifiability] = []
     entries += parameters.values()
@@ -911,10 +914,10 @@ def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
 
 
 def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
-    """Return the share of a quantity's variance that the sources of each origin cause together.
+    """Return, for each origin, the share of a quantity's variance that its sources cause together.
 
     A source of uncertainty has one of three origins: its standard uncertainty is measured in this
-    campaign, stated or assumed.
+    campaign, stated or assumed. These origins are the keys of the result.
     """
     shares = dict.fromkeys(Origin, 0.0)
     for source in sources:

@@ -113,8 +113,9 @@ class Workflow(Result):
     #: parameters and hyper-parameters of the model
     ess_tail_min: float
     converged: bool  #: whether the sampler reached its targets for R-hat and effective sample size
-    #: sensitivity to the prior (by power-scaling) of the parameters whose sensitivity is above
-    #: 0.05, the most sensitive first; the keys are names of parameters
+    #: parameters that are sensitive to the prior, the most sensitive first. The keys are the names
+    #: of the parameters, and the values are their sensitivities (by power-scaling), which are above
+    #: 0.05.
     prior_sensitivity: dict[str, float]
     #: comparison of every circle with the prediction from the other circles; the keys are names of
     #: tests
@@ -286,10 +287,10 @@ def check_workflow(
 
 
 def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
-    """Return a model with constant compliance and, if ``model`` has slopes, ``model`` itself.
+    """Return ``model`` with constant compliance and, if it has slopes, ``model`` itself, too.
 
-    Slopes are changes of compliance with force. The keys say how compliance depends on force, such
-    as "constant".
+    Slopes are changes of compliance with force. The keys of the result say how compliance depends
+    on force in the model, for example "constant".
     """
     models = {DEGREE_NAMES[0]: model.with_degree(0)}
     if model.degree > 0:

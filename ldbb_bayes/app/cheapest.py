@@ -127,8 +127,8 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``refused``, the reason why the entry cannot be used, and ``wrong``, the name of its field.
-        The dictionary is empty if all entries can be used.
+        ``refused`` is the reason why the entry cannot be used, and ``wrong`` is the name of its
+        field. The dictionary is empty if all entries can be used.
 
     Raises
     ------
@@ -219,10 +219,10 @@ def find_cheapest_campaigns(
 
 
 def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) -> None:
-    """Write the files of one of the campaigns that a search found into the new folder ``folder``.
+    """Write the files of one campaign found by a search into the new folder ``folder``.
 
-    ``number`` is 1 for the cheapest campaign, 2 for the second cheapest, and so on. ``seed`` is the
-    seed of the search. If the search found no campaign, only the file with its result is written.
+    ``result`` is the result of the search, and ``seed`` its seed. ``number`` is 1 for the cheapest
+    campaign found, 2 for the second cheapest, and so on.
     """
     files = files_of_goal_design(result, seed, number)
     folder.mkdir(parents=True)
@@ -232,7 +232,7 @@ def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) ->
 
 
 def _campaign_row(plan: GoalPlan, pilot: lb.Campaign) -> dict[str, Any]:
-    """Return the circles of a campaign in the order in which to run them, and its cost."""
+    """Return the cost of a campaign, and its circles in the order in which to run them."""
     tests = plan.plan().tests
     return {
         **changes_between(tests),
@@ -255,7 +255,7 @@ def _passage_record(passage: Passage) -> dict[str, Any]:
 
 
 def _passage_from(record: Mapping[str, Any]) -> Passage:
-    """Return the table or sentence on a search that was stored as the JSON record ``record``."""
+    """Return the table or sentence from which `_passage_record` has made ``record``."""
     if "text" in record:
         return str(record["text"])
     table = record["table"]

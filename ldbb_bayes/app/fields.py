@@ -128,7 +128,7 @@ def _entry_field(name: str, group_name: str, field_option: Option) -> Field:
 
 
 def _all_fields() -> dict[str, Field]:
-    """Return all entry fields for options of ``ldbb-bayes report``, by name of the option."""
+    """Return the entry fields for options of ``ldbb-bayes report``; the keys are option names."""
     fields = {}
     for group_name, options in _GROUPS.items():
         for name, field_option in options.items():

@@ -83,10 +83,10 @@ def with_goals(
 def _goal_row(
     row: Mapping[str, Any], text: str, bound: BoundModel, estimates: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return texts on the goal for one parameter: the permitted U, and whether U is small enough.
+    """Return texts on the goal for one parameter, which states the largest permitted U.
 
-    The texts are those that `with_goals` describes: ``wanted`` and ``reached``, or only ``refused``
-    if the goal cannot be read.
+    U is the expanded uncertainty (k = 2). `with_goals` describes the texts: ``wanted`` and
+    ``reached``, or only ``refused`` if the goal cannot be read.
     """
     name = row["key"]
     try:

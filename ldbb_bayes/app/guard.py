@@ -75,7 +75,7 @@ class Guard:
             return
 
         async def send_with_headers(message: Message) -> None:
-            """Send a part of the response, with security headers that the response lacks so far."""
+            """Send a part of the response; missing security headers are added first."""
             if message["type"] == "http.response.start":
                 names = {name.lower() for name, _ in message["headers"]}
                 for name, value in _HEADERS.items():

@@ -124,8 +124,8 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 class _Report(NamedTuple):
     """Folder and time that together identify one report of a session (one browser tab).
 
-    Results that are computed from the report are cached under this key, so that they are computed
-    again after a new report was written.
+    Results computed from the report are cached, and this tuple is a part of their key. They are
+    therefore computed again after a new report has been written.
     """
 
     folder: Path  #: Folder of the session (one browser tab).
@@ -322,8 +322,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     tests_per_force = len(_tests_of_all_settings(space, low))
     most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // tests_per_force)
     levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
-    # Sort the ball angles, as the command ``design`` does, so that both searches start from the
-    # same tests.
+    # Sort the ball angles as the command ``design`` does, so that its search and this search start
+    # from the same tests.
     clockings_deg = tuple(sorted(space.clockings_deg))
     candidates = replace(space, forces_N=levels, clockings_deg=clockings_deg)
     number = int(sliders["circles"])
@@ -351,8 +351,9 @@ def _best_counts(candidates: Space, number: int) -> Array:
     ``number`` is the number of all runs (circles), and ``candidates`` the space of the tests that
     may be chosen. If there are at most 12 runs and at most 180 candidate tests, the search is the
     same as in the command ``design``. It is started several times, each time from another design.
-    If there are more, the search is started only once. For this start, the best fraction of the
-    runs is computed for each test, and the fractions are converted to whole numbers of runs.
+    If there are more runs or candidate tests, the search is started only once, from a design that
+    is probably good: the best share of all runs is computed for each test, and the shares are
+    converted to whole numbers of runs.
     """
     search = candidates.search
     if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:

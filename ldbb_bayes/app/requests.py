@@ -47,7 +47,8 @@ _REPORT_POLICY = (
     " 'none'; frame-ancestors 'self'"
 )
 _SHOWN_FILES = {"report.html": "text/html", "report.pdf": "application/pdf"}
-# Files that the user can download: their names, and their relative file paths in the report folder.
+# Files that the user can download. The keys are the names of the downloaded files; the values are
+# the paths of the files, relative to the report folder.
 _SAVED_FILES = {
     "report.json": "report.json",
     "dcc.xml": "dcc.xml",

@@ -45,8 +45,8 @@ class Session:
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)
-    #: Goals for uncertainties, and costs, of the last search for the cheapest campaign, as the user
-    #: typed them.
+    #: Texts that the user typed before the last search for the cheapest campaign: goals for
+    #: uncertainties, and costs. The keys are the names of the entry fields.
     searched: dict[str, Any] = field(default_factory=dict)
     #: Time of the last request from the session (browser tab), on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
@@ -195,7 +195,7 @@ class _ImportOrder(NamedTuple):
 
 
 def _import_order(path: Path) -> _ImportOrder:
-    """Return the sort key of a file, which puts the files in the order of import."""
+    """Return the key by which a file is sorted into the order of import."""
     pieces: list[Any] = re.split(r"([0-9]+)", path.name.casefold())
     for k, piece in enumerate(pieces):
         if piece.isdigit():

@@ -152,10 +152,10 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
 
 
 def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of the page's table of tests, each a dict of texts.
+    """Return the rows of the page's table of tests; each row is a dict.
 
-    The keys of a row are the names of the columns. A row also has the hue in which the polar plot
-    shows the test, and the list of remarks on the test.
+    Under the name of each column, a row holds what the column shows. It also holds the hue in which
+    the polar plot shows the test, and the list of remarks on the test.
     """
     hues = {}
     for trace in traces:
@@ -259,8 +259,8 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
     """Return what the browser page shows about one ball's form error: its grade or sphericity.
 
-    ``assumed`` is the form uncertainty that the fit assumes for the ball. ``ball_name`` is work or
-    tool. The entry also states whether a calibration certificate states the uncertainty.
+    ``ball_name`` is work or tool. ``assumed`` is the uncertainty of the ball's form that the fit
+    assumes. The result also says whether this uncertainty comes from a calibration certificate.
     """
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
     # ``assumed.sd`` is the prior sd of one Fourier order of the ball's form error. Convert this sd
@@ -282,8 +282,8 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
     """Return what the browser page shows about one uncertainty of the instrument.
 
-    The page shows a text and ± U, where U is twice the prior standard deviation. The entry also
-    states whether U comes from a calibration certificate. ``part`` is the part of the instrument.
+    The page shows a text and ± U, where U is twice the prior standard deviation. The result also
+    says whether U comes from a calibration certificate. ``part`` is the part of the instrument.
     """
     factor = _FACTORS.get(assumed.unit, 1e3)
     label = _LABELS.get(assumed.unit, "µm")

@@ -35,7 +35,7 @@ _PARTS = {
 
 
 def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the uncertainty U of every parameter, and its largest reductions by new certificates.
+    """Return the uncertainties U of parameters, and their largest reductions by new certificates.
 
     The certificates are calibration certificates of the instrument. U is the expanded uncertainty
     (k = 2) that is expected from a fit with linear compliance. Slopes (changes of compliance with
@@ -51,12 +51,12 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     Returns
     -------
     dict
-        Entry ``today`` has one row for every parameter, with U for the certificates that the user
-        has stated so far. Entry ``effects`` is a dict with one entry for each new certificate. The
-        key is the part of the instrument that the certificate would cover, or ``all`` for all
-        certificates together. The value has the name of the certificate, and at most four rows with
-        the largest reductions of U. Only reductions of more than 5 % have a row. Every row is a
-        dict that `uncertainty_change` returns.
+        ``today`` is a list with one row for every parameter, which states U with the certificates
+        that the user has stated so far. ``effects`` is a dict with one entry for each new
+        certificate. The key is the part of the instrument that the certificate would cover, or
+        ``all`` for all certificates together. The value holds the name of the certificate, and up
+        to four rows: one for each of the largest reductions of U, if U is reduced by more than 5 %.
+        Every row is a dict that `uncertainty_change` returns.
 
     Raises
     ------

@@ -142,7 +142,7 @@ class CampaignFields(Shown):
     place: Label | None = None  #: place of the measurement
     ball_bar: Label | None = None  #: type and number of the ball bar
     ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
-    #: name of the device that makes or measures the force, and name of the device's certificate
+    #: name of the device that makes or measures the force, followed by the name of its certificate
     force_device: Label | None = None
     #: tolerances as strings with units, such as {"C_XXX": "60 nm/N"}; the keys are the names of the
     #: quantities. Tolerances do not influence a fit; `assess_conformity` uses them.
@@ -469,7 +469,7 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 
 
 def _free_name(stem: str, names: set[str]) -> str:
-    """Return a name for a test that is not in ``names``, the names of other tests.
+    """Return a name for a test that differs from the names of all other tests, ``names``.
 
     The name is ``stem`` itself if no other test has this name. Otherwise it is the first of stem_2,
     stem_3, … that no other test has.

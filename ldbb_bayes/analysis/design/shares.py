@@ -248,7 +248,7 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     scale = abs(objective.sensitivity(tests * initial)[1] @ initial) * tests
 
     def loss(share: Array) -> tuple[Any, Any]:
-        """Return minus the design criterion, divided by ``scale``, and its derivatives."""
+        """Return the negative design criterion and its derivatives, all divided by ``scale``."""
         try:
             value, slope = objective.sensitivity(tests * np.maximum(share, 0.0))
         except np.linalg.LinAlgError:

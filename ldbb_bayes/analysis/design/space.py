@@ -1,4 +1,4 @@
-"""The tests among which a design chooses, its criterion, and the parameters of interest.
+"""Space of a design: tests to choose from, criterion of the choice, and parameters of interest.
 
 The pilot is the campaign or plan that a design starts from. Candidates are tests that could be run,
 once or several times.
@@ -38,8 +38,9 @@ from ldbb_bayes.units import inside_name
 __all__ = ["CriterionName", "Space"]
 
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
-# Columns of tables of tests, in addition to the force. ``_FIXED_COLUMNS`` are in every table. A
-# column of ``_OPTIONAL_COLUMNS`` is in a table only if tests differ in this property.
+# Columns of tables of tests, in addition to the force. Every table contains the columns
+# ``_FIXED_COLUMNS``. A column of ``_OPTIONAL_COLUMNS`` is included only if the tests differ in the
+# property that it shows.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Number of values of the hyper-parameters (such as the standard deviation of the noise) that the
@@ -60,9 +61,9 @@ class Space:
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
     values are removed. The pilot is the campaign or plan that the design starts from. Its foreseen
-    tests are tests that may be run later. The model includes their effects. Tests are of the same
-    kind if they agree in plane, set-up, centre, radius and direction. If no test of the pilot is of
-    the same kind as a candidate, a candidate of this kind is added to the foreseen tests.
+    tests are tests that may be run later, and whose effects the model includes. Tests are of the
+    same kind if they agree in plane, set-up, centre, radius and direction. For each kind of
+    candidate test of which the pilot has no test, one candidate is added to the foreseen tests.
     """
 
     model: HybridModel
@@ -179,7 +180,7 @@ class Space:
 
     @cached_property
     def templates(self) -> tuple[CircularTest, ...]:
-        """One test without readings for every plane and direction of travel of a design."""
+        """Tests without readings: one for each combination of plane and direction of travel."""
         return templates(self.pilot, self.directions)
 
     @cached_property
@@ -276,7 +277,7 @@ class Space:
         return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Return the efficiency of tests, relative to the best design with as many tests.
+        """Return the efficiency of tests, relative to the best design with equally many tests.
 
         In this best design, the number of runs of a candidate test need not be a whole number.
         """
@@ -285,9 +286,10 @@ class Space:
         return self.search.objective.efficiency(value, best)
 
     def plan_of(self, tests: Sequence[CircularTest], *, seed: int = 1) -> Campaign:
-        """Return the tests as a plan for the same machine, in the order in which to run them.
+        """Return a plan of ``tests`` for the pilot's machine, in the order in which to run them.
 
-        ``seed`` is the seed of the random order.
+        The pilot is the campaign or plan that the design starts from. ``seed`` is the seed of the
+        random order.
         """
         ordered = running_order(tests, np.random.default_rng(seed))
         return replace(
