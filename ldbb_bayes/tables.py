@@ -113,7 +113,8 @@ class Table:
     caption: str
     #: headings of the table's columns, each with its unit, such as force (N)
     heads: tuple[str, ...]
-    #: whether each column of the table holds numbers, which are aligned right
+    #: one truth value for each column of the table: whether the column holds numbers. Numbers are
+    #: aligned right.
     numeric: tuple[bool, ...]
     #: rows of cells of the table; the first cell of a row is the name of the row
     rows: tuple[tuple[Any, ...], ...]

@@ -21,8 +21,8 @@ __all__ = ["SheetParts", "parts_of_sheets"]
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _RELATIONS = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}"
 _PACKAGE = "{http://schemas.openxmlformats.org/package/2006/relationships}"
-# Regular expression for texts in a number format. A text is in quotes, or is a single character
-# after a backslash.
+# Regular expression for the texts that a number format shows beside the number. Such a text is in
+# quotes, or is a single character after a backslash.
 _TEXT_IN_FORMAT = re.compile(r'"([^"]*)"|\\(.)')
 _CELL_NAME = re.compile(r"([A-Z]+)(\d+)")
 _LETTERS = 26

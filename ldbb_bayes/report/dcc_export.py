@@ -246,9 +246,9 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
 
 
 def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
-    """Return what the certificate file states about the stiffness by direction.
+    """Return a list of what the certificate file states about the stiffness by direction.
 
-    There is one dictionary for each quantity, such as the least stiffness in a plane. The
+    The list has one dictionary for each quantity, such as the least stiffness in a plane. The
     dictionaries have the same keys as those of `_parameter_entries`, except ``low`` and ``high``,
     the ends of the credible interval. The quantities are computed at the model's reference force. A
     quantity is left out if it cannot be stated as a value ± U: a stiffness or ratio of which only a
@@ -273,10 +273,10 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 
 
 def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
-    """Return what the certificate file states about the stiffness in one plane.
+    """Return a list of what the certificate file states about the stiffness in one plane.
 
-    There is one dictionary for each quantity. The names of the quantities, such as ``k_min``, do
-    not state the plane. Quantities of which only a lower limit is known are left out. Directions
+    The list has one dictionary for each quantity. The names of the quantities, such as ``k_min``,
+    do not state the plane. Quantities of which only a lower limit is known are left out. Directions
     that the readings do not determine are left out, too.
     """
     axis = plane.plane[0]
@@ -340,11 +340,11 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
 
 
 def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
-    """Return what the certificate file states about the principal stiffnesses in space.
+    """Return a list of what the certificate file states about principal stiffnesses in space.
 
-    There is one dictionary for each principal stiffness. The entry ``verdict`` of each dictionary
-    states the principal axis in words, if the readings determine this axis. A stiffness is left out
-    if only a lower limit of it is known.
+    The list has one dictionary for each principal stiffness. The entry ``verdict`` of each
+    dictionary states the principal axis in words, if the readings determine this axis. A stiffness
+    is left out if only a lower limit of it is known.
     """
     entries = []
     for k, axis in enumerate(principal.axes, start=1):

@@ -95,7 +95,7 @@ class Document(Shown):
 
     @property
     def state(self) -> str:
-        """Sentence of the test certificate that states whether the results can be used."""
+        """Sentence on whether the results can be used, as the test certificate states it."""
         banners = [block for block in self._blocks() if isinstance(block, Banner)]
         return banners[0].sentence
 

@@ -157,7 +157,7 @@ class SheetNumbers:
 
     @cached_property
     def reversal_coefficients(self) -> dict[str, Mapping[str, float]]:
-        """Coefficients of sin 2θ in the model term `Hysteresis`. The keys are the planes.
+        """Coefficients of sin 2θ in the model term `Hysteresis`, one for each plane (the key).
 
         θ is the angle of the bar. Each coefficient is half the amplitude of sin 2θ in the
         difference between the readings of two circles that are run in opposite directions. Planes

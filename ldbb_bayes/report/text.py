@@ -128,7 +128,7 @@ def _setting_words(name: str, value: Any) -> str:
 
 @parts_of.register
 def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
-    """Return a table of the parameters and hyper-parameters of a posterior's log density."""
+    """Return a table of the parameters and hyper-parameters on which a log density depends."""
     rows = []
     for name, unit, bounds in zip(density.names, density.units, density.bounds, strict=True):
         rows.append((display_name(name), unit, *bounds))

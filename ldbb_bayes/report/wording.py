@@ -518,7 +518,9 @@ def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[s
 
 
 def not_modelled_sentences(terms: Sequence[str]) -> tuple[str, ...]:
-    """Return one sentence on the effects that the user has switched off in the model, if any.
+    """Return a tuple with one sentence on the effects that the user has switched off in the model.
+
+    The tuple is empty if the user has switched off no effect.
 
     ``terms`` are the class names of the model terms that describe these effects.
     """
@@ -1432,9 +1434,10 @@ def instrument_words(force_N: float, same_instrument: bool) -> str:
 def difference_doubts(
     first: str, other: str, converged: bool, conflict: tuple[str, float] | None
 ) -> tuple[str, ...]:
-    """Return sentences on reasons not to use the differences between two campaigns, if any.
+    """Return sentences on reasons not to use the differences between two campaigns.
 
-    ``first`` and ``other`` are the names of the campaigns. There are two possible reasons:
+    ``first`` and ``other`` are the names of the campaigns. The tuple is empty if there is no such
+    reason. There are two possible reasons:
 
     - The fit of the second campaign has not converged; ``converged`` is then false.
     - The campaigns used the same instrument, but their fits disagree about an error of the

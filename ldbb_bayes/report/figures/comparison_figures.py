@@ -360,7 +360,7 @@ def _draw_against_force(
     title: str,
     draw_beneath: Callable[[Axes, str, float], None],
 ) -> Figure:
-    """Draw parameters against force, in all models and in local fits, one panel per parameter.
+    """Draw each parameter against force in a panel of its own, in all models and in local fits.
 
     A local fit uses only the tests at two neighbouring forces. ``names`` are the names of the
     parameters. ``title`` is the first part of the figure's title. ``draw_beneath`` is a function

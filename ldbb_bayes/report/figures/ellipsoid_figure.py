@@ -96,7 +96,7 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
 def _semi_axes(principal: PrincipalStiffness) -> Array:
     """Return the semi-axes of the compliance ellipsoid as vectors [nm/N], shape (3, 3).
 
-    Each row is one vector; the first row is the softest axis.
+    Each row is one vector. The first row is the semi-axis in the softest direction.
     """
     factor, _ = display_unit("mm/N")
     rows = [np.array(axis.direction) * (factor / axis.stiffness.median) for axis in principal.axes]

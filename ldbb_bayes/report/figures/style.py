@@ -208,9 +208,9 @@ def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
 
 
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
-    """Return a colour for every model term (source of uncertainty).
+    """Return a dict with a colour for every model term (source of uncertainty).
 
-    ``terms`` are the class names of the terms, which are also the keys of the result. The order of
+    ``terms`` are the class names of the terms, which are also the keys of the dict. The order of
     the keys is the order in which the bars of the terms are stacked.
     """
     distinct_terms = list(dict.fromkeys(terms))
