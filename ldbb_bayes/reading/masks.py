@@ -1,4 +1,4 @@
-"""Functions that remove readings of a circular test in arcs, or near reversal points of axes."""
+"""Functions that remove readings from a circular test: in given arcs, or near reversals of axes."""
 
 from __future__ import annotations
 

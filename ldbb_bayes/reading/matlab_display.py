@@ -72,8 +72,9 @@ class _Display:
 def is_matlab_display(text: str) -> bool:
     """Return whether a text was copied from the command window of MATLAB.
 
-    Such a text has a line with a factor of numbers, such as ``1.0e+03 *``. If not, it has both a
-    line with MATLAB's prompt ``>>`` and a line with only the name of a variable, such as ``R =``.
+    Such a text is recognised by a line with a factor of numbers, such as ``1.0e+03 *``. It is also
+    recognised if it has a line with MATLAB's prompt ``>>`` and a line with only the name of a
+    variable, such as ``R =``.
     """
     lines = text.split("\n")
     if any(_FACTOR.fullmatch(line) for line in lines):

@@ -88,7 +88,7 @@ def measured_length_stated(text: str) -> dict[str, str]:
 
 
 def _length_of_readings(text: str) -> str:
-    """Return "radius" or "diameter" if a text says that readings measure it; otherwise ""."""
+    """Return "radius" or "diameter" if a text says that readings measure this; otherwise ""."""
     words = _without_numbers_of_others(text)
     if _READINGS.search(words) is None or re.search(r"\d", words):
         return ""
@@ -96,7 +96,7 @@ def _length_of_readings(text: str) -> str:
 
 
 def _without_numbers_of_others(text: str) -> str:
-    """Return a text in lower case without its loads and column numbers (see `comparable`)."""
+    """Return a text in lower case, without numbers that are loads or the numbers of columns."""
     return _NUMBER_OF_COLUMN.sub("", LOAD_IN_NAME.sub("", comparable(text[:LONGEST_TEXT])))
 
 

@@ -42,8 +42,8 @@ def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
         return row
     filled = _with_groups_filled(cells, starts)
     if filled is None and cells[0]:
-        # The first cell may be a label of the row, such as "Force [N]", and belong to no group of
-        # merged cells.
+        # The first cell may be a label of the row, such as "Force [N]". Such a label belongs to no
+        # group.
         filled = _with_groups_filled(["", *cells[1:]], starts)
         if filled is not None:
             filled[0] = cells[0]

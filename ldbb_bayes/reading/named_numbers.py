@@ -47,8 +47,8 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
 
     The names become the header, in a row above the first of these lines. Other words in these
     lines, such as the date and time of a log, become a column of texts. Each line without these
-    names is a row of one cell. The units of the numbers are not in the rows; they are returned as
-    the second part of the result. Both parts are empty for a text without such lines.
+    names is a row of one cell. The rows hold the numbers without their units; the result holds the
+    units separately. Both the rows and the units are empty for a text without such lines.
     """
     lines = text.split("\n")
     parts = [_named_numbers(line) for line in lines]

@@ -84,7 +84,7 @@ def _without_mark(line: str, separator: str, is_between: bool) -> str:
 
 
 def _is_row_of_numbers(line: str, separator: str) -> bool:
-    """Return whether a line holds numbers: at least two, and no more words than numbers."""
+    """Return whether a line has at least two numbers, and at most as many words as numbers."""
     cells = line.split() if separator == " " else line.split(separator)
     filled = [cell.strip() for cell in cells if cell.strip()]
     n_numbers = sum(number_in_cell(cell) is not None for cell in filled)

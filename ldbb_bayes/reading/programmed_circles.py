@@ -30,8 +30,8 @@ _ARC = re.compile(
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 # Regular expression for a coordinate of the centre of an arc, relative to the arc's starting point.
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Letters of G-code for the coordinates of the centre of an arc, with the axes of these coordinates:
-# the number after I is counted along X.
+# Axes along which the coordinates of the centre of an arc are counted. The keys are the letters of
+# these coordinates in G-code: for example, the number after I is counted along X.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
 # Regular expression for a coordinate, such as X100, of the point to which a block (line) of an NC
 # programme moves the machine.
@@ -74,9 +74,11 @@ class ProgrammedArc(NamedTuple):
     line: int | str  #: number of the line of the NC programme that describes the arc
     text: str  #: text of the block (line) of the NC programme that describes the arc
     direction: str  #: direction of travel: CW for G2 and DR-, CCW for G3 and DR+
-    radius_mm: float | None  #: radius of the arc [mm]; None if the programme does not state it
-    #: start of the arc relative to its centre [mm]; the keys are the axes X, Y and Z; None if the
-    #: blocks do not state the start. The start may be wrong if the arc is not a full circle
+    #: radius of the arc [mm]; None if it does not follow from the programme
+    radius_mm: float | None
+    #: coordinates of the start of the arc relative to its centre [mm]; the keys are the axes X, Y
+    #: and Z; None if the start does not follow from the programme. The start may be wrong if the
+    #: arc is not a full circle
     start_mm: Mapping[str, float] | None
     #: feed rate that applies to the arc; None if no block (line) of the NC programme states a feed
     feed: ProgrammedFeed | None
@@ -219,9 +221,9 @@ def _radius_of_arc(
 ) -> float | None:
     """Return the radius of an arc [mm]; None if it does not follow from the programme.
 
-    The block states the radius, or it is computed as the distance of the start from the centre.
+    If the block does not state the radius, the distance between start and centre is returned.
     ``block`` is the line of the programme that describes the arc, and ``start_mm`` is the start of
-    the arc relative to its centre [mm], or None.
+    the arc relative to its centre [mm]; None if it is not known.
     """
     stated = _RADIUS.search(block)
     if stated is not None and not _ARC_AROUND_POLE.search(block):

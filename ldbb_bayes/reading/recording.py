@@ -92,7 +92,7 @@ class Recording:
     direction_words: Mapping[str, int]
     #: values that lines above the table state; the keys are fields of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
-    #: layout that the user states, for example which columns hold what, in which units
+    #: layout that the user states, for example which column holds the angles, and in which unit
     layout: Layout
     stated: dict[str, Any]  #: fields that the entry [[test]] of the layout states for this test
     #: fields of the campaign that the user's options set; the keys are the names of the fields

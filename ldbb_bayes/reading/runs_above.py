@@ -78,9 +78,10 @@ def _with_run(name: str, run: str) -> str:
 def _names_with_units(above: Row, header: Sequence[str]) -> list[str]:
     """Return the headers of a table whose header names only the loads or runs of the readings.
 
-    The row ``above`` names the columns in merged cells, with their units. An example is the row
-    ``Angle, Deviation [um]`` above the cells ``100 N`` and ``300 N``. The result is an empty list
-    if the row above names something else, or if a header is missing.
+    The row ``above`` names the angle in its first cell. A merged cell beside it names the readings
+    and their unit. For example, ``Deviation [um]`` stands above the cells ``100 N`` and ``300 N``;
+    the headers are then ``100 N [um]`` and ``300 N [um]``. The result is an empty list if ``above``
+    names something else, or if a header is missing.
     """
     texts = [cell for cell in above.cells[1:] if cell]
     names = [above.cells[0], *header[1:]]

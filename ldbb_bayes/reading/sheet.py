@@ -48,8 +48,8 @@ class Sheet:
     factor: str = ""
     #: number of the line that states the factor of all numbers of the table; 0 if there is none
     factor_line: int = 0
-    #: if each circle has a row in the file, the number of the line with the angles; the rows of the
-    #: sheet are then the columns of the file. The number is 0 if each circle has a column
+    #: number of the line with the angles if each circle has a row in the file; 0 if each circle has
+    #: a column. If each circle has a row, the rows of the sheet are the columns of the file
     line_of_angles: int = 0
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
     #: names of the sheets of the file that are left out because the user names other sheets

@@ -284,13 +284,12 @@ class _SheetColumns:
         return statements
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return the words in the column of directions, with the line in which each first appears.
+        """Return a dict with the line in which each word of the column of directions first appears.
 
-        The keys of the returned dict are the words; the values are the numbers of the lines in
-        which they first appear. An empty cell counts as the word "". If the column holds both
-        letters R and L and no other word, the letters are replaced by "right" and "left". The dict
-        is empty if the table has no such column. ``rows`` are the indices (from 0) of the rows that
-        are considered.
+        The keys are the words, and the values are the line numbers. An empty cell counts as the
+        word "". If the column holds both letters R and L and no other word, the letters are
+        replaced by "right" and "left". The dict is empty if the table has no such column. ``rows``
+        are the indices (from 0) of the rows that are considered.
         """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
@@ -402,10 +401,10 @@ def split_sheet(
 
 
 def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
-    """Return the lines below a table without results: the line number and the text of each line.
+    """Return the number and the text of each line below a table, leaving out possible results.
 
-    A segment of a line that holds a number is left out, because it may be a result of the test, as
-    in ``Circularity CW: 12 µm``. ``lines_of_table`` are the numbers of the lines of the table.
+    A segment of a line is left out if it holds a number that may be a result of the test, as in
+    ``Circularity CW: 12 µm``. ``lines_of_table`` are the numbers of the lines of the table.
     """
     last_line = max(lines_of_table, default=0)
     lines: list[tuple[int | str, str]] = []
@@ -980,7 +979,7 @@ def _names_tests_once(labels: Sequence[str]) -> bool:
 
 
 def _filled_downwards(labels: Sequence[str]) -> list[str]:
-    """Return the name of the test for each row; an empty cell of the column gets the name above."""
+    """Return the names of tests in a column, with each empty cell replaced by the name above it."""
     filled: list[str] = []
     for label in labels:
         filled.append(label or filled[-1])

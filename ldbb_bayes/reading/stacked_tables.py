@@ -166,7 +166,7 @@ def _describes_columns(cells: Sequence[str]) -> bool:
     The first cell of such a row is a label. A load is a force or a pressure. Examples are
     ``Direction;CW;CCW`` and ``Force;100 N;300 N``.
     """
-    if len(cells) < 3:  # the row is a label and its value, as in Force;300 N
+    if len(cells) < 3:  # the row may be a label and its value, as in Force;300 N
         return False
     if {direction_named(cell) for cell in cells[1:]} <= {"CW", "CCW"}:
         return True
@@ -227,8 +227,9 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
 
     A title differs from a line above the first table only in its numbers or by a word such as
     "continued". For example, ``Test 7, page 2`` repeats the title ``Test 7, page 1``. A line that
-    states a property of a test other than its time, such as the force, is not a title. It shows
-    that a further test begins here; lines that state a time are then kept as well.
+    states a property of a test, such as the force, is not a title, but shows that a further test
+    begins here. The time of the test is an exception: a line that states a time may be a title, but
+    is kept if another line shows that a further test begins.
 
     Parameters
     ----------

@@ -169,9 +169,10 @@ def _start_of_test(recording: Recording) -> _Start | None:
 
 
 def _rank_of_source(start: _Start) -> Rank:
-    """Return the rank of the place that states the start of a test; lower is more reliable.
+    """Return the rank of the place that states the start of a test.
 
-    For example, a column of times has a lower rank than the name of a file.
+    A place with a lower rank is more reliable. For example, a column of times has a lower rank than
+    the name of a file.
     """
     return start.stamp.rank
 

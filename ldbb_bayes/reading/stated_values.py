@@ -153,7 +153,7 @@ def _certain_evidence(
 
 
 def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
-    """Return a list that holds a stated value and its source; it is empty if the value is None.
+    """Return a list with a stated value and its source; an empty list if the value is None.
 
     ``source`` describes in words what states the value of the quantity, such as "its column".
     """
@@ -201,8 +201,9 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
     """Return the radii of arcs that are programmed by G-code in lines above the table.
 
-    ``evidence`` holds the radii from other sources. If one of the arcs has such a radius, it is the
-    circle, and the other arcs are paths to and from it. The list is then empty.
+    ``evidence`` holds the radii from other sources. An arc with one of these radii is the circle,
+    and the other arcs are paths to it and from it. If there is such an arc, the list is empty,
+    because the radius is already known.
     """
     programmed = []
     for statement in recording.statements.get("programmed_radius_mm", ()):

@@ -148,12 +148,14 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
 
 
 def _angles_of_column(recording: Recording, direction: str | None) -> Array:
-    """Return the angle of every reading from the column of angles, shape (n,) [deg].
+    """Return the angle of every reading of a test, shape (n,) [deg].
 
-    Angles are counted from the plane's first axis, counter-clockwise, and continue beyond 360°.
-    Raise an `InputError` if there is no column of angles. ``recording`` holds the rows of the test
-    in its file, and all statements about the test. ``direction`` is the stated direction of travel.
-    Instead of a column, lines above the table may state the first angle and the step of the angles.
+    The angles are taken from the column of angles. If lines above the table state the first angle
+    and the step of the angles instead, the angles are computed from these. Raise an `InputError` if
+    there are neither such lines nor a column of angles. The returned angles are counted
+    counter-clockwise from the plane's first axis, and continue beyond 360°. ``recording`` holds the
+    rows of the test in its file, and all statements about the test. ``direction`` is the stated
+    direction of travel.
     """
     raw = recording.numbers.get("angle")
     if may_be_stepped(recording):

@@ -106,7 +106,7 @@ class UnreadDirection(NamedTuple):
 
 
 def _senses_by_word() -> dict[str, str]:
-    """Return a dict with CW or CCW for each word, such as HORAIRE, for a direction of travel."""
+    """Return a dict that assigns CW or CCW to each word for a direction, such as HORAIRE."""
     senses = {}
     for sense in ("CW", "CCW"):
         for word in _WORDS[sense]:

@@ -148,7 +148,7 @@ def _is_distance(recording: Recording) -> bool:
 
 
 def _may_be_distance(recording: Recording) -> bool:
-    """Return whether readings differ so little that they may be distances between the balls."""
+    """Return whether readings scatter so little that they may be distances between the balls."""
     readings = recording.numbers["reading"]
     median = float(np.median(readings))
     scatter = float(np.median(np.abs(readings - median)))

@@ -281,9 +281,9 @@ def _unit_of_pair(role: str, label: str, text: str) -> str:
     """Return the unit in ``text``; empty if the text is a value or no unit of the quantity.
 
     In a line such as ``Angle: deg``, the text stands after ``label``, the name of the quantity. The
-    quantity ``role`` is denoted by a word such as angle. Units of readings may have a factor that
-    is a power of ten, such as 10 nm; units of angles may have one that is less than one. Other
-    units have no factor.
+    quantity ``role`` is denoted by a word such as angle. A unit of readings may have a power of ten
+    as its factor, as in 10 nm. A unit of angles may have a factor that is less than one, as in 0.01
+    deg. Other units have no factor.
     """
     if comparable(text) == "grad" and "winkel" in comparable(label):
         return "deg"  # in German, Grad means degree
