@@ -102,8 +102,8 @@ class _DrawLimits(NamedTuple):
         """Return the number of random draws of the spreads for a given number of machines.
 
         A spread is the standard deviation of a parameter from machine to machine. The number of
-        draws is a power of two and at least ``lowest``. It is as large as ``highest`` and ``pairs``
-        allow.
+        draws is the largest power of two that the limits ``highest`` and ``pairs`` permit, but at
+        least ``lowest``.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
@@ -132,7 +132,7 @@ class PooledParameter(Result):
     mean: Summary  #: mean of one parameter over the machines of the population
     #: spread of one parameter: the standard deviation of the machines about their mean
     spread: Summary
-    #: prediction of one parameter for a machine of the population that was not measured
+    #: prediction of one parameter for a further, unmeasured machine of the population
     next: Summary
     #: part of the posterior sd of the parameter's mean, in ``unit``, that is due to the errors of
     #: the one instrument that all campaigns used; measurements of more machines do not reduce this
@@ -200,8 +200,8 @@ class Population(Result):
     #: common range, the lowest force is above the highest force.
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances for which each fitted compliance stands. The keys are the
-    #: names of the fitted compliances. Empty if the batch does not state the sums.
+    #: meaning of each fitted compliance: a weighted sum of joint compliances. The keys are the
+    #: names of the fitted compliances. The mapping is empty if the batch does not state the sums.
     compliances: Mapping[str, Meaning]
     #: names of the instrument errors that are the same in all campaigns, such as "mount" for the
     #: error of the mount's deflection; empty if the campaigns used different instruments
@@ -211,8 +211,8 @@ class Population(Result):
     spread_scale: float
     #: seed of the random draws of the spreads (standard deviations from machine to machine)
     seed: int
-    #: Pareto shape k̂ of the weights with which the spreads (standard deviations from machine to
-    #: machine) are drawn at random; the lower k̂ is, the more reliable are the draws
+    #: Pareto shape k̂ of the weights of the random draws of the spreads (standard deviations from
+    #: machine to machine); the larger k̂ is, the less reliable are the draws
     pareto_k: float
     #: whether ``pareto_k`` is low enough to trust the random draws of the spreads (standard
     #: deviations from machine to machine)
@@ -240,9 +240,9 @@ class Population(Result):
         return tuple(ranked(flagged, self._largest_z))
 
     def _largest_z(self, name: str) -> float:
-        """Return the largest absolute deviation of a machine's parameters from their predictions.
+        """Return the largest absolute value of the deviations ``z`` of a machine's parameters.
 
-        The deviations are the attribute ``z`` of the machine with the given name.
+        ``z`` is explained in `PooledMachine`. ``name`` is the name of the machine.
         """
         return max(abs(z) for z in self.machine[name].z.values())
 
@@ -272,10 +272,14 @@ class Population(Result):
     def machines_table(self) -> pd.DataFrame:
         """Return a table with one row per machine, in internal units (mm, N, rad).
 
-        Columns are campaigns (the number of campaigns), p_value and flag. For each parameter, such
-        as C_XXX, there are further columns: C_XXX.mean, .sd, .ci_low and .ci_high for the estimate
-        that uses the population; .alone_mean and .alone_sd for the estimate from the campaigns of
-        the machine alone; and .z for the deviation from the prediction of the other machines.
+        The first columns are ``campaigns`` (the number of campaigns), ``p_value`` and ``flag``.
+        Each parameter has further columns. For the parameter C_XXX, for example, they are
+
+        - ``C_XXX.mean``, ``C_XXX.sd``, ``C_XXX.ci_low`` and ``C_XXX.ci_high``: the estimate that
+          uses the population;
+        - ``C_XXX.alone_mean`` and ``C_XXX.alone_sd``: the estimate from the campaigns of the
+          machine alone;
+        - ``C_XXX.z``: the deviation from the prediction of the other machines.
         """
         rows: dict[str, dict[str, Any]] = {}
         for name, machine in self.machine.items():
@@ -342,7 +346,8 @@ def _table_row(name: str, parameter: PooledParameter) -> list[str]:
     - the spread (standard deviation from machine to machine) and its credible interval;
     - the prediction for a further machine ± U.
 
-    U is the expanded uncertainty (k = 2). For a skewed quantity, an interval is stated instead.
+    U is the expanded uncertainty (k = 2). For a skewed quantity, an interval is stated instead of
+    the mean ± U.
     """
     factor, unit = display_unit(parameter.unit)
     common = _NOTHING
@@ -483,11 +488,13 @@ def pool(
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Population:
-    """Estimate the mean and the spread of each parameter over machines, see `fit_population`.
+    """Estimate the mean of each parameter over machines, and its standard deviation (spread).
+
+    See `fit_population`.
 
     Parameters
     ----------
-    statistics : likelihoods of campaigns of at least two machines.
+    statistics : likelihoods of the campaigns of at least two machines.
     spread_scale, prob, seed, progress
         The same arguments as those of `fit_population`.
     """
@@ -531,7 +538,7 @@ def pool(
 class _Moments(NamedTuple):
     """Means, sds and credible intervals of c parameters, in units of their prior sds.
 
-    If there are n machines with c parameters each, every machine has its own row in the arrays.
+    For n machines with c parameters each, the arrays have a row for every machine.
     """
 
     #: mean of each of c parameters, in units of its prior sd; shape (c,) for a population, (n, c)
@@ -550,11 +557,11 @@ def _average_over_draws(
 ) -> _Moments:
     """Return mean, sd and credible interval of c parameters, averaged over draws of the spreads.
 
-    Spreads are the standard deviations from machine to machine. k values of the spreads are drawn
-    at random; ``weight``, shape (k,), holds the weights of the draws. For each draw, every
-    parameter has a Gaussian distribution with the mean ``mean`` and the standard deviation ``sd``,
-    shape (k, c), or (k, n, c) for n machines. ``tails`` are the cumulative probabilities of the two
-    ends of the credible intervals.
+    Spreads are the standard deviations from machine to machine. ``weight``, shape (k,), holds the
+    weights of k random draws of the spreads. For each draw, every parameter has a Gaussian
+    distribution with the mean ``mean`` and the standard deviation ``sd``, shape (k, c), or (k, n,
+    c) for n machines. ``tails`` are the cumulative probabilities of the two ends of the credible
+    intervals.
     """
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
@@ -582,9 +589,9 @@ def _pool_parameters(
 ) -> dict[str, PooledParameter]:
     """Return the mean, spread and prediction of every parameter of the population.
 
-    The keys of the result are the names of the parameters. The mean is taken over the machines, the
-    spread is the standard deviation of the machines about the mean, and the prediction is for a
-    further machine.
+    The result is a dict; its keys are the names of the parameters. The mean is taken over the
+    machines, the spread is the standard deviation of the machines about the mean, and the
+    prediction is for a further machine.
 
     Parameters
     ----------
@@ -593,7 +600,8 @@ def _pool_parameters(
     spreads
         Random draws of the spreads (standard deviations of the machines about their mean).
     first_spreads
-        The first of these draws. Only they are used to compute the mean and the prediction.
+        The first of these draws. The mean and the prediction are computed from the first draws
+        only.
     shared
         Gaussian distribution of the population's mean and the instrument's errors, for each draw in
         ``first_spreads``.
@@ -669,9 +677,9 @@ def _pool_machines(
 ) -> dict[str, PooledMachine]:
     """Return the estimates for every machine, and its comparison with the other machines.
 
-    The keys of the result are the names of the machines. A machine has two sets of estimates: the
-    attribute ``estimate`` uses the population, and the attribute ``alone`` uses only the campaigns
-    of the machine itself.
+    The result is a dict; its keys are the names of the machines. A machine has two sets of
+    estimates: the attribute ``estimate`` uses the population, and the attribute ``alone`` uses only
+    the campaigns of the machine itself.
 
     Parameters
     ----------
@@ -720,7 +728,7 @@ def _pool_machines(
 
 
 def _moments_of_machine(moments: _Moments, m: int) -> _Moments:
-    """Return the mean, sd and interval of the parameters of the machine with the index ``m``."""
+    """Return mean, sd and credible interval of each parameter of the machine with index ``m``."""
     return _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
 
 

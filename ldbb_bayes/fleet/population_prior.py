@@ -58,9 +58,9 @@ class PopulationPrior(Shown):
     #: SHA-256 of the content of population.json, the result from which the prior was made
     sha256: str
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: for each compliance of the population, the weighted sum of the compliances of single joints
-    #: that it stands for; the keys are the names of the compliances. A compliance without an entry
-    #: is assumed to stand for the same sum as in the campaign to be fitted.
+    #: meaning of each compliance of the population: a weighted sum of the compliances of single
+    #: joints. The keys are the names of the compliances. A compliance without an entry is assumed
+    #: to have the same meaning as in the campaign to be fitted.
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     #: names of the machines in the population from which the prior was made: the machine_id or, for
     #: a machine without machine_id, the file path of its campaign
@@ -192,10 +192,10 @@ class PopulationPrior(Shown):
 
 
 def _check_takes_prior(model: HybridModel, name: str) -> None:
-    """Raise an `InputError` if a compliance of a model cannot get its prior from a population.
+    """Raise an `InputError` if a compliance of a model must not take its prior from a population.
 
-    ``name`` is the name of the compliance. The compliance cannot get its prior from a population if
-    the model fixes it at zero, or if the user has set a prior for it in the model.
+    This is the case if the model fixes the compliance at zero, or if the user has set a prior for
+    it in the model. ``name`` is the name of the compliance.
     """
     if name in model.fixed:
         raise InputError(

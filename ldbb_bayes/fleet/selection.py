@@ -59,8 +59,8 @@ class CaveatKind(StrEnum):
 class Caveat(Result):
     """One limitation of a trend or a population. Reports describe it to the user in a sentence."""
 
-    #: kind of one limitation of a trend or a population; two-campaigns, for example, means that
-    #: there are only two campaigns
+    #: kind of one limitation of a trend or a population. The kind ``two-campaigns``, for example,
+    #: means that there are only two campaigns.
     kind: CaveatKind
     #: names of the campaigns, machines or parameters that a limitation of a trend or a population
     #: concerns
@@ -218,7 +218,7 @@ def labels(rows: pd.DataFrame) -> list[str]:
 
 
 def _is_text(value: Any) -> bool:
-    """Return whether a cell of a table holds a text; a missing text is NaN or None."""
+    """Return whether a cell of a table holds a text. An empty cell holds NaN or None."""
     return isinstance(value, str)
 
 
@@ -244,8 +244,8 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
 def _excludable_names(rows: pd.DataFrame) -> pd.DataFrame:
     """Return a table of the names by which a user can exclude each campaign or its machine.
 
-    The table has one row per campaign. Its columns are name, machine_id, path, and last. The column
-    path holds the file path of the campaign, and last holds the last part of this path.
+    The table has one row per campaign and four columns: ``name``, ``machine_id``, ``path`` (file
+    path of the campaign) and ``last`` (last part of this path).
     """
     paths = rows["campaign"].astype(str)
     last_parts = paths.map(_last_part)
@@ -253,7 +253,7 @@ def _excludable_names(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _last_part(path: str) -> str:
-    """Return the last part of a file path, such as machine_1 for campaigns/machine_1/."""
+    """Return the last part of a path, for example ``machine_1`` of ``campaigns/machine_1/``."""
     return os.path.basename(path.rstrip("/"))
 
 

@@ -42,25 +42,22 @@ __all__ = [
     "spread_slices",
 ]
 
-# Random draws of the spreads (standard deviations of machines about the mean of their population)
-# are processed in groups. The number of draws in a group times the number of machines is at most
-# this number, so that the arrays fit into the processor's cache.
+# Random draws of the spreads (standard deviations between machines) are processed in groups. The
+# number of draws in a group times the number of machines is at most this number, so that the arrays
+# fit into the processor's cache.
 _PAIRS_AT_ONCE = 4096
-# Degrees of freedom of the Student t distribution from which ln s is drawn. The spreads s are the
-# standard deviations of machines about the mean of their population.
+# Degrees of freedom of the Student t distribution from which ln s is drawn. s are the spreads
+# (standard deviations between machines).
 _DEGREES_OF_FREEDOM = 5.0
 # Step of ln s in the central differences from which the Hessian of the log density of ln s is
-# computed. The spreads s are the standard deviations of machines about the mean of their
-# population.
+# computed. s are the spreads (standard deviations between machines).
 _DIFFERENCE_STEP = 1e-4
 # The search for the mode of the density of ln s ends when a step increases the log density by less
-# than this number [nat]. The spreads s are the standard deviations of machines about the mean of
-# their population.
+# than this number [nat]. s are the spreads (standard deviations between machines).
 _MODE_GAIN = 1e-10
 # Random draws of ln s are limited to the range from ln τ − ``_RANGE_BELOW`` to m +
-# ``_RANGE_ABOVE``. The spreads s are the standard deviations of machines about the mean of their
-# population, and τ is the scale of their prior. m is the larger of two numbers: ln τ, and the
-# largest element of the mode of ln s.
+# ``_RANGE_ABOVE``. s are the spreads (standard deviations between machines), and τ is the scale of
+# their prior. m is the larger of two numbers: ln τ, and the largest element of the mode of ln s.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
 # A set of random draws of the machines' spreads (standard deviations about their mean) is good
@@ -72,8 +69,7 @@ _EFFECTIVE_SHARE = 0.2
 # fraction of the covariance that follows from the curvature of the density at its mode.
 _ADDED_VARIANCE = 0.05
 # Smallest eigenvalue of the curvature matrix at the mode of the density of ln s; smaller
-# eigenvalues are replaced by this number. The spreads s are the standard deviations of machines
-# about the mean of their population.
+# eigenvalues are replaced by this number. s are the spreads (standard deviations between machines).
 _SMALLEST_CURVATURE = 1e-3
 # Coordinates of quasi-random points are kept at least this far from 0 and from 1, because the
 # quantiles of the normal distribution at 0 and 1 are infinite.
@@ -104,8 +100,8 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
     """Yield slices of k values of the spreads, each small enough to be processed at once.
 
-    Spreads are the standard deviations of machines about the mean of their population. The arrays
-    for all machines and the values of one slice fit into the processor's cache.
+    Spreads are standard deviations between machines. The arrays for all machines and the values of
+    one slice fit into the processor's cache.
 
     Parameters
     ----------
@@ -151,9 +147,9 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
 class MachineEstimates(NamedTuple):
     """Estimates of the parameters of n machines, for each of k values of the spreads s.
 
-    Spreads are the standard deviations of the machines about the mean μ of their population. c_m
-    are the parameters of machine m. z_m = (c_m − μ) / s are the differences between these
-    parameters and μ, divided by the spreads. In the shapes, c is the number of parameters.
+    Each machine has c parameters. The spread of a parameter is its standard deviation from machine
+    to machine; μ is the mean of the population. The vector c_m holds the parameters of machine m,
+    and z_m = (c_m − μ) / s their differences from μ, divided by the spreads.
     """
 
     #: posterior means of the c parameters of n machines given each of k values of the spreads
@@ -175,7 +171,7 @@ class MachineEstimates(NamedTuple):
 
 
 def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> MachineEstimates:
-    """Return estimates of every machine's parameters for given values of the spreads.
+    """Return estimates of every machine's parameters for k given values of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population.
 
@@ -217,12 +213,12 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 def _explained_variance(root: Array, response: Array) -> Array:
     """Return the variances that are due to the uncertainty of μ and b, shape (c, k, n).
 
-    μ is the population's mean, and b are the instrument's errors; together they are q quantities.
-    The variances are those of the c parameters of n machines, or those of z = (c_m − μ) / s. They
-    are computed for k values of the spreads s (standard deviations of the machines about μ).
-    ``root``, shape (k, q, q), is the transposed square root of the covariance of μ and b.
-    ``response``, shape (c, q, k, n), holds the derivatives of the parameters, or of z, with respect
-    to μ and b. The sign of the derivatives does not matter.
+    μ are the means of the c parameters over the population, and b are the instrument's errors.
+    Together, μ and b have q elements. The variances are those of the parameters c_m of n machines,
+    or those of z = (c_m − μ) / s. They are computed for k values of the spreads s (standard
+    deviations of the machines about μ). ``root``, shape (k, q, q), is the transposed square root of
+    the covariance of μ and b. ``response``, shape (c, q, k, n), holds the derivatives of the
+    parameters, or of z, with respect to μ and b. The sign of the derivatives does not matter.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
@@ -245,8 +241,8 @@ class SpreadDensity:
     def log(self, t: Array) -> Array:
         """Return ln p(t | y) up to a constant, shape (k,), for k values of t = ln s, shape (k, c).
 
-        s are the spreads of the c parameters, that is, the standard deviations of the machines
-        about the mean of their population; y are the readings.
+        s are the spreads (standard deviations between machines) of the c parameters; y are the
+        readings.
         """
         prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
         shared = shared_quantities(self.likelihood, np.exp(t))
@@ -255,11 +251,11 @@ class SpreadDensity:
     def gradient(self, t: Array) -> Array:
         """Return the gradient ∂ ln p(t | y) / ∂ t for k values of t = ln s, shape (k, c).
 
-        s are the spreads of the c parameters, that is, the standard deviations of the machines
-        about the mean μ of their population; y are the readings. ``t`` and the result have the
-        shape (k, c). By Fisher's identity, the gradient is Σ_m (E[z_m² | y, s] − 1) plus the
-        gradient of the log prior. Here z_m = (c_m − μ) / s are the differences between the
-        parameters c_m of machine m and μ, divided by the spreads.
+        s are the spreads (standard deviations between machines) of the c parameters, and y are the
+        readings. ``t`` and the result have the shape (k, c). By Fisher's identity, the gradient is
+        Σ_m (E[z_m² | y, s] − 1) plus the gradient of the log prior. Here z_m = (c_m − μ) / s. The
+        vector c_m holds the parameters of machine m, and μ the means of the parameters over the
+        population.
         """
         s = np.exp(t)
         shared = shared_quantities(self.likelihood, s)
@@ -270,8 +266,8 @@ class SpreadDensity:
     def derivatives(self, t: Array) -> tuple[Array, Array]:
         """Return the gradient (c,) and the Hessian (c, c) of the log density of t = ln s at ``t``.
 
-        ``t`` has the shape (c,). s are the spreads of the c parameters, that is, the standard
-        deviations of the machines about the mean of their population.
+        ``t`` has the shape (c,). s are the spreads (standard deviations between machines) of the c
+        parameters.
         """
         c = len(t)
         step = _DIFFERENCE_STEP * np.eye(c)
@@ -282,11 +278,10 @@ class SpreadDensity:
     def mode(self, start: Array) -> tuple[Array, Array]:
         """Return the mode of the density of ln s, shape (c,), and the curvature there, (c, c).
 
-        s are the spreads of the c parameters, that is, the standard deviations of the machines
-        about the mean of their population. ``start``, shape (c,), is the value of ln s at which the
-        search begins. The curvature is the negative Hessian of the log density. Negative
-        eigenvalues of the curvature are replaced by their absolute values, and eigenvalues near
-        zero are increased.
+        s are the spreads (standard deviations between machines) of the c parameters. ``start``,
+        shape (c,), is the value of ln s at which the search begins. The curvature is the negative
+        Hessian of the log density. Negative eigenvalues of the curvature are replaced by their
+        absolute values, and eigenvalues near zero are increased.
         """
         t = newton(self.log, self.derivatives, start, gain=_MODE_GAIN)
         _, hessian = self.derivatives(t)
@@ -309,14 +304,14 @@ class Spreads:
     #: machine), shape (k,). The weight of a draw is the posterior density divided by the density
     #: from which it was drawn, up to a constant factor.
     log_weight: Array
-    #: importance weights of the k random draws of the spreads (standard deviations from machine to
-    #: machine), Pareto-smoothed, with a sum of one, shape (k,)
+    #: Pareto-smoothed importance weights of the k random draws of the spreads (standard deviations
+    #: from machine to machine), shape (k,). They sum to one.
     weight: Array
-    #: Pareto shape k̂ of the weights with which the spreads (standard deviations from machine to
-    #: machine) are drawn at random; the larger k̂ is, the less reliable are the weights
+    #: Pareto shape k̂ of the weights of the random draws of the spreads (standard deviations from
+    #: machine to machine); the larger k̂ is, the less reliable are the weights
     pareto_k: float
-    #: largest Pareto shape k̂ of the weights with which the random draws of the spreads (standard
-    #: deviations from machine to machine) can be trusted
+    #: upper limit of ``pareto_k``; above it, the random draws of the spreads (standard deviations
+    #: from machine to machine) cannot be trusted
     good_k: float
     #: mode of the posterior density of ln s, shape (c,); s are the spreads (standard deviations
     #: from machine to machine) of c parameters
@@ -326,7 +321,7 @@ class Spreads:
     def trusted(self) -> bool:
         """Whether ``pareto_k`` is low enough to trust the random draws of the spreads.
 
-        Spreads are the standard deviations of machines about the mean of their population.
+        Spreads are standard deviations between machines.
         """
         return self.pareto_k <= self.good_k
 
@@ -334,17 +329,15 @@ class Spreads:
     def effective(self) -> float:
         """Effective sample size 1 / Σ w² of the draws of the spreads.
 
-        The weights w of the draws sum to one. Spreads are the standard deviations of machines about
-        the mean of their population.
+        The weights w of the draws sum to one.
         """
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
         """Return the first ``size`` random draws of the spreads, with weights that sum to one.
 
-        Spreads are the standard deviations of machines about the mean of their population. The
-        draws are made from quasi-random points, so that the first draws alone also cover the range
-        of all draws evenly. The weights of the first draws are computed anew and sum to one.
+        The draws are made from quasi-random points. The first draws alone therefore cover the range
+        of all draws evenly. Their weights are computed anew.
         """
         log_weight = self.log_weight[:size]
         return _weight_draws(self.spread[:size], log_weight, self.mode)
@@ -391,10 +384,10 @@ def draw_spreads(
 def _better(first: Spreads, second: Spreads) -> Spreads:
     """Return the better of two sets of weighted random draws of the machines' spreads.
 
-    Spreads are the standard deviations of the machines about the mean of their population. A set
-    whose weights can be trusted is better than a set whose weights cannot be trusted. Of two
-    trusted sets, the set with the larger effective sample size is better. Of two sets that cannot
-    be trusted, the set whose weights have the smaller Pareto's k̂ is better.
+    Spreads are standard deviations between machines. A set whose weights can be trusted is better
+    than a set whose weights cannot be trusted. Of two trusted sets, the set with the larger
+    effective sample size is better. Of two sets that cannot be trusted, the set whose weights have
+    the smaller Pareto's k̂ is better.
     """
     if first.trusted != second.trusted:
         second_is_better = second.trusted
@@ -410,12 +403,11 @@ def _draw_about(
 ) -> Spreads:
     """Return weighted draws of the spreads s; ln s is drawn from a Student t distribution.
 
-    Spreads are the standard deviations of the machines' c parameters about the mean of their
-    population. ``centre``, shape (c,), is the centre of the t distribution of ln s, and
-    ``covariance``, shape (c, c), is its scale matrix. ``size`` is the number of draws, which are
-    made from quasi-random points. ``seed`` is the seed of these points. ``mode``, shape (c,), is
-    the mode of the posterior density of ln s, given by ``density``. The mode is used only to limit
-    the range of the draws.
+    Spreads are the standard deviations of the c parameters between machines. ``centre``, shape
+    (c,), is the centre of the t distribution of ln s, and ``covariance``, shape (c, c), is its
+    scale matrix. ``size`` is the number of draws, which are made from quasi-random points. ``seed``
+    is the seed of these points. ``mode``, shape (c,), is the mode of the posterior density of ln s,
+    given by ``density``. The mode is used only to limit the range of the draws.
     """
     c = len(centre)
     points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)
@@ -437,8 +429,8 @@ def _weight_draws(spread: Array, log_weight: Array, mode: Array) -> Spreads:
     """Return k draws of the spreads s with Pareto-smoothed weights.
 
     ``spread`` are the draws, shape (k, c), and ``log_weight`` the logarithms of their importance
-    weights, shape (k,). ``mode`` is the mode of the density of ln s, shape (c,). Spreads are the
-    standard deviations of the machines' c parameters about the mean of their population.
+    weights, shape (k,). ``mode`` is the mode of the density of ln s, shape (c,), for the c
+    parameters of the machines.
     """
     weight, pareto_k, good_k = pareto_smooth(log_weight)
     return Spreads(spread, log_weight, weight, pareto_k, good_k, mode)

@@ -24,12 +24,13 @@ _NOT_DETERMINED = "not determined"
 
 @dataclass(frozen=True)
 class StiffnessOfVisit(Result):
-    """Stiffness in one direction, computed from the readings of one campaign alone.
+    """Stiffness or a related quantity, computed from the readings of one campaign alone.
 
-    The stiffness is given at the reference force of the campaign. The class also holds a ratio of
-    stiffnesses, a direction, or a difference of compliances. If the readings do not determine the
-    quantity, the mean, the uncertainties and the interval are None. For a stiffness or a ratio of
-    stiffnesses, however, the lower end of the interval is then a lower limit.
+    The quantity is the stiffness in one direction, a ratio of stiffnesses, a direction, or a
+    difference of compliances. It is given at the reference force of the campaign. If the readings
+    do not determine the quantity, its mean, its uncertainties and the ends of its interval are
+    None. There is one exception: for a stiffness or a ratio of stiffnesses, the lower end of the
+    interval is then a lower limit of the quantity.
     """
 
     campaign: str  #: label of the campaign from which the stiffness is computed
@@ -61,14 +62,14 @@ def stiffness_series(
 ) -> dict[str, tuple[StiffnessOfVisit, ...]]:
     """Return the machine's stiffness by direction, computed from each campaign alone.
 
-    The keys are names of quantities, such as ``k_min``. Each value holds the results for this
-    quantity from all campaigns, in the order of the rows.
+    The result is a dict. Its keys are the names of quantities, such as ``k_min``. Each value is a
+    tuple with the results for this quantity from all campaigns, in the order of the rows.
 
     Parameters
     ----------
     rows
         Rows of a batch's table in the order of time. If the table has no stiffnesses by direction,
-        the result is empty.
+        the dict is empty.
     campaigns
         Labels of the campaigns, one for each row.
     """
@@ -87,10 +88,11 @@ def stiffness_series(
 
 
 def _stiffness_of_visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
-    """Return the stiffness ``name`` from one campaign alone.
+    """Return the stiffness with the given name, computed from one campaign alone.
 
-    ``row`` is the campaign's row in the table of a batch, and ``campaign`` is its label. The name
-    of the stiffness is, for example, k_min; its columns are k_min.mean, k_min.sd and so on.
+    ``row`` is the campaign's row in the table of a batch, and ``campaign`` is its label. If the
+    name is ``k_min``, for example, the stiffness is in the columns ``k_min.mean``, ``k_min.sd`` and
+    so on.
     """
     sd = _number_or_none(row[f"{name}.sd"])
     return StiffnessOfVisit(
@@ -112,7 +114,7 @@ def _number_or_none(value: float | None) -> float | None:
 def _unit_of(name: str) -> str:
     """Return the unit of a stiffness, ratio of stiffnesses, direction or difference of compliances.
 
-    ``name`` is the name of the quantity, such as k_min. The unit of a ratio is an empty text.
+    ``name`` is the name of the quantity, such as ``k_min``. The unit of a ratio is an empty text.
     """
     if name.startswith("k_ratio"):
         return ""

@@ -76,8 +76,9 @@ __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 # shows probabilities with three decimals.
 _UNLIKELY = 5e-4
 # The change of a parameter is also stated in per cent of the level before the change. This is done
-# only if that level divided by its standard uncertainty exceeds this value. The percentage neglects
-# the standard uncertainty, which is then below 20 % of the level.
+# only if that level divided by its standard uncertainty exceeds this value, that is, if the
+# standard uncertainty is below 20 % of the level. The percentage does not take this uncertainty
+# into account.
 _KNOWN_LEVEL = 5.0
 # Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
@@ -114,9 +115,8 @@ class ParameterChange(Result):
     #: possibilities are weighted by their probabilities. The uncertainty of the level includes the
     #: part that is due to the errors of the instrument.
     level_now: Summary
-    #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
-    #: estimates from all campaigns together. The estimates and limits of the control chart do not
-    #: include it.
+    #: standard uncertainty of the parameter due to the errors of the instrument, which are the same
+    #: in all campaigns. The control chart does not contain this uncertainty.
     common_sd: float
 
 
@@ -168,9 +168,9 @@ class Trend(Result):
 
     machine: str | None  #: machine_id of the machine; None if its campaigns state no machine_id
     reference_force_N: float  #: force for which the compliances are given [N]
-    #: values of the options of `find_trend`. The keys are change_scale, repeatability, probability,
-    #: threshold, ci and one_instrument; ci is the option ``prob``, the probability of the credible
-    #: intervals.
+    #: values of the options of `find_trend`. The keys are ``change_scale``, ``repeatability``,
+    #: ``probability``, ``threshold``, ``one_instrument`` and ``ci``. The value of ``ci`` is the
+    #: option ``prob``, the probability of the credible intervals.
     assumptions: Mapping[str, Any]
     #: posterior probability that a parameter of the machine has changed
     probability: Annotated[float, Field(alias="probability_of_change")]
@@ -193,7 +193,7 @@ class Trend(Result):
     #: the parameter.
     conformity: Mapping[str, Mapping[str, Conformity]]
     #: stiffness by direction from each campaign alone, in the order of time; the keys are names
-    #: such as k_min. Empty if the batches have no stiffness by direction.
+    #: such as ``k_min``. The mapping is empty if the batches have no stiffness by direction.
     stiffness: Mapping[str, tuple[StiffnessOfVisit, ...]]
     #: probability that the estimate from one campaign lies within its control limits if the machine
     #: has not changed
@@ -202,8 +202,8 @@ class Trend(Result):
     def as_dict(self) -> dict[str, Any]:
         """Return the trend of the machine as a dictionary for JSON, in mm, N and rad.
 
-        The keys of credible intervals state the probability, such as ci95. The table ``estimates``
-        is left out.
+        The keys of credible intervals state the probability: ``ci95``, for example, is an interval
+        of 95 % probability. The table ``estimates`` is left out.
         """
         record: dict[str, Any] = name_intervals(super().as_dict(), self.assumptions["ci"])
         return record
@@ -503,9 +503,9 @@ def _order_in_time(statistics: FleetStatistics) -> list[int]:
 def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
     """Return the caveats on the campaigns from which the trend of a machine is computed.
 
-    A caveat is a limitation that reports describe to the user: the reference force is outside the
-    tested forces, no campaign has a date, or there are only two campaigns. ``statistics`` holds the
-    likelihoods and the dates of the campaigns.
+    A caveat is a limitation that reports describe to the user. There are caveats if the reference
+    force is outside the tested forces, if no campaign has a date, and if there are only two
+    campaigns. ``statistics`` holds the likelihoods and the dates of the campaigns.
     """
     caveats = list(statistics.caveats)
     if all(date is None for date in statistics.dates):
@@ -521,10 +521,10 @@ def _visits(
     """Return the campaigns of a trend, with the probability of a change just before each campaign.
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
-    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds posterior
-    probabilities. Each of them is the probability of two things: one of p parameters changed just
-    before one of the campaigns 2 to n, and the machine's scatter from campaign to campaign has one
-    of r values.
+    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds joint
+    posterior probabilities of the scatter, the time and the parameter: the machine's scatter from
+    campaign to campaign has one of r values, and just before one of the campaigns 2 to n one of p
+    parameters changed.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -539,13 +539,13 @@ def _parameter_changes(
 ) -> dict[str, ParameterChange]:
     """Return the possible step and the present level of every parameter.
 
-    The keys are the names of the p parameters. ``posteriors`` are the Gaussian distributions of
-    levels, instrument errors and step under every hypothesis (see `hypotheses`), and
-    ``probabilities`` are the posterior probabilities of the hypotheses, shape (r, n, p). A
-    hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
-    assumes either a step of one of the p parameters just before one of n campaigns, or no step.
-    ``chart`` holds the points and limits of the control chart. ``prob`` is the probability of the
-    credible intervals.
+    The result is a dict; its keys are the names of the p parameters. ``posteriors`` are the
+    Gaussian distributions of levels, instrument errors and step under every hypothesis (see
+    `hypotheses`), and ``probabilities`` are the posterior probabilities of the hypotheses, shape
+    (r, n, p). A hypothesis assumes one of r values of the machine's scatter from campaign to
+    campaign. It also assumes either a step of one of the p parameters just before one of n
+    campaigns, or no step. ``chart`` holds the points and limits of the control chart. ``prob`` is
+    the probability of the credible intervals.
     """
     levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
@@ -577,9 +577,9 @@ def _parameter_change(
         Gaussian distributions of levels, instrument errors and step under every hypothesis, see
         `hypotheses`.
     step_probabilities
-        Posterior probabilities, shape (r, n − 1). Each of them is the probability of two things:
-        the parameter changed just before one of the campaigns 2 to n, and the machine's scatter
-        from campaign to campaign has one of r values.
+        Joint posterior probabilities of the scatter and the time, shape (r, n − 1): the machine's
+        scatter from campaign to campaign has one of r values, and the parameter changed just before
+        one of the campaigns 2 to n.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -671,9 +671,9 @@ def _estimates_table(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Posterior probabilities, shape (r, n − 1, p). Each of them is the probability of two things:
-        one of the parameters changed just before one of the campaigns 2 to n, and the machine's
-        scatter from campaign to campaign has one of r values.
+        Joint posterior probabilities of the scatter, the time and the parameter, shape (r, n − 1,
+        p): the machine's scatter from campaign to campaign has one of r values, and just before one
+        of the campaigns 2 to n one of the p parameters changed.
     prob
         Probability of the credible intervals.
     """

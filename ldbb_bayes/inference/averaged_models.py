@@ -52,7 +52,7 @@ class AveragedModel:
 
     @cached_property
     def sd(self) -> Array:
-        """Standard deviations of the p parameters over the draws from one averaged model, (p,).
+        """Standard deviations of p parameters over the draws from one model, shape (p,).
 
         The p parameters are those of the average over models.
         """
@@ -96,7 +96,7 @@ def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
 def _bound_of_model(
     largest: BoundModel, places: NDArray[np.intp], rivals: Sequence[str]
 ) -> BoundModel:
-    """Return one of the models over which results are averaged, for the readings of a campaign.
+    """Return one of the averaged models, applied to the readings of a campaign.
 
     ``largest`` is the model with the parameters of all averaged models. ``places`` holds, for each
     parameter of the returned model, its index among the parameters of ``largest``. ``rivals`` are

@@ -57,8 +57,7 @@ __all__ = [
 # p-value, multiplied by the number of p-values (Bonferroni), is below this level. There is one
 # p-value for each of the two axes of every plane.
 SHIFTED = 0.01
-# Largest number of random draws from the posterior from which posterior predictive checks are
-# computed.
+# Posterior predictive checks are computed from at most this number of posterior draws.
 _DRAWS = 500
 # Significance level of posterior predictive checks. A check fails if its p-value, multiplied by the
 # number of all checks (Bonferroni), is below this level.
@@ -88,8 +87,8 @@ class CheckKind(StrEnum):
 
     ORDER = "order"  #: residual of a test's readings at one of the Fourier orders 0 to 12
     NOISE = "noise"  #: scatter of a test's readings about a fit of the Fourier orders 0 to 12
-    #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
-    #: readings
+    #: correlation between successive residuals of the readings, after the Fourier orders 0 to 12
+    #: have been fitted to them
     AUTOCORRELATION = "autocorrelation"
 
 
@@ -130,8 +129,8 @@ class TestChecks(Result):
     #: says. The p-value is computed from the residuals of a fit of the Fourier orders 0 to 12 to
     #: the readings.
     noise_p: float | None
-    #: correlation between successive residuals of a fit of the Fourier orders 0 to 12 to the
-    #: readings
+    #: correlation between successive residuals of the readings, after the Fourier orders 0 to 12
+    #: have been fitted to them
     autocorrelation: float | None
     #: p-value of the correlation ``autocorrelation`` between successive residuals, under the
     #: hypothesis that the noise is white
@@ -209,13 +208,13 @@ def effects_of_failures(
 
 
 def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
-    """Return the largest change of any parameter when one test is left out, for each of ``tests``.
+    """Return how much the parameters change when one test is left out, for each of ``tests``.
 
-    ``tests`` are the names of the tests that are left out one at a time. These names are the keys
-    of the result. The change is in units of the parameter's posterior standard deviation. It is
-    computed at one value ``phi``, shape (h,), of the h hyper-parameters (such as the standard
-    deviation of the noise). The result is empty if the campaign has one test only or the prior is
-    flat. ``bound`` is the model of the campaign.
+    ``tests`` are the names of the tests that are left out one at a time. The result is a dict with
+    these names as its keys. The value is the largest change of any parameter, in units of the
+    parameter's posterior standard deviation. The changes are computed at one value ``phi``, shape
+    (h,), of the h hyper-parameters (such as the standard deviation of the noise). The dict is empty
+    if the campaign has one test only or the prior is flat. ``bound`` is the model of the campaign.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -295,13 +294,13 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     each plane and each of its two axes, by Student's t-test of the slope of the position over
     force. Only planes with at least four tests and at least three different forces are checked. An
     axis is reported if its smallest p-value in any plane, multiplied by the number of all p-values
-    (Bonferroni), is below 1 %. The keys of the result are the reported axes, and the values are
-    their smallest p-values. ``bound`` is the model of the campaign.
+    (Bonferroni), is below 1 %. The result is a dict; its keys are the reported axes, and its values
+    are their smallest p-values. ``bound`` is the model of the campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
     # p-values of the hypothesis that the centre of the circles does not shift with force along a
-    # machine axis; the keys are pairs of plane and axis
+    # machine axis; the keys are pairs (plane, axis)
     p_values: dict[tuple[str, str], float] = {}
     for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]
@@ -361,7 +360,7 @@ def check_predictions(
 
 
 def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
-    """Return the posterior predictive p-values of test r; the keys are the Fourier orders 0 to 12.
+    """Return posterior predictive p-values of a test, as a dict with the Fourier orders as keys.
 
     The residual is the readings minus the predicted effects of the machine and of shared nuisances
     (effects that are modelled but not of interest, such as ball form). The p-value compares the
@@ -454,12 +453,12 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     """Return the lag-one autocorrelation of a test's residuals and the p-value of that correlation.
 
     The Fourier orders 0 to 12 are fitted to the readings in order of angle; the residuals are the
-    readings minus this fit. The p-value is two-sided, under the hypothesis of white noise. For n
-    readings of white noise, the autocorrelation has the mean tr(M S) / tr(M) and a variance of
-    about 1/n. The matrix M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; the
-    matrix S, shape (n, n), shifts the readings by one reading. At most the first 100 000 readings
-    in order of angle are used. If the residuals are only rounding errors, the autocorrelation is 0
-    and its p-value is 1.
+    readings minus this fit. The p-value is two-sided, and that of the hypothesis that the noise is
+    white. For n readings of white noise, the autocorrelation has the mean tr(M S) / tr(M) and a
+    variance of about 1/n. The matrix M, shape (n, n), removes the Fourier orders 0 to 12 from the
+    readings; the matrix S, shape (n, n), shifts the readings by one reading. Only the first 100 000
+    readings in order of angle are used. If the residuals are only rounding errors, the
+    autocorrelation is 0 and its p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

@@ -11,7 +11,7 @@ circle. There are three kinds of prediction:
   ball's mount, this deflection is added;
 - shared: the machine prediction plus the effects of ball form, bar length, deflection of the mount,
   and force error. The quality of a fit (root-mean-square residual and fitness, Eq. 34-35 of the
-  paper) is computed from this prediction;
+  article on the model) is computed from this prediction;
 - new circle: the shared prediction plus random effects that are drawn for the new circle: set-up
   shift (of zero and centre), discrepancy (unexplained deviations) and white noise.
 """
@@ -73,7 +73,7 @@ class ModelDraws(NamedTuple):
 
 
 class PrivateTerm(NamedTuple):
-    """Effect on a single circle, with v coefficients that do not act on any other circle."""
+    """Effect that acts on a single circle only, described by v coefficients."""
 
     #: change of 25 Fourier coefficients (orders 0 to 12) of a circle's readings [mm] per unit of
     #: each of the v coefficients of an effect, shape (25, v)
@@ -323,12 +323,12 @@ def new_circle_coefficients(
 def draw_shared_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Return the machine's effects plus random draws of the effects that tests share [mm].
+    """Return the sum of the machine's effects and of random draws of effects that tests share [mm].
 
     Effects that tests share, such as ball form, are modelled but not of interest. They are drawn
     given the readings, the p parameters ``beta``, shape (draws, p), and the h hyper-parameters
-    ``phi``, shape (draws, h). The result holds Fourier coefficients of the orders 0 to 12 of every
-    test, shape (draws, tests, 25). ``bound`` is the model of the campaign.
+    ``phi``, shape (draws, h). The sum is given as Fourier coefficients of the orders 0 to 12 of
+    every test, shape (draws, tests, 25). ``bound`` is the model of the campaign.
     """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)

@@ -50,10 +50,10 @@ _STEPS = 4
 class IndependentPoints(NamedTuple):
     """Points (values of the hyper-parameters) in coordinates z that are nearly independent."""
 
-    #: the h coordinates z of each of n points, shape (n, h), which are nearly independent of each
-    #: other
+    #: coordinates z of n points, shape (n, h). The h coordinates of a point are nearly independent
+    #: of each other.
     points: Array
-    #: logarithms of the widths of a density along its h coordinates, added up at each of n points,
+    #: sum of the logarithms of a density's widths along its h coordinates, at each of n points,
     #: shape (n,)
     log_width: Array
 
@@ -79,9 +79,9 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number k of coordinates on which the means and the widths of the h coordinates depend.
+        """Number k of leading coordinates, on which the means and widths of later ones may depend.
 
-        These are the first k of the h coordinates.
+        The leading coordinates are the first k of the h coordinates.
         """
         return len(self.mean) // 2
 
@@ -102,10 +102,10 @@ class Dependence:
         """Return the coordinates u of n points from their nearly independent coordinates z.
 
         u and ``z`` have the shape (n, h), with h coordinates of each point. The method solves z =
-        (u − mean) / width − offset for u and is thus the inverse of `remove`. The mean and the
-        width of a coordinate depend only on those of the first ``leading`` coordinates that come
-        before it; ``offset`` is a constant. The first ``leading`` coordinates are therefore
-        computed one after the other, and then all remaining coordinates at once.
+        (u − mean) / width − offset for u and is thus the inverse of `remove`. ``offset`` is a
+        constant. The mean and the width depend on the coordinates that come before u; of these,
+        only the first ``leading`` coordinates matter. The first ``leading`` coordinates are
+        therefore computed one after the other, and then all remaining coordinates at once.
         """
         standard = z + self.offset
         u = standard.copy()
@@ -152,15 +152,15 @@ class _Polynomials:
     # weighted skewness of each of the first k coordinates of n points (values of the
     # hyper-parameters), shape (k,)
     skewness: Array
-    # weighted standard deviations of the k polynomials of degree two over n points (values of the
-    # hyper-parameters), before the polynomials are scaled to a standard deviation of one, shape
-    # (k,)
+    # weighted standard deviations of k polynomials of degree two, shape (k,), before the
+    # polynomials are scaled to a standard deviation of one. They are taken over n points (values of
+    # the hyper-parameters).
     square_sd: Array
-    # values at n points of k orthonormal polynomials of degree one, one for each of k coordinates
-    # of the points, shape (n, k)
+    # values of k orthonormal polynomials of degree one at n points, shape (n, k). There is one
+    # polynomial for each of the k coordinates.
     linear: Array
-    # values at n points of k orthonormal polynomials of degree two, one for each of k coordinates
-    # of the points, shape (n, k)
+    # values of k orthonormal polynomials of degree two at n points, shape (n, k). There is one
+    # polynomial for each of the k coordinates.
     square: Array
 
     def coefficients(self, of_linear: Array, of_square: Array) -> Array:
@@ -243,10 +243,10 @@ def _fit_widths(
     polynomials of degree one, the other k rows to those of degree two. ``deviation``, shape (n, h),
     holds the deviations of h coordinates from their means at n points. ``weight``, shape (n,),
     holds the weights of the points. ``is_before``, shape (k, h), is True where the coordinate of
-    the row comes before the coordinate of the column. All other coefficients are zero, as are
-    coefficients that are not significant. The coefficients maximise the likelihood of the
-    deviations under normal distributions. They are computed with Fisher's method of scoring
-    (Harvey, Econometrica 44 (1976) 461).
+    the row comes before the coordinate of the column. Only where it is True can a coefficient
+    differ from zero. Coefficients that are not significant are zero, too. The coefficients maximise
+    the likelihood of the deviations under normal distributions. They are computed with Fisher's
+    method of scoring (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     is_fitted = np.concatenate([is_before, is_before])

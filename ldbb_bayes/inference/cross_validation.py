@@ -77,21 +77,21 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
     Notes
     -----
-    ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a new circle
-    for every test. In a model with noise factors, λ_r multiplies the set-up shift (of zero and
-    centre) and the discrepancy (unexplained deviations) of circle r. The new circle of test r then
-    has the same λ_r as the measured circle. The measured readings are ``observed_data.reading_mm``.
-    ``per_test`` of ``posterior_predictive`` and of ``observed_data`` is the range of the readings
-    of each test [mm], which ``arviz_stats.loo_pit`` needs.
+    ``posterior_predictive.reading_mm``, with the dimensions (chain, draw, reading), holds the
+    readings of a new circle for every test. In a model with noise factors, λ_r multiplies the
+    set-up shift (of zero and centre) and the discrepancy (unexplained deviations) of circle r. The
+    new circle of test r then has the same λ_r as the measured circle. The measured readings are
+    ``observed_data.reading_mm``. ``per_test`` of ``posterior_predictive`` and of ``observed_data``
+    is the range of the readings of each test [mm], which ``arviz_stats.loo_pit`` needs.
 
-    ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ). It is the log density of
-    the readings of test r, given the readings of all other tests and the hyper-parameters φ (such
-    as the standard deviation of the noise). All unknowns on which the readings depend linearly are
-    integrated out. If the model forbids negative compliances, they are left out of the integral. If
-    the model has a factor λ_r, this factor is integrated out as well. If circle r is left out, the
-    predictive density of its readings is the harmonic mean of p(y_r | y_−r, φ) over the draws
-    (Bürkner, Gabry and Vehtari 2021). For this reason ``arviz.loo`` estimates the same quantity
-    that `compare` computes.
+    ``log_likelihood.per_test``, with the dimensions (chain, draw, test), is ln p(y_r | y_−r, φ). It
+    is the log density of the readings of test r, given the readings of all other tests and the
+    hyper-parameters φ (such as the standard deviation of the noise). All unknowns on which the
+    readings depend linearly are integrated out. If the model forbids negative compliances, they are
+    left out of the integral. If the model has a factor λ_r, this factor is integrated out as well.
+    If circle r is left out, the predictive density of its readings is the harmonic mean of p(y_r |
+    y_−r, φ) over the draws (Bürkner, Gabry and Vehtari 2021). For this reason ``arviz.loo``
+    estimates the same quantity that `compare` computes.
 
     The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,
     because leaving out circle r changes the density of the hyper-parameters other than λ_r only
@@ -164,13 +164,13 @@ def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
 def _draw_readings(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> list[Array]:
-    """Return one array for every test: random readings of new circles, shape (draws, n) [mm].
+    """Return random readings of new circles, one array for every test, shape (draws, n) [mm].
 
-    A test has n readings; each posterior draw gives one circle. ``rng`` generates the random
-    numbers. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (such as the standard
-    deviation of the noise); ``beta``, shape (draws, p), holds draws of the p parameters
-    (compliances, their changes with force, geometric errors). ``bound`` is the model of the
-    campaign.
+    A test has n readings. Each posterior draw gives one new circle of every test. ``rng`` generates
+    the random numbers. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (such as
+    the standard deviation of the noise); ``beta``, shape (draws, p), holds draws of the p
+    parameters (compliances, their changes with force, geometric errors). ``bound`` is the model of
+    the campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -192,12 +192,12 @@ def _ranges(readings_by_test: Sequence[Array]) -> Array:
 def _sampled_group(
     variables: dict[str, tuple[str, Array]], chains: int, coordinates: dict[str, Array]
 ) -> xr.DataTree:
-    """Return a group of a DataTree that holds random draws, split into chains.
+    """Return random draws as a group of a DataTree, split into chains.
 
-    The keys of ``variables`` are names of variables. Each value is a pair: the name of the array's
-    second dimension, of length m, and the array of draws, shape (chains × draws, m).
-    ``coordinates`` holds the labels along each second dimension; its keys are the names of the
-    dimensions.
+    ``variables`` is a dict with the names of the variables as keys. Each value is a pair: the name
+    of the array's second dimension, of length m, and the array of draws, shape (chains × draws, m).
+    ``coordinates`` is a dict with the names of these second dimensions as keys; each value holds
+    the m labels along the dimension.
     """
     data = {}
     draws = 0

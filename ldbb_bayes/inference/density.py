@@ -1,8 +1,8 @@
 """Log posterior density of parameters β and hyper-parameters φ, for samplers.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, such as the standard deviation of the noise. y are the readings. Nuisances,
-effects that are modelled but not of interest, are integrated out.
+hyper-parameters, such as the standard deviation of the noise. y are the readings. Nuisances
+(effects that are modelled but not of interest) are integrated out.
 
 The log density is ln p(y | β, φ) + ln p(β) + ln p(φ); the log evidence ln p(y) is not subtracted.
 The three densities in this sum are normalised. β has the prior N(m, S), with mean m of shape (p,)
@@ -148,9 +148,9 @@ class LogDensity(Shown):
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])
 
     def __repr__(self) -> str:
-        """Return a line of text with the name of the campaign, and how many coordinates there are.
+        """Return a line of text with the name of the campaign and the numbers of coordinates.
 
-        The numbers of parameters and of hyper-parameters are stated separately.
+        The first number is that of the parameters, the second that of the hyper-parameters.
         """
         campaign = self.bound.campaign.name
         parameters = len(self.bound.names)
@@ -160,39 +160,39 @@ class LogDensity(Shown):
     def log_prob(self, x: Array) -> Array:
         """Return the joint log density ln p(y | x) + ln p(x) of the readings y and of x.
 
-        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
-        numbers each, shape (n, d). The result is −inf where the prior density p(x) is zero. The
-        result is never NaN.
+        ``x`` is one point, shape (d,), or n points, shape (n, d). The d coordinates of a point are
+        the parameters, then the hyper-parameters. The result is −inf where the prior density p(x)
+        is zero. The result is never NaN.
         """
         return self._evaluate(x, self._log_joint)
 
     def log_prior(self, x: Array) -> Array:
         """Return the log prior density ln p(x) at x.
 
-        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
-        numbers each, shape (n, d). If the model forbids negative compliances, the result is −inf
-        where a compliance is negative. If the parameters have a flat prior, the result is the log
-        prior density of the hyper-parameters alone.
+        ``x`` is one point, shape (d,), or n points, shape (n, d). The d coordinates of a point are
+        the parameters, then the hyper-parameters. If the model forbids negative compliances, the
+        result is −inf where a compliance is negative. If the parameters have a flat prior, the
+        result is the log prior density of the hyper-parameters alone.
         """
         return self._evaluate(x, self._log_prior)
 
     def log_likelihood(self, x: Array) -> Array:
         """Return the log density ln p(y | x) of the readings y in mm, given x.
 
-        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
-        numbers each, shape (n, d). The result is −inf if a hyper-parameter is outside its bounds or
-        x is not finite.
+        ``x`` is one point, shape (d,), or n points, shape (n, d). The d coordinates of a point are
+        the parameters, then the hyper-parameters. The result is −inf if a hyper-parameter is
+        outside its bounds or x is not finite.
         """
         return self._evaluate(x, self._log_likelihood)
 
     def prior_transform(self, u: Array) -> Array:
         """Return the points x at cumulative prior probabilities u, for nested samplers.
 
-        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
-        numbers each, shape (n, d). ``u``, of the same shape, holds a number between 0 and 1 for
-        each coordinate of x. It is the prior probability of smaller values of the coordinate, given
-        the coordinates before it. If the model forbids negative compliances, no compliance is
-        negative at any x returned.
+        ``x`` is one point, shape (d,), or n points, shape (n, d). The d coordinates of a point are
+        the parameters, then the hyper-parameters. ``u``, of the same shape, holds a number between
+        0 and 1 for each coordinate of x. It is the prior probability of smaller values of the
+        coordinate, given the coordinates before it. If the model forbids negative compliances, no
+        compliance is negative at any x returned.
 
         Raises
         ------
@@ -220,9 +220,10 @@ class LogDensity(Shown):
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
         """Return parameters and hyper-parameters by name, ``{"parameters": {…}, "hyper": {…}}``.
 
-        x holds the values of the parameters, then those of the hyper-parameters. If x is one point
-        with d coordinates, shape (d,), each value is a number. If x holds n points, shape (n, d),
-        each value is an array of shape (n,).
+        The inner dicts have the names of the parameters or hyper-parameters as keys. If ``x`` is
+        one point, shape (d,), their values are numbers. If ``x`` holds n points, shape (n, d),
+        their values are arrays of shape (n,). The d coordinates of a point are the parameters, then
+        the hyper-parameters.
         """
         points = self._check_points(x)
         by_coordinate: Any = np.moveaxis(points, -1, 0)
@@ -283,7 +284,7 @@ class LogDensity(Shown):
         """Return points as an array of floats, after a check of its shape.
 
         The shape must be (d,) for one point of d coordinates, or (n, d) for n points. Raise an
-        `InputError` for any other shape; ``argument`` names the points in its message.
+        `InputError` for any other shape; its message calls the points by the name ``argument``.
         """
         points = np.asarray(x, dtype=float)
         d = len(self.names)
@@ -298,10 +299,11 @@ class LogDensity(Shown):
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
         """Return a log density at points x; −inf where x is not finite or outside the bounds.
 
-        x holds the parameters, then the hyper-parameters: d numbers, shape (d,), or n points of d
-        numbers each, shape (n, d). Only the bounds of the hyper-parameters are checked here.
-        ``density`` is a function that takes the p parameters and the h hyper-parameters of m
-        points, shapes (m, p) and (m, h), and returns their log densities, shape (m,).
+        ``x`` is one point, shape (d,), or n points, shape (n, d). The d coordinates of a point are
+        the parameters, then the hyper-parameters. Only the bounds of the hyper-parameters are
+        checked here. ``density`` is a function that takes the p parameters and the h
+        hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log densities,
+        shape (m,).
         """
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))
@@ -312,8 +314,8 @@ class LogDensity(Shown):
         log_density = np.full(len(points), -np.inf)
         if inside.any():
             log_density[inside] = density(beta[inside], phi[inside])
-        # If the log density is wanted at a single point, its array has no dimensions; the empty
-        # index converts this array to a number.
+        # For a single point, the result is an array without dimensions; the empty index converts
+        # this array to a number.
         of_points: Array = log_density.reshape(values.shape[:-1])[()]
         return of_points
 

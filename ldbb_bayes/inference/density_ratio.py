@@ -37,12 +37,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Size of the largest sample of nodes, the points at which the density to be integrated is known.
-# Nodes are picked at random, and the same node can be picked repeatedly.
+# Size of the largest sample of nodes. Nodes are the points at which the density with the known
+# integral was evaluated. They are picked at random, and the same node can be picked repeatedly.
 _LARGEST_SAMPLE = 4608
-# Three samples of nodes (points) are used: every 24th node of the largest sample, every 8th node of
-# it, and the largest sample itself. If the error with a sample is too large, the next larger sample
-# is used.
+# There are three samples of nodes (points). The largest has ``_LARGEST_SAMPLE`` nodes; the others
+# consist of every 8th and of every 24th of these nodes. If the error with a sample is too large,
+# the next larger sample is used.
 _STEPS = (24, 8, 1)
 # A sample of nodes (points) is used only if the integral has at least this many nodes for each node
 # of the sample.
@@ -160,9 +160,9 @@ class _Sample:
     def fit(self, values: Array) -> Array:
         """Fit a polynomial at the m sampled nodes and return its values at all n nodes, shape (n,).
 
-        Nodes are weighted points. ``values``, shape (m,), are the values at the sampled nodes to
-        which the polynomial is fitted. The result is limited to an interval three times as wide as
-        the range of ``values``, so that the polynomial is not extrapolated too far.
+        Nodes are weighted points. The polynomial is fitted to ``values``, one value at each sampled
+        node, shape (m,). The result is limited to an interval three times as wide as the range of
+        ``values``, so that the polynomial is not extrapolated too far.
         """
         projected = self._decomposition.left.T @ (values * np.sqrt(self.weight))
         fitted = self.polynomials @ (self._decomposition.scaled_right @ projected)
@@ -194,14 +194,14 @@ class _MeanRatio(NamedTuple):
     taken under the density f e^q.
     """
 
-    #: logarithm of the mean of the ratio ρ = g / (f e^q) of two densities. The densities g and f
-    #: are similar, and the polynomial q is fitted to ln(g / f).
+    #: logarithm of the mean of the ratio ρ = g / (f e^q). Here f and g are two similar densities,
+    #: and q is a polynomial fitted to ln(g / f).
     log_mean: float
     #: error of ``log_mean``, the logarithm of the mean ratio of two densities [nat]; infinite if
     #: the distribution of the ratios has a heavy tail
     error: float
-    #: weights of the m nodes (points) over which the ratio of two densities is averaged, which sum
-    #: to one, shape (m,)
+    #: weights of the m nodes (points) over which the ratio of two densities is averaged, shape
+    #: (m,). The weights sum to one.
     share: Array
 
 

@@ -88,11 +88,12 @@ def power_sensitivity(
     counts as sensitive if its sensitivity is above 0.05. The sensitivity to a factor that is the
     same at all draws is 0.
 
-    ``draws`` holds the posterior draws of each parameter; its keys are the names of the parameters.
-    ``log_densities`` holds the logarithm of each factor at these draws; its keys are the names of
-    the factors. All arrays have the shape (chains, draws). The first key of the result is the
-    parameter, the second key the factor. The posterior after the change is represented by the same
-    draws with weights, which are so nearly equal that they need no smoothing.
+    ``draws`` is a dict with the posterior draws of each parameter; its keys are the names of the
+    parameters. ``log_densities`` is a dict with the logarithm of each factor at these draws; its
+    keys are the names of the factors. All arrays have the shape (chains, draws). The result is a
+    dict of dicts: the first key is the name of the parameter, the second key the name of the
+    factor. The posterior after the change is represented by the same draws with weights, which are
+    so nearly equal that they need no smoothing.
     """
     from arviz_stats.base import array_stats
 
@@ -131,10 +132,12 @@ def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array
 class SmoothedWeights(NamedTuple):
     """Importance weights of n draws; the largest weights are smoothed by a Pareto distribution.
 
-    The shape k̂ of this distribution states whether averages with the weights can be trusted.
+    The shape k̂ of this distribution shows whether averages computed with the weights can be
+    trusted.
     """
 
-    weights: Array  #: smoothed importance weights of n random draws, with sum one, shape (n,)
+    #: smoothed importance weights of n random draws, shape (n,). The weights sum to one.
+    weights: Array
     #: shape k̂ of the Pareto distribution fitted to the largest importance weights
     pareto_k: float
     #: largest Pareto shape k̂ with which the importance weights of n random draws can be trusted;

@@ -173,10 +173,10 @@ class Evidences(Shown):
         """Return an ``Evidences`` object for the readings of all tests of the campaign but one.
 
         The object is new, and no evidence has been computed yet. ``test`` is the name of the test
-        left out, ``tests`` are the names of all tests. ``modes`` holds modes (maxima) of similar
-        posteriors, at which searches for modes start. The key of a mode is a tuple with the names
-        of the hyper-parameters (such as the standard deviation of the noise). A mode is used for
-        models with exactly these hyper-parameters.
+        left out, ``tests`` are the names of all tests. ``modes`` is a dict of modes (maxima) of
+        similar posteriors, at which searches for modes start. Its keys are tuples with the names of
+        hyper-parameters (such as the standard deviation of the noise). A mode is used for models
+        that have exactly the hyper-parameters in its key.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -203,10 +203,10 @@ class Evidences(Shown):
 
     @cached_property
     def _rough(self) -> Evidences:
-        """``Evidences`` object for rough evidences from the same readings.
+        """``Evidences`` object that computes rough evidences from the same readings.
 
-        The error that it allows in a log evidence is the tolerance of this object, but at least
-        ``_ROUGH_TOLERANCE`` [nat].
+        The error allowed in a rough log evidence is the tolerance of this object or
+        ``_ROUGH_TOLERANCE``, whichever is larger [nat].
         """
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
         # The models applied to the campaign, and the modes of their posteriors, do not depend on
@@ -215,7 +215,7 @@ class Evidences(Shown):
         return rough
 
     def posterior(self, model: HybridModel) -> HyperPosterior:
-        """Return the posterior density of a model's hyper-parameters, made once and then kept."""
+        """Return the posterior density of a model's hyper-parameters; it is made once and kept."""
         key = model_to_toml(model)
         if key not in self._posteriors:
             check_comparable(model, self.campaign)
@@ -292,7 +292,8 @@ def leave_one_out(
     tolerance : float
         Error allowed in every log evidence [nat].
     progress : callable
-        Function called without arguments after each model, for each test that is left out.
+        Function called without arguments each time that the nodes of one model without one test are
+        ready.
 
     Returns
     -------
@@ -338,10 +339,11 @@ def left_out_log_densities(
 
     ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r). Here Z(y) is the evidence for the readings of all
     tests, and Z(y_−r) that for the readings of all tests except r. Nodes are weighted values of the
-    hyper-parameters, from which an evidence follows. ``nodes_by_model`` gives Z(y); its keys are
-    the names of the models. ``left_out_nodes`` gives Z(y_−r); the first key is the name of the
-    model, the second key the name of test r. The result holds an array of shape (tests,) for each
-    model. If no test was left out for a model, its array is empty.
+    hyper-parameters, from which an evidence follows. ``nodes_by_model`` is a dict with the nodes
+    for Z(y); its keys are the names of the models. ``left_out_nodes`` is a dict of dicts with the
+    nodes for Z(y_−r); the first key is the name of the model, the second key the name of test r.
+    The result is a dict with the names of the models as keys and an array of shape (tests,) for
+    each model. If no test was left out for a model, its array is empty.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():

@@ -132,7 +132,7 @@ class Fit(Result):
     log_prob_truncation: float
     #: error of ``log_prob_truncation``, the log probability that no compliance is negative [nat]
     log_prob_truncation_error: Finite
-    #: logarithm of the constant that normalizes the truncated prior: the probability, under the
+    #: logarithm of the constant that normalises the truncated prior: the probability, under the
     #: prior before truncation, that no compliance is negative. It is zero if the prior is not
     #: truncated.
     log_prob_truncation_prior: float
@@ -147,10 +147,10 @@ class Fit(Result):
     #: first key is the name of the parameter or hyper-parameter; the second key is ``prior``,
     #: ``hyper_prior`` or ``likelihood``.
     sensitivity: dict[str, dict[str, float]]
-    #: largest change of any parameter when a test is left out, in units of the parameter's standard
-    #: uncertainty. Keys are the names of the tests whose readings fail the posterior predictive
-    #: check of a Fourier order. The dict is empty if no test fails this check, if the prior is
-    #: flat, or if the campaign has one test only.
+    #: dict of the effects of tests that fail the posterior predictive check of a Fourier order. The
+    #: keys are the names of these tests. The value is the largest change of any parameter when the
+    #: test is left out, in units of the parameter's standard uncertainty. The dict is empty if no
+    #: test fails this check, if the prior is flat, or if the campaign has one test only.
     shift: dict[str, float]
     #: largest relative increase in the width of a parameter's credible interval due to noise that
     #: is stronger than modelled. The noise of tests that fail a check of noise or autocorrelation
@@ -241,10 +241,10 @@ class Fit(Result):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of compliances, their changes with force, and geometric errors.
+        """Return the names of the parameters of the fitted model.
 
-        These are the parameters of the fitted model. Hyper-parameters (such as the standard
-        deviation of the noise) are not among them.
+        The parameters are compliances, their changes with force, and geometric errors.
+        Hyper-parameters (such as the standard deviation of the noise) are not among them.
         """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
@@ -366,13 +366,16 @@ def _log_densities(
 ) -> dict[str, Array]:
     """Return the log densities of priors and likelihood at every posterior draw.
 
-    Each log density has the shape (chains, draws). The log densities are used to examine how
-    sensitive the posterior is to the priors and to the readings. The entry ``prior`` is the log
-    prior density of the parameters minus ``prior_level``; see `assess_fit`. The entry
-    ``hyper_prior`` is the log prior density of the hyper-parameters (such as the standard deviation
-    of the noise). The entry ``likelihood`` is the log density of the readings given parameters and
-    hyper-parameters. ``groups`` holds the arrays of the posterior; see `assess_fit`. ``bound`` is
-    the model of the campaign.
+    The log densities are used to examine how sensitive the posterior is to the priors and to the
+    readings. The result is a dict of three arrays of shape (chains, draws):
+
+    - ``prior``: the log prior density of the parameters minus ``prior_level``; see `assess_fit`;
+    - ``hyper_prior``: the log prior density of the hyper-parameters (such as the standard deviation
+      of the noise);
+    - ``likelihood``: the log density of the readings given parameters and hyper-parameters.
+
+    ``groups`` holds the arrays of the posterior; see `assess_fit`. ``bound`` is the model of the
+    campaign.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]

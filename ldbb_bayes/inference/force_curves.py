@@ -96,12 +96,12 @@ def force_curves(posterior: xr.DataTree) -> ForceCurves:
 def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
     """Return prior draws of the change of every compliance C(F) that may change with force.
 
-    The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The keys are
-    the names of the compliances, as in `force_curves`. For an average over models, the prior draws
-    come from all models, including the models with constant compliances. Some of the models may
-    have the term `JointLoad` (joints that deflect under their own load). Its effect is included in
-    the same fraction of the draws, which are picked at random. The result is empty if the prior is
-    flat or if all tests have the same force.
+    The change is C(F_max) − C(F_min), from the smallest force tested to the largest. The result is
+    a dict; its keys are the names of the compliances, as in `force_curves`. For an average over
+    models, the prior draws come from all models, including the models with constant compliances. If
+    a third of the models, for example, have the term `JointLoad` (joints that deflect under their
+    own load), its effect is added to a third of the draws, picked at random. The dict is empty if
+    the prior is flat or if all tests have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N

@@ -60,10 +60,10 @@ _VERY_EFFICIENT = 0.7
 # tolerance. Fitting the proposal (the density from which points are drawn) to all points so far and
 # beginning another round is then cheaper.
 _REACHABLE = 2.0
-# A proposal (the density from which points are drawn) is fitted to weighted points. In h
-# dimensions, the effective sample size of the weights must be at least this number times h + 1. A
-# third of the number of points also suffices. Weights with a smaller effective sample size are
-# first made more equal: they are raised to a power below one.
+# A proposal (the density from which points are drawn) is fitted to weighted points. If the
+# effective sample size of the weights is too small, the weights are first made more equal: they are
+# raised to a power below one. In h dimensions, the effective sample size suffices if it reaches
+# this number times h + 1, or a third of the number of points.
 _FITTED_PER_DIMENSION = 40.0
 # A proposal (the density from which points are drawn) is fitted to points with importance weights.
 # If a few weights dominate, all weights are made more equal by raising them to a power. The power

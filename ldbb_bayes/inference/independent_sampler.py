@@ -29,8 +29,8 @@ _MOST_ROUNDS = 50
 # would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
 # density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# For each value of the hyper-parameters, several draws of the parameters are made: so many that
-# this number of draws without negative compliances can be expected.
+# For each value of the hyper-parameters, several draws of the parameters are made. The number of
+# draws is chosen so that, on average, this number of them have no negative compliance.
 _EXPECTED_INSIDE = 4.0
 # Height of the envelope in rejection sampling, which accepts a draw with the probability posterior
 # density / envelope. The envelope is the density from which draws are proposed, scaled to the

@@ -120,8 +120,8 @@ class Integral:
     #: density was not evaluated because of their small weight
     left_out: float = 0.0
     #: difference between the values of ln ∫ f from the two grids of a lattice, before the spacing
-    #: of its nodes was last reduced [nat]. Zero if the spacing was not reduced, and for a random
-    #: sample.
+    #: of its nodes was last reduced [nat]. Zero if the spacing was not reduced, or if the nodes are
+    #: a random sample.
     coarser_difference: float = 0.0
     #: error of ln ∫ f [nat] that arises because the density f was evaluated only at some of the
     #: nodes (points) and inferred at all others, see `density_ratio`. Zero if it was evaluated at
@@ -139,7 +139,7 @@ class Integral:
 
     @cached_property
     def weight(self) -> Array:
-        """Shares of n nodes (points) in the integral of a density, which sum to one, shape (n,)."""
+        """Shares of n nodes (points) in the integral of a density, shape (n,). They sum to one."""
         weight = np.exp(self._log_weight - self._log_weight.max())
         return weight / weight.sum()
 
@@ -231,9 +231,9 @@ class Integral:
     def heaviest(self, spare: float) -> tuple[Array, Array]:
         """Return the nodes with the largest weights, and these weights.
 
-        Nodes are weighted points in h dimensions. The nodes of smallest weight, which together hold
-        less than the share ``spare`` of the integral, are left out. If k nodes remain, the results
-        have the shapes (k, h) and (k,). The weights returned are scaled to sum to one.
+        Nodes are weighted points in h dimensions. The nodes with the smallest weights are left out
+        as long as their weights sum to less than ``spare``. If k nodes remain, the results have the
+        shapes (k, h) and (k,). The weights returned are scaled to sum to one.
         """
         heavy = self._heavy_nodes(spare)
         return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
@@ -241,8 +241,8 @@ class Integral:
     def _heavy_nodes(self, spare: float) -> Index:
         """Return the indices of the nodes (points) with the largest weights, in ascending order.
 
-        The nodes of smallest weight, which together hold less than the share ``spare`` of the
-        integral, are left out.
+        The nodes with the smallest weights are left out as long as their weights sum to less than
+        ``spare``. The weights of all nodes sum to one.
         """
         order = np.argsort(self.weight)
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])

@@ -165,7 +165,7 @@ def _grid_coordinates(centre: Array, cell: Array, places: Array) -> Array:
 
 
 class _Grid(NamedTuple):
-    """Nodes (points) of one of the two regular grids that form a lattice, and the density there."""
+    """One of the two grids of a lattice: its nodes (points), and the density at the nodes."""
 
     #: positions of the n nodes (points) of a grid in h dimensions, shape (n, h). They are relative
     #: to the centre of the lattice, in multiples of the grid's steps.

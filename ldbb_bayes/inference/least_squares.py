@@ -124,8 +124,8 @@ def fit_least_squares(
         fixed=fixed,
     )
     bound = model.bind(campaign)
-    # The attribute ``centre`` of a model that is applied to readings is the least-squares estimate
-    # of its parameters.
+    # After a model has been applied to readings, its attribute ``centre`` is the least-squares
+    # estimate of its parameters.
     estimate = bound.centre
     coefficients = machine_coefficients(bound, estimate[None])[0]
     predicted_um = {

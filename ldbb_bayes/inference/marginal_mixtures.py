@@ -54,44 +54,45 @@ class _Truncation(NamedTuple):
     #: upper bounds of truncated Gaussians (n for each of p parameters), as distances from their
     #: means in standard deviations
     high: Array
-    #: −1 for a Gaussian that is truncated to an interval in its upper tail, otherwise 1. With −1,
-    #: the mirror image of the interval in the lower tail is used. Cumulative probabilities in the
-    #: upper tail are so close to one that their difference would be inaccurate.
+    #: −1 if a Gaussian is truncated to an interval above its mean, otherwise 1. With −1,
+    #: probabilities are computed for the mirror image of the interval, below the mean. This is more
+    #: accurate: far above the mean, cumulative probabilities are so close to one that rounding
+    #: would spoil their difference.
     sign: Array
     #: probability, before truncation, that a Gaussian variable is below the interval to which it is
     #: truncated. If ``sign`` is −1, it is the probability that the variable is above the lower
     #: bound of the interval.
     below: Array
     #: probability, before truncation, that a Gaussian variable is in the interval to which it is
-    #: truncated; if ``sign`` is −1, minus this probability
+    #: truncated. If ``sign`` is −1, this probability is stored with a minus sign.
     inside: Array
 
 
 class MarginalMixtures(NamedTuple):
     """Marginal densities of p parameters, each a mixture of n truncated Gaussians of equal weight.
 
-    A Gaussian that is not truncated has infinite bounds. A Gaussian with the standard deviation
-    zero stands for a single value, the draw ``beta``.
+    A Gaussian that is not truncated has infinite bounds. If the standard deviation of a Gaussian is
+    zero, its only value is that of the draw in ``beta``.
     """
 
     beta: Array  #: n posterior draws of the p parameters, shape (n, p)
-    #: means, before truncation, of n Gaussian densities (one for each posterior draw) of each of p
-    #: parameters, shape (n, p)
+    #: means of Gaussian densities before truncation, shape (n, p). Each of p parameters has n of
+    #: these densities, one for each posterior draw.
     mean: Array
-    #: standard deviations, before truncation, of n Gaussian densities (one for each posterior draw)
-    #: of each of p parameters, shape (n, p)
+    #: standard deviations of Gaussian densities before truncation, shape (n, p). Each of p
+    #: parameters has n of these densities, one for each posterior draw.
     sd: Array
-    #: lower bounds of n truncated Gaussian densities (one for each posterior draw) of each of p
-    #: parameters, shape (n, p)
+    #: lower bounds of truncated Gaussian densities, shape (n, p). Each of p parameters has n of
+    #: these densities, one for each posterior draw.
     low: Array
-    #: upper bounds of n truncated Gaussian densities (one for each posterior draw) of each of p
-    #: parameters, shape (n, p)
+    #: upper bounds of truncated Gaussian densities, shape (n, p). Each of p parameters has n of
+    #: these densities, one for each posterior draw.
     high: Array
 
     def _truncation(self) -> _Truncation:
-        """Return bounds and probabilities of the n truncated Gaussians of each of p parameters.
+        """Return the intervals to which the Gaussians are truncated, and their probabilities.
 
-        There is one Gaussian for each posterior draw.
+        Each of the p parameters has n Gaussians, one for each posterior draw.
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
@@ -189,7 +190,7 @@ def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
 
 
 def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> MarginalMixtures:
-    """Return truncated Gaussian densities of each parameter of one model, one for each draw.
+    """Return w truncated Gaussian densities of each parameter of one model, one for each draw.
 
     ``phi``, shape (w, h), holds w posterior draws of the h hyper-parameters (such as the standard
     deviation of the noise). ``beta``, shape (w, p), holds draws of all p parameters of the average
@@ -203,11 +204,11 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     high = np.full(sd.shape, np.inf)
     truncation = model.bound.truncation
     if truncation.active:
-        # A β are the compliances that must not be negative: linear combinations of the parameters
-        # β, one for each row of the matrix A. There are p parameters. ``rate``, shape (w, rows, p),
-        # holds the change of each of these compliances per unit change of one parameter, at w
-        # posterior draws. All other parameters change too, in proportion to their covariances with
-        # this parameter.
+        # The compliances that must not be negative are A β: linear combinations of the p parameters
+        # β, one for each row of the matrix A. If one parameter changes, all other parameters change
+        # too, in proportion to their covariances with this parameter. ``rate``, shape (w, rows, p),
+        # holds the resulting change of each compliance per unit change of each parameter, at w
+        # posterior draws.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

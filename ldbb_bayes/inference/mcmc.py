@@ -57,10 +57,10 @@ _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """Number of draws to store in a block of the sampler's steps, and distance between draws."""
+    """How many draws a block of the sampler's steps stores, and how many steps lie between them."""
 
     draws: int  #: number of draws that one block of the sampler's steps stores for each walker
-    #: number of steps of the sampler, in one block of steps, from one stored draw to the next
+    #: number of steps from one stored draw to the next, in one block of the sampler's steps
     thin: int
 
 
@@ -68,10 +68,14 @@ class BlockPlan(NamedTuple):
 class StoppingRule(Shown):
     """Rule that decides when sampling stops.
 
-    Sampling stops when every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, and
-    the draws span ``lengths`` autocorrelation times. Sampling also stops when another block of
-    steps would exceed ``max_steps``. ESS is the effective sample size. R-hat compares the variance
-    of all draws with the variance within each chain, and is one after convergence.
+    Sampling stops when the following conditions are met:
+
+    - The effective sample sizes for the mean and for the tails of every parameter reach ``ess``.
+    - R-hat is at most ``rhat`` for every parameter.
+    - The draws span at least ``lengths`` autocorrelation times.
+
+    Sampling also stops when another block of steps would exceed ``max_steps``. R-hat compares the
+    variance of all draws with the variance within each chain, and is one after convergence.
 
     Examples
     --------
@@ -86,7 +90,7 @@ class StoppingRule(Shown):
     #: effective sample size that sampling must reach for the mean and for the tails of every
     #: parameter
     ess: float = 1000.0
-    rhat: float = 1.01  #: largest R-hat of any parameter with which sampling may stop
+    rhat: float = 1.01  #: sampling may stop only if R-hat of every parameter is at most this value
     #: largest number of steps of each ensemble of walkers, after which sampling stops in any case;
     #: for independent draws, the largest number of draws of each chain
     max_steps: int = 20_000
@@ -165,8 +169,8 @@ class Progress:
 class EnsembleRun:
     """Random draws of a run of the sampler, and how well the run converged."""
 
-    #: random draws that a sampler made, points with d coordinates, shape (ensembles, draws, d); all
-    #: draws of a walker are next to each other
+    #: random draws that a sampler made, shape (ensembles, draws, d). Each draw is a point with d
+    #: coordinates. All draws of a walker are next to each other.
     chain: Array
     assessment: Assessment  #: effective sample sizes and R-hat of the draws of a sampler
     #: whether the draws of a sampler meet the stopping rule (effective sample size and R-hat)
@@ -463,7 +467,7 @@ class RedrawMove:
         return log_weight
 
     def _next_independent_points(self, size: int, random: np.random.RandomState) -> WeightedPoints:
-        """Take ``size`` weighted points out of the stored independent points, and return them.
+        """Remove ``size`` points from the stored independent points, and return them with weights.
 
         If too few points are stored, more points are drawn first. ``random`` generates the random
         numbers.

@@ -56,8 +56,9 @@ _WIDER = 1.05
 # are drawn) are fitted. If there are more points, this number of points is picked in proportion to
 # the weights.
 _FITTED_POINTS = 1024
-# Smallest share of a component in a mixture. A component whose points have a total weight below
-# this value is not fitted to the points again, and its share is set to this value.
+# Smallest share of a component in a mixture. The weights of the points are divided among the
+# components. A component that receives less than this value in total is not fitted to the points
+# again, and its share is set to this value.
 _SMALLEST_SHARE = 0.02
 
 
@@ -157,7 +158,7 @@ class Mixture:
     """Mixture of k components, each a product of split Student-t distributions (`SplitT`)."""
 
     components: tuple[SplitT, ...]  #: the k component distributions of a mixture
-    share: Array  #: probabilities of the k components of a mixture, with sum one, shape (k,)
+    share: Array  #: probabilities of the k components of a mixture, shape (k,); they sum to one
 
     def log_density(self, points: Array) -> Array:
         """Return the log density of the mixture at n points in h dimensions, shape (n,).
@@ -229,11 +230,12 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 
 
 def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
-    """Return a component of a mixture, refitted to mean, covariance and tails of weighted points.
+    """Return a component of a mixture after a new fit to weighted points.
 
-    ``component`` is the component before the fit. The fit is made in the coordinates z of this
-    component (see `SplitT`). ``points``, shape (n, h), holds n points in h dimensions; ``weight``,
-    shape (n,), holds their weights, which sum to one.
+    ``component`` is the component before the fit. Its mean, its covariance and its tails are fitted
+    anew. The fit is made in the coordinates z of this component (see `SplitT`). ``points``, shape
+    (n, h), holds n points in h dimensions; ``weight``, shape (n,), holds their weights, which sum
+    to one.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()
@@ -359,9 +361,8 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     for side in (0, 1):
         log_tail = _log_tail(square, scale[side], freedom[side])
         tails = tails + (side_weights[side] * log_tail).sum(axis=0)
-    # Before the split density is divided by its integral, it is one at ``offset``. The integral is
-    # the sum of the integrals of its two sides. ``tails`` is the weighted mean of −ln of the
-    # undivided density.
+    # The split density is f / ∫ f. The function f is one at ``offset``, and ∫ f is the sum of the
+    # integrals over the two sides. ``tails`` is the weighted mean of −ln f over the points.
     log_likelihood = -np.log(_side_masses(scale, freedom).sum(axis=0)) - tails
     return _AxisFit(np.full(h, offset), scale, freedom, log_likelihood)
 

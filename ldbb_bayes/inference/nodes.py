@@ -164,9 +164,9 @@ class HyperPosterior:
         """Describe the posterior of the hyper-parameters of the model ``bound`` of a campaign.
 
         ``truncated`` states whether the condition that no compliance is negative is part of the
-        posterior. ``seed`` is the seed of quasi-random points. ``near``, shape (h,), is the mode of
-        a similar posterior of the h hyper-parameters in unbounded coordinates, at which the search
-        for modes starts, or None.
+        posterior. ``seed`` is the seed of quasi-random points. ``near``, shape (h,), is None or the
+        mode of a similar posterior of the h hyper-parameters, in unbounded coordinates; the search
+        for modes starts there.
         """
         self.bound = bound
         self.truncated = truncated
@@ -387,9 +387,9 @@ class HyperPosterior:
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
         # At each node (value of the hyper-parameters), the probability that no compliance is
-        # negative has two errors. The error that may have the same sign at all nodes does not
-        # cancel in a sum over the nodes, and is added. The random errors of different nodes are
-        # independent; their squares are added.
+        # negative has two errors. One error may have the same sign at all nodes. It does not cancel
+        # in a sum over the nodes; its values at the nodes are therefore added. The other error is
+        # random and independent between nodes; the squares of its values are added.
         has_weight = truncated.weight > 0.0
         weight = truncated.weight[has_weight]
         error = float(weight @ errors[has_weight] + np.linalg.norm(weight * noise[has_weight]))
@@ -551,10 +551,10 @@ class HyperPosterior:
         """Maxima of the posterior density with one hyper-parameter held near zero.
 
         There is at most one maximum for each hyper-parameter that is a length; negligible maxima
-        are left out. The posterior density may extend far towards zero in one hyper-parameter. The
-        most probable values of the other hyper-parameters there may differ from those at the mode.
-        The proposal (the density from which points are drawn) covers this region if it is also
-        fitted at these maxima. Each maximum is described by two arrays. The first, shape (h,),
+        are left out. The posterior density may extend far towards zero in one hyper-parameter. Near
+        zero, the most probable values of the other hyper-parameters may differ from those at the
+        mode. The proposal (the density from which points are drawn) covers this region if it is
+        also fitted at these maxima. Each maximum is described by two arrays. The first, shape (h,),
         holds its normal scores, coordinates in which most of the priors are standard normal. The
         second, shape (h, h), is a square root of the inverse of minus the Hessian of the log
         density there.
@@ -637,9 +637,9 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     no compliance is negative. The probability is an integral of the Gaussian density of the
     parameters; ``orthant`` holds this density for every node. ``tolerance`` is the error allowed in
     the logarithm of the mean of P over many nodes [nat]. ``seed`` is the seed of the quasi-random
-    points from which P is computed. The error that all nodes may have in common is allowed to be a
-    quarter of the tolerance. The random errors, which differ between nodes and cancel in the mean,
-    are allowed to be larger.
+    points from which P is computed. The error of ln P has two parts. The part that all nodes have
+    in common is allowed to be a quarter of the tolerance. The random part, which differs between
+    nodes and cancels in the mean, is allowed to be larger.
     """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
@@ -684,7 +684,7 @@ class Evidence:
 
     @property
     def trusted(self) -> bool:
-        """Whether the log evidence can be trusted: its error is finite.
+        """Whether the log evidence can be trusted, that is, whether its error is finite.
 
         The error is infinite if the weights of the nodes (values of the hyper-parameters) cannot be
         trusted.
@@ -727,8 +727,8 @@ class Nodes:
         The nodes, which are values of the hyper-parameters in unbounded coordinates (mostly
         ln(value − lower bound)), and their weights.
     truncation_error : float
-        Error of the log evidence due to errors of the probabilities that no compliance is negative
-        [nat].
+        Part of the error of the log evidence [nat]. It comes from errors of the probabilities that
+        no compliance is negative.
     """
 
     posterior: HyperPosterior
@@ -866,11 +866,11 @@ class Nodes:
 
         ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates (mostly
         ln(value − lower bound)). If negative compliances are allowed, the parameters given the
-        hyper-parameters are Gaussian, and ``along_axes`` is not used. Otherwise the parameters are
-        converted to coordinates in which this Gaussian is N(0, I). The condition that no compliance
-        is negative affects only the coordinates along d directions. ``along_axes`` is a function
-        that returns the mean, shape (w, d), and the covariance, shape (w, d, d), of these d
-        coordinates under the condition.
+        hyper-parameters are Gaussian, and ``along_axes`` is not used. If not, the Gaussian is
+        restricted by the condition that no compliance is negative. In coordinates in which the
+        Gaussian is N(0, I), the condition affects only d directions. ``along_axes`` is a function
+        that returns the mean, shape (w, d), and the covariance, shape (w, d, d), of the coordinates
+        along these directions under the condition.
         """
         means = []
         variances = []

@@ -46,8 +46,8 @@ class GaussianFactor:
     other h − 1 coordinates.
     """
 
-    #: index, among the h coordinates of a point, of the coordinate that a Gaussian density
-    #: describes
+    #: index of the coordinate that the Gaussian density describes, one of the h coordinates of a
+    #: point
     axis: int
     #: slopes of the mean of one coordinate of a point as a linear function of the other h − 1
     #: coordinates, shape (h − 1,)
@@ -155,13 +155,14 @@ class NodesWithoutTest:
         return Nodes(posterior, integral, sampled.value_error)
 
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
-        """Return an integral whose nodes have new values of a test's noise factor, from its prior.
+        """Return an integral with new values of a test's noise factor, drawn from the prior.
 
-        The nodes are values of the hyper-parameters. One of the hyper-parameters is the noise
-        factor of the test that is left out, which multiplies the noise of its circle. The density
-        of ``integral`` contains the Gaussian density ``factor`` in place of the prior of this noise
-        factor; the density of the result contains the prior. The weights of the nodes and the value
-        of the integral do not change.
+        The nodes of the integral are values of the hyper-parameters. One of the hyper-parameters is
+        the noise factor of the test that is left out; it multiplies the noise of the test's circle.
+        Its values at all nodes are replaced by random draws. The density of ``integral`` contains
+        the Gaussian density ``factor`` in place of the prior of this noise factor; the density of
+        the result contains the prior. The weights of the nodes and the value of the integral do not
+        change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

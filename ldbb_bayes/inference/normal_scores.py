@@ -61,7 +61,10 @@ class NormalScores:
 
     @cached_property
     def _bounds(self) -> Array:
-        """Lower and upper bounds of the k hyper-parameters with truncated normal priors, (2, k)."""
+        """Bounds of the k hyper-parameters with truncated normal priors, shape (2, k).
+
+        The first row holds the lower bounds, the second row the upper bounds.
+        """
         return np.asarray(self.prior.bounds[self._has_normal_prior].T)
 
     @cached_property
@@ -77,34 +80,38 @@ class NormalScores:
 
     @cached_property
     def _sd(self) -> Array:
-        """Standard deviations of k hyper-parameters' normal priors before truncation, (k,)."""
+        """Standard deviations of the normal priors of k hyper-parameters, shape (k,).
+
+        The k hyper-parameters are those with truncated normal priors. The standard deviations are
+        those before truncation.
+        """
         sd = np.where(self.prior.in_mm, self.prior.scale, self.prior.decay_sd)
         return np.asarray(sd[self._has_normal_prior])
 
     @cached_property
     def _log_above(self) -> Array:
-        """Log probability that a hyper-parameter lies above its upper bound, shape (k,).
+        """Log probability that a hyper-parameter would exceed its upper bound, shape (k,).
 
-        There are k hyper-parameters with truncated normal priors. The probability is that of the
-        normal distribution before truncation.
+        There is one such probability for each of the k hyper-parameters with truncated normal
+        priors. It is the probability under the normal distribution before truncation.
         """
         return np.asarray(log_ndtr(-(self._bounds[1] - self._mean) / self._sd))
 
     @cached_property
     def _log_mass(self) -> Array:
-        """Log probability that a hyper-parameter lies between its bounds, shape (k,).
+        """Log probability that a hyper-parameter would be between its bounds, shape (k,).
 
-        There are k hyper-parameters with truncated normal priors. The probability is that of the
-        normal distribution before truncation.
+        There is one such probability for each of the k hyper-parameters with truncated normal
+        priors. It is the probability under the normal distribution before truncation.
         """
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
-        """Return the log probability that hyper-parameters lie between values and upper bounds.
+        """Return the log probability that a hyper-parameter is between a value and its upper bound.
 
-        There are k hyper-parameters with truncated normal priors. The probability that one of them
-        lies between its value in ``values`` and its upper bound is that of the normal distribution
-        before truncation. ``values`` and the result have the shape (..., k).
+        There is one such probability for each of the k hyper-parameters with truncated normal
+        priors. It is the probability under the normal distribution before truncation. ``values``,
+        shape (..., k), holds a value for each hyper-parameter. The result has the same shape.
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)

@@ -55,9 +55,9 @@ __all__ = [
 
 # Names of the groups of arrays that a netCDF file must contain to be read as a posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of those arrays in a posterior's tree that do not hold random draws. The keys are the
-# names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one entry
-# for each reading of all tests.
+# Dimensions of the arrays in a posterior's tree, except for arrays of random draws. The keys are
+# the names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one
+# entry for each reading of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -83,8 +83,8 @@ _UNITS = {
 # constant_data, not in the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
 # The field ``foreseen`` of a campaign holds tests that may be run later. The record of a posterior
-# does not hold their angles. If the campaign is rebuilt from a posterior, its foreseen tests get
-# these angles [°].
+# does not hold their angles. If the campaign is rebuilt from the record, these angles are used for
+# its foreseen tests [°].
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # Largest size of a posterior's arrays after decompression: ``_LARGEST_EXPANSION`` times the size of
 # the file plus ``_SMALL_FILE_BYTES``. A file with larger arrays counts as damaged.
@@ -110,9 +110,10 @@ def build_tree(
 ) -> xr.DataTree:
     """Return a DataTree with groups of arrays; its group ``provenance`` holds a record as JSON.
 
-    ``groups`` holds the arrays; the first key is the name of the group, the second key the name of
-    the array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model
-    of the campaign, gives names and units. ``record`` states what was fitted and how.
+    ``groups`` is a dict of dicts with the arrays: the first key is the name of the group, the
+    second key the name of the array. Arrays of random draws have the shape (chains, draws, …).
+    ``bound``, the model of the campaign, gives names and units. ``record`` states what was fitted
+    and how.
     """
     # ArviZ is imported only when it is needed, because its import also loads Matplotlib.
     from arviz_base import from_dict
@@ -247,11 +248,12 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 
 
 def _require_edition(tree: xr.DataTree, source: Path) -> None:
-    """Raise an `InputError` for a fit of another edition of the default model.
+    """Raise an `InputError` if a fit was made with another edition of the default model.
 
-    ``tree`` is the posterior of the fit. All results of a posterior are computed with the present
-    edition of the model, and would be wrong if the draws came from another edition. ``source`` is
-    the name of the file for the message.
+    The number of the edition is increased whenever the default model changes. All results of a
+    posterior are computed with the present edition, and would be wrong if the draws came from
+    another edition. ``tree`` is the posterior of the fit, and ``source`` the name of its file for
+    the message.
     """
     record = record_of(tree)
     edition = record.get("model_edition", "an earlier one")
@@ -280,8 +282,8 @@ def _read_tree(source: Path) -> xr.DataTree:
         # Libraries may raise exceptions of any class if they read a damaged file.
         except Exception as error:  # noqa: BLE001
             reason = " ".join(str(error).split())[:_LONGEST_REASON]
-        # Delete the Python object that stands for the damaged file now, while messages about errors
-        # are suppressed.
+        # Deleting the object of a damaged file causes error messages. Delete it now, while such
+        # messages are suppressed.
         gc.collect()
     raise InputError(
         f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"
@@ -293,8 +295,8 @@ def _read_tree(source: Path) -> xr.DataTree:
 def _silent_finalizers() -> Iterator[None]:
     """Suppress messages about errors that arise while Python deletes objects.
 
-    The messages are suppressed inside a ``with`` block. Such errors arise when the object of a file
-    that could not be opened is deleted.
+    If a file cannot be opened, such an error arises when its unfinished object is deleted. The
+    messages are suppressed while the ``with`` block of this context manager runs.
     """
     hook = sys.unraisablehook
     sys.unraisablehook = _ignore_unraisable
@@ -305,7 +307,7 @@ def _silent_finalizers() -> Iterator[None]:
 
 
 def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
-    """Do nothing, where Python would print an exception that it cannot raise.
+    """Do nothing when an exception arises that Python cannot raise and would only print.
 
     Such exceptions arise, for example, while Python deletes an object.
     """
@@ -332,7 +334,7 @@ def _digest(tree: xr.DataTree) -> str:
 
 
 def _path_of(node: xr.DataTree) -> str:
-    """Return the path of a group of arrays within its DataTree, by which groups are sorted."""
+    """Return the path of a group of arrays within its DataTree. It is used to sort groups."""
     return node.path
 
 
@@ -385,10 +387,11 @@ def _require_record(posterior: xr.DataTree) -> None:
 
 
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
-    """Return the record that states what was fitted to obtain a posterior, how, and how well.
+    """Return the record that states how a posterior was made.
 
-    The record is kept as JSON in the group ``provenance``. Raise an `InputError` for a posterior
-    from `to_units`, which has no record.
+    The record states what was fitted, with which settings, and how well the model fits. It is kept
+    as JSON in the group ``provenance``. Raise an `InputError` for a posterior from `to_units`,
+    which has no record.
     """
     _require_record(posterior)
     record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
@@ -429,9 +432,8 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
     """Return the key of a posterior's campaign in the cache of campaigns.
 
-    The first part of the key is the entry ``campaign`` of the posterior's record, the JSON text
-    that states how the posterior was made. The second part consists of the angles and readings of
-    the campaign.
+    The first item of the key is the entry ``campaign`` of the posterior's record, as JSON text. The
+    other items are the indices of the tests, the angles and the readings of the campaign, as bytes.
     """
     constants = posterior["constant_data"].dataset
     names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
