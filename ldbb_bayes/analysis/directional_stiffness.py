@@ -637,7 +637,7 @@ def _stiffness_from(compliance: Array) -> Array:
 
 
 def _stiffness_ratio(extremes: CurveExtremes) -> Array:
-    """Return draws of the greatest stiffness divided by the least stiffness along the bar.
+    """Return draws of the stiffness ratio along the bar: the greatest divided by the least.
 
     The ratio is computed from ``extremes``, draws of the largest and the smallest compliance along
     the bar on a circle. A ratio below one is set to one.

@@ -158,7 +158,7 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
 
 
 def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
-    """Raise an `InputError` if a circle is too far away, or in a plane that the machine lacks."""
+    """Raise an `InputError` for a centre too far away, or for a plane that the machine lacks."""
     largest = max(np.abs(circle.centre_mm).max() for circle in circles)
     require(
         largest <= LARGEST_MM,
@@ -173,7 +173,7 @@ def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
 
 
 def _describe_joint(joint: Joint) -> str:
-    """Return a text that names a joint's axis, branch (workpiece or tool) and position [mm]."""
+    """Return a text with a joint's axis, branch (workpiece or tool) and frame position [mm]."""
     frame = ", ".join(f"{x:g}" for x in joint.frame_mm)
     return f"{joint.axis} in the {joint.branch} branch, frame at ({frame}) mm"
 

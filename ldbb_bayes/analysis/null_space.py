@@ -104,7 +104,7 @@ class NullSpace:
     def _independent_vectors(
         self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """Return a basis of the combinations of some coefficients that change no reading.
+        """Return a basis of those combinations of given coefficients that change no reading.
 
         ``columns`` are the indices of the coefficients. The basis has one vector for each pivot;
         the keys of the result are the indices of the pivots. Each vector has the value one at its

@@ -138,13 +138,13 @@ def calibrate_posterior(
 
 
 class _EnlargedCampaigns(NamedTuple):
-    """Settings of a study in which a campaign is enlarged by simulated readings many times.
+    """Settings of all replicates: copies of a campaign, each enlarged by simulated readings.
 
-    ``campaign`` is the measured campaign. Each repetition is called a replicate. Its true values
-    are one posterior draw of the p parameters, a row of ``beta``, shape (replicates, p), and one of
-    the h hyper-parameters, the same row of ``phi``, shape (replicates, h). Readings are simulated
-    from the true values. The true values are then ranked among ``draws`` posterior draws of the
-    enlarged campaign.
+    ``campaign`` is the measured campaign. ``beta``, shape (replicates, p), holds posterior draws of
+    the p parameters, and ``phi``, shape (replicates, h), posterior draws of the h hyper-parameters.
+    The draws in one row of ``beta`` and ``phi`` are the true values of one replicate, from which
+    its readings are simulated. The true values are then ranked among ``draws`` posterior draws of
+    the enlarged campaign.
     """
 
     model: HybridModel

@@ -350,7 +350,7 @@ class AveragedVariance:
 
 
 def sources_of(bound: BoundModel, information: Information) -> dict[str, SourcesOfVariance]:
-    """Return all sources of the variance of every parameter of one model, largest share first.
+    """Return the sources of every parameter's variance in one model, the largest share first.
 
     The keys are names of parameters. If the coefficients of a model term have different origins,
     the term counts as one source for each origin. The prior of the parameter itself is a separate

@@ -196,9 +196,9 @@ class ParameterIdentifiability(Result):
     #: parameters together (key ``Parameters``) and, in an average over models, the choice between
     #: the models.
     shares: dict[str, float]
-    #: shares of the parameter's variance that come from sources whose standard uncertainty is
-    #: measured in this campaign, stated or assumed; these three origins are the keys, and the
-    #: shares sum to one
+    #: share of the parameter's variance that comes from the sources of each origin. The keys are
+    #: the three origins of a standard uncertainty: measured in this campaign, stated or assumed.
+    #: The shares sum to one.
     origin_shares: dict[Origin, float]
 
 
@@ -241,9 +241,9 @@ class ChangeIdentifiability(Result):
     #: prior standard deviation of the compliance's change with force; infinite for a flat prior
     prior_sd: Finite
     sd: float  #: posterior standard deviation of the compliance's change with force
-    #: shares of the variance of the compliance's change with force that come from sources whose
-    #: standard uncertainty is measured in this campaign, stated or assumed; these three origins are
-    #: the keys, and the shares sum to one
+    #: share of the variance of the compliance's change with force that comes from the sources of
+    #: each origin. The keys are the three origins of a standard uncertainty: measured in this
+    #: campaign, stated or assumed. The shares sum to one.
     origin_shares: dict[Origin, float]
 
 

@@ -215,7 +215,7 @@ class Space:
         return tuple(self.tests[i] for i in positions)
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Return ``number`` tests in equal steps of force, rounded to the force levels.
+        """Return ``number`` tests at the force levels nearest to equal steps of force.
 
         Evenly spaced forces are computed first. Each is then replaced by the nearest force level.
         All tests have the first clocking (pair of angles of the balls) and the first radius in the
