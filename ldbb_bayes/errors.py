@@ -107,7 +107,7 @@ class _Similarity(NamedTuple):
 
     ratio: float  # fraction of the letters of two compared names that match, from 0 to 1
     same_letters: bool  # whether two compared names consist of the same letters in any order
-    # number of letters of the first sequence of letters that occurs in both compared names
+    # length of the first sequence of letters that both compared names contain
     first_match_size: int
 
 

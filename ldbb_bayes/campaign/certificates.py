@@ -109,8 +109,8 @@ class CertifiedQuantity:
         Parameters
         ----------
         factor
-            Size, in SI units, of the unit in which the value and U are returned (in bar for
-            pressures). For example, 1e-6 returns both in µm, because 1 µm is 1e-6 m.
+            Unit in which the value and U are returned, as a multiple of the SI unit or, for
+            pressures, of 1 bar. For example, 1e-6 returns a length in µm, because 1 µm is 1e-6 m.
 
         Raises
         ------

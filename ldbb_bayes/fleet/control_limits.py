@@ -75,9 +75,9 @@ def chart_points(
     ----------
     series : likelihoods of the parameters and instrument errors from the n campaigns in order of
         time, shape (n, q).
-    level_likelihoods : likelihoods as in ``series``, but of the machine's mean parameters: the
-        random deviations of the n campaigns are integrated out, for each value of the scatter,
-        shape (r, n, q).
+    level_likelihoods : likelihoods of the machine's mean parameters and of the instrument errors
+        from the same campaigns, shape (r, n, q). For each of the r values of the scatter, the
+        random deviations of the campaigns from the mean parameters are integrated out.
     scatter, scatter_weight : values of the scatter and their prior probabilities, each of shape
         (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the errors of the instrument.

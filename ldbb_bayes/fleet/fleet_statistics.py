@@ -161,9 +161,10 @@ def fleet_statistics(
 
 
 def _common_topology(rows: pd.DataFrame) -> str:
-    """Return the topology (chain of joints) that the machines of all campaigns have.
+    """Return the topology (chain of joints) that the machines of all campaigns share.
 
-    Raise an `InputError` if machines differ in topology. ``rows`` are rows of the table of a batch.
+    ``rows`` are the rows of these campaigns in the tables of batches. Raise an `InputError` if the
+    machines differ in topology.
     """
     topology, *others = sorted(set(rows["topology"]))
     if others:

@@ -8,8 +8,9 @@ module `outlying_tests` finds outlying tests within one campaign by another meth
 In the shapes of arrays, n is the number of machines, c the number of parameters, q the number of
 parameters and instrument errors, and k the number of random draws of s. μ is the mean of the
 population, and b are the errors of the instrument. The precision of a Gaussian is its inverse
-covariance; its shift is the precision times the mean. z is the difference between a parameter and
-its prediction, divided by the standard deviation of this difference.
+covariance; its shift is the precision times the mean. z is the difference between the estimate of a
+parameter from one machine alone and its prediction from the other machines, divided by the standard
+deviation of this difference.
 """
 
 from __future__ import annotations
@@ -68,9 +69,10 @@ class JudgedMachines:
     #: shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
     #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
     z: Array
-    #: whether the p-values of each of n machines cannot be trusted, shape (n,). The p-values are
-    #: computed from weighted random draws of the spreads (standard deviations from machine to
-    #: machine). They cannot be trusted if the Pareto shape k̂ of the weights is too high.
+    #: array that is true for those of n machines whose p-values cannot be trusted, shape (n,). The
+    #: p-values are computed from weighted random draws of the spreads (standard deviations from
+    #: machine to machine). They cannot be trusted if the Pareto shape k̂ of the weights is too
+    #: high.
     doubtful: Array
 
 
@@ -141,9 +143,10 @@ class _Comparison(NamedTuple):
     #: machine m, one of n machines, and y_−m are the readings of all other machines. s is one of k
     #: random draws of the spreads (standard deviations from machine to machine).
     log_density: Array
-    #: differences between c parameters and their predictions from the other machines, divided by
-    #: the standard deviations of these differences, shape (c, k, n). There are n machines and k
-    #: random draws of the spreads (standard deviations from machine to machine).
+    #: differences between the estimates of c parameters from one machine alone and their predictions
+    #: from the other machines, divided by the standard deviations of these differences, shape (c, k,
+    #: n). There are n machines and k random draws of the spreads (standard deviations from machine
+    #: to machine).
     z: Array
 
 
@@ -241,9 +244,10 @@ class _Prediction(NamedTuple):
     #: that is left out. The integrand is the Gaussian function of the population's mean and the
     #: instrument's errors that the readings of all other machines give.
     log_integral: Array
-    #: differences between c parameters and their predictions from the other machines, divided by
-    #: the standard deviations of these differences, shape (c, k, n). There are n machines and k
-    #: random draws of the spreads (standard deviations from machine to machine).
+    #: differences between the estimates of c parameters from one machine alone and their predictions
+    #: from the other machines, divided by the standard deviations of these differences, shape (c, k,
+    #: n). There are n machines and k random draws of the spreads (standard deviations from machine
+    #: to machine).
     z: Array
 
 
