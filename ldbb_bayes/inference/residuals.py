@@ -1,8 +1,8 @@
 """Readings minus predicted readings, and the quality of a fit.
 
-The quality of a fit is defined by Eq. 34-35 of the article on the model. A prediction holds 25
-Fourier coefficients of the orders 0 to 12 for the circle of every test. The readings of a test are
-reduced to m numbers that contain all information about these coefficients.
+The quality of a fit is defined by Eq. 34-35 of the article on the model. A prediction of the
+readings of a test consists of 25 Fourier coefficients, of the orders 0 to 12. The readings
+themselves are reduced to m numbers that contain all information about these coefficients.
 """
 
 from __future__ import annotations

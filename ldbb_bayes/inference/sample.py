@@ -41,8 +41,8 @@ __all__ = [
     "sampler_named",
 ]
 
-# Number of chains into which independent draws are divided, and smallest number of ensembles of
-# walkers that emcee runs. R-hat compares the chains, or the ensembles, with each other.
+# Independent draws are divided into this number of chains. If emcee is used, it runs at least this
+# number of ensembles of walkers. R-hat compares the chains, or the ensembles, with each other.
 _CHAINS = 4
 # Default number of walkers of an ensemble of emcee. If four times the number of parameters and
 # hyper-parameters is larger, that number is used instead.
@@ -324,8 +324,8 @@ def run_sampler(
     progress
         Function called with a `Progress` each time that convergence is assessed.
     **ensembles
-        ``ensembles`` and ``walkers``: number of ensembles that emcee runs, and number of walkers of
-        each ensemble. Both are not used for independent draws.
+        ``ensembles`` is the number of ensembles that emcee runs, and ``walkers`` the number of
+        walkers of each ensemble. Neither is used for independent draws.
 
     Returns
     -------

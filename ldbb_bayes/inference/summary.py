@@ -60,11 +60,11 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
         Table with the columns unit, mean, sd, median, ci_low, ci_high, prior_mean, prior_sd,
         ess_bulk, ess_tail (effective sample sizes) and rhat. The columns prior_mean and prior_sd
         are filled for proper priors only; for parameters they state the prior without the condition
-        that no compliance is negative. ``attrs["fit"]`` says how well the model fits, with warnings
-        and whether the numbers can be used (``state``). When the table is printed, units are easy
-        to read, such as nm/N. The printed table holds the change of each compliance C(F) over the
-        tested forces in place of the coefficients of this change, such as C_XXX_1. The method
-        ``details`` of the table prints these coefficients.
+        that no compliance is negative. ``attrs["fit"]`` says how well the model fits; it contains
+        warnings, and states whether the numbers can be used (``state``). When the table is printed,
+        units are easy to read, such as nm/N. The printed table holds the change of each compliance
+        C(F) over the tested forces in place of the coefficients of this change, such as C_XXX_1.
+        The method ``details`` of the table prints these coefficients.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 
 
 def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
-    """Return ``table`` with changes of compliances instead of coefficients when it is printed.
+    """Return ``table`` in a form that prints changes of compliances instead of coefficients.
 
     A change is the difference of a compliance C(F) between the smallest and the largest force
     tested. The coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on

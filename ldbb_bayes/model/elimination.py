@@ -521,8 +521,8 @@ class DesignRows:
         """Return the Cholesky elimination of all nuisance coefficients in an order that saves time.
 
         Nuisances are effects modelled but not of interest. Shared coefficients are the same in all
-        tests. The last ``last`` shared coefficients are eliminated after all others, in the order
-        of their columns.
+        tests. The shared coefficients of the last columns are eliminated after all others, in the
+        order of these columns; ``last`` is their number.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)
@@ -562,9 +562,9 @@ def _elimination_plan(
 
     ``pattern`` holds one bit for each element of the design matrix; the bit is set if the element
     is not zero. ``shape`` is the shape of the matrix. ``last`` holds the indices of the columns
-    that are eliminated last, and ``signs`` the signs ±1 of the prior variances, both as the bytes
-    of an array. A prior variance is negative if its coefficient removes noise from the readings
-    instead of adding noise. Results are kept in a cache.
+    that are eliminated last. ``signs`` holds the signs ±1 of the prior variances. A prior variance
+    is negative if its coefficient removes noise from the readings instead of adding noise. The
+    arrays ``last`` and ``signs`` are given as bytes. Results are kept in a cache.
     """
     bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=shape[0] * shape[1])
     is_not_zero = bits.reshape(shape).astype(bool)

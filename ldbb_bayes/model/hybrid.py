@@ -760,7 +760,7 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the conditions of all tests, and effects linearised at estimated parameters.
+        """Return the conditions of all tests, with effects linearised at estimated parameters.
 
         The module `linearisation` explains which effects on the readings depend on these estimates.
         If the campaign is a plan that was designed from another campaign (its pilot), the
@@ -1161,7 +1161,7 @@ class BoundModel(Shown):
         raise self._impossible_prior()
 
     def _impossible_prior(self) -> InputError:
-        """Return the exception for a prior that gives nearly all machines a negative compliance.
+        """Return the error for a prior under which nearly all machines have a negative compliance.
 
         Its message names the compliance with the lowest ratio of prior mean to prior sd. If the
         prior mean of this compliance is not negative, the message names the setting ``slope_scale``

@@ -55,8 +55,8 @@ class Rows(NamedTuple):
     #: the prior mean of a coefficient. One equation of each test holds the norm of that part of the
     #: readings which Fourier series to order 12 cannot describe [mm].
     values: Array
-    #: Number of readings that each of n observation equations represents, shape (n,); 1 for an
-    #: equation that is the prior of a coefficient.
+    #: Number of readings that each of n observation equations represents, shape (n,). It is 1 for
+    #: an equation that represents the prior of a coefficient.
     readings: Array
     #: Index of the test to which each of n observation equations belongs, shape (n,). For an
     #: equation that is the prior of a coefficient common to all tests, the entry is equal to the

@@ -150,9 +150,9 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 def settings_of_sd(parameter: str) -> tuple[str, ...]:
     """Return the names of the fields of `Prior` that determine a parameter's prior sd.
 
-    For C_XXX the only field is ``direct_mm_per_N``. For C_XXX_1, the slope of C_XXX (its change
-    with force), the fields ``slope_scale`` and ``slopes_of_estimate`` are named too. The fields for
-    single parameters (``overrides``, ``means``) are left out. The result is an empty tuple if
+    For C_XXX the only field is ``direct_mm_per_N``. For the slope C_XXX_1 (change of C_XXX with
+    force), the result also contains ``slope_scale`` and ``slopes_of_estimate``. It never contains
+    the fields for single parameters (``overrides``, ``means``). It is an empty tuple if
     ``parameter`` is not the name of a parameter.
     """
     kind = _kind_of(parameter)

@@ -475,9 +475,9 @@ def _with_offsets_by_setup(campaign: Campaign, columns: Array) -> Array:
     """Return the columns of a campaign's geometric errors, with separate offsets for each set-up.
 
     A column is the change of the reading per unit of one error, as Fourier coefficients.
-    ``columns``, shape (tests, 25, errors), holds the columns of the machine's errors. Each offset
-    of the tool ball becomes several offsets, one for every set-up. The offset of a set-up acts only
-    in the tests of this set-up.
+    ``columns``, shape (tests, 25, errors), holds the columns of the machine's errors. The column of
+    an offset of the tool ball is replaced by several columns, one for each set-up that has this
+    offset (`geometric_errors_of`). The offset of a set-up acts only in the tests of this set-up.
     """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)

@@ -155,9 +155,9 @@ class BallForm(Term):
         """Hyper-parameters of the balls' form errors: prior sd τ at order 6, and decay p.
 
         The prior sd of a form error with n waves around the circle is proportional to n^(−p). If
-        the field ``law`` is ``1/n``, there is only τ. If certificates or grades state the form
-        errors of both balls, the model of a campaign has neither τ nor p, because no coefficient
-        depends on them.
+        the field ``law`` is ``1/n``, τ is the only hyper-parameter. If certificates or grades state
+        the form errors of both balls, no coefficient depends on τ and p, and the model of a
+        campaign has neither of them.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
