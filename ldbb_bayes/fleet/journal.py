@@ -257,10 +257,11 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
 
     Parameters
     ----------
-    journal : open journal (database of the rows), see `open_journal`. number : number of the
-    campaign in the batch, from 0. row : dictionary of the row's values; the keys are the names of
-    the columns, see `fit_row`. The status is "done" or "failed". The state says how far a fit can
-    be trusted; a campaign that could not be fitted has no state.
+    journal : open journal (database of the rows), see `open_journal`.
+    number : number of the campaign in the batch, from 0.
+    row : dictionary of the row's values; the keys are the names of the columns, see `fit_row`. The
+        status is "done" or "failed". The state says how far a fit can be trusted; a campaign that
+        could not be fitted has no state.
     """
     journal.execute(
         "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",

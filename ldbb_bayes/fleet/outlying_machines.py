@@ -143,10 +143,10 @@ class _Comparison(NamedTuple):
     #: machine m, one of n machines, and y_−m are the readings of all other machines. s is one of k
     #: random draws of the spreads (standard deviations from machine to machine).
     log_density: Array
-    #: differences between the estimates of c parameters from one machine alone and their predictions
-    #: from the other machines, divided by the standard deviations of these differences, shape (c, k,
-    #: n). There are n machines and k random draws of the spreads (standard deviations from machine
-    #: to machine).
+    #: differences between the estimates of c parameters from one machine alone and the predictions
+    #: from the other machines, divided by the standard deviations of these differences, shape (c,
+    #: k, n). There are n machines and k random draws of the spreads (standard deviations from
+    #: machine to machine).
     z: Array
 
 
@@ -244,10 +244,10 @@ class _Prediction(NamedTuple):
     #: that is left out. The integrand is the Gaussian function of the population's mean and the
     #: instrument's errors that the readings of all other machines give.
     log_integral: Array
-    #: differences between the estimates of c parameters from one machine alone and their predictions
-    #: from the other machines, divided by the standard deviations of these differences, shape (c, k,
-    #: n). There are n machines and k random draws of the spreads (standard deviations from machine
-    #: to machine).
+    #: differences between the estimates of c parameters from one machine alone and the predictions
+    #: from the other machines, divided by the standard deviations of these differences, shape (c,
+    #: k, n). There are n machines and k random draws of the spreads (standard deviations from
+    #: machine to machine).
     z: Array
 
 
