@@ -152,19 +152,18 @@ class MachineEstimates(NamedTuple):
     and z_m = (c_m − μ) / s their differences from μ, divided by the spreads.
     """
 
-    #: posterior means of the c parameters of n machines given each of k values of the spreads
-    #: (standard deviations from machine to machine), shape (k, n, c); in units of the parameters'
-    #: prior sds
+    #: posterior means of the machines' parameters for each value of the spreads (standard
+    #: deviations from machine to machine), in units of the parameters' prior sds, shape (k, n, c)
     mean: Array
-    #: posterior standard deviations of the c parameters of n machines given each of k values of the
-    #: spreads (standard deviations from machine to machine), shape (k, n, c); in units of the
-    #: parameters' prior sds
+    #: posterior standard deviations of the machines' parameters for each value of the spreads
+    #: (standard deviations from machine to machine), in units of the parameters' prior sds, shape
+    #: (k, n, c)
     sd: Array
-    #: posterior means of z_m = (c_m − μ) / s for c parameters, k values of s and n machines, shape
+    #: posterior means of z_m = (c_m − μ) / s for k values of s, n machines and c parameters, shape
     #: (k, n, c). c_m are the parameters of machine m, μ is the population's mean, and s are the
     #: spreads (standard deviations of the machines about μ).
     z_mean: Array
-    #: posterior variances of z_m = (c_m − μ) / s for c parameters, k values of s and n machines,
+    #: posterior variances of z_m = (c_m − μ) / s for k values of s, n machines and c parameters,
     #: shape (k, n, c). c_m are the parameters of machine m, μ is the population's mean, and s are
     #: the spreads (standard deviations of the machines about μ).
     z_variance: Array

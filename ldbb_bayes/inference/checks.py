@@ -450,7 +450,7 @@ def average_checks(
 
 
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
-    """Return the lag-one autocorrelation of a test's residuals and the p-value of that correlation.
+    """Return the lag-one autocorrelation of a test's residuals, and its p-value.
 
     The Fourier orders 0 to 12 are fitted to the readings in order of angle; the residuals are the
     readings minus this fit. The p-value is two-sided, and that of the hypothesis that the noise is

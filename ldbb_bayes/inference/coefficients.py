@@ -75,8 +75,8 @@ class ModelDraws(NamedTuple):
 class PrivateTerm(NamedTuple):
     """Effect that acts on a single circle only, described by v coefficients."""
 
-    #: change of 25 Fourier coefficients (orders 0 to 12) of a circle's readings [mm] per unit of
-    #: each of the v coefficients of an effect, shape (25, v)
+    #: change of the circle's 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
+    #: v coefficients that describe an effect, shape (25, v)
     columns: Array
     #: standard deviations of the v coefficients of an effect on one circle, for every random draw
     #: of the hyper-parameters, shape (draws, v)

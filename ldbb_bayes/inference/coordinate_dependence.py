@@ -60,7 +60,7 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Polynomials for the means and widths of h coordinates u as functions of other coordinates.
+    """Polynomials that describe how means and widths of h coordinates u depend on earlier ones.
 
     The mean and the width of a coordinate depend only on coordinates with a smaller index. The rows
     of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first k

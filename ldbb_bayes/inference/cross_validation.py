@@ -89,8 +89,8 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     hyper-parameters φ (such as the standard deviation of the noise). All unknowns on which the
     readings depend linearly are integrated out. If the model forbids negative compliances, they are
     left out of the integral. If the model has a factor λ_r, this factor is integrated out as well.
-    If circle r is left out, the predictive density of its readings is the harmonic mean of p(y_r |
-    y_−r, φ) over the draws (Bürkner, Gabry and Vehtari 2021). For this reason ``arviz.loo``
+    If circle r is left out, the predictive density of its readings is the harmonic mean, over the
+    draws, of p(y_r | y_−r, φ) (Bürkner, Gabry and Vehtari 2021). For this reason ``arviz.loo``
     estimates the same quantity that `compare` computes.
 
     The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,

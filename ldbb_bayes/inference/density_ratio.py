@@ -102,10 +102,10 @@ class RatioIntegral(NamedTuple):
 
     @property
     def least_error(self) -> float:
-        """Error that the log integral of a density would have if all nodes were used [nat].
+        """Error that the log integral would have if the density were evaluated at all nodes [nat].
 
-        Nodes are weighted points. In fact, the density is evaluated only at a sample of the nodes,
-        which makes the error larger.
+        Nodes are weighted points. The density is evaluated only at a sample of them, which makes
+        the error of the log integral larger.
         """
         return replace(self.integral, ratio_error=0.0).error + self.value_error
 

@@ -229,8 +229,8 @@ class Evidences(Shown):
     def _compute_nodes(self, model: HybridModel) -> Nodes:
         """Return the quadrature nodes of a model, from those of a related model if possible.
 
-        Nodes are weighted values of the hyper-parameters. The first model of a group of related
-        models gets new nodes; these are then used for all models of the group.
+        Nodes are weighted values of the hyper-parameters. For the first model of a group of related
+        models, new nodes are computed. They are then used for all models of the group.
         """
         posterior = self.posterior(model)
         names = posterior.bound.hyper_prior.names

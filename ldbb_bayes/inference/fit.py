@@ -355,8 +355,8 @@ def _average_checks(
 def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
     """Return draws of the named variables in one array, shape (chains, draws, variables).
 
-    ``group`` holds the draws of each variable, shape (chains, draws); its keys are the names of the
-    variables.
+    ``group`` is a dict with the names of the variables as keys and the draws of each variable,
+    shape (chains, draws), as values.
     """
     return np.stack([group[str(name)] for name in names], axis=-1)
 

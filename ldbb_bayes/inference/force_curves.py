@@ -142,8 +142,8 @@ def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, floa
 
     `JointLoad` is the term of a model for joints that deflect under their own load. Because of this
     term, the direct compliance along a machine axis changes from the smallest force tested to the
-    largest; ``ends_N`` holds these two forces [N]. The keys of the result are the letters of the
-    machine axes. ``bound`` is the model of the campaign.
+    largest; ``ends_N`` holds these two forces [N]. The result is a dict; its keys are the letters
+    of the machine axes. ``bound`` is the model of the campaign.
     """
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     sd_by_axis: dict[str, float] = {}

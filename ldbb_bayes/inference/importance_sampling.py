@@ -41,7 +41,7 @@ _POINTS_PER_DIMENSION = 1.5
 # factor. The factor is smaller if there would be too many points.
 _GROWTH = 4
 # For each component of the mixture from which points are drawn, a component is added that is wider
-# by the factor ``_WIDE``. Without the wider components, points in the tails could get very large
+# by the factor ``_WIDE``. Without the wider components, points in the tails could have very large
 # weights. All wider components together have the probability ``_WIDE_SHARE`` in the mixture.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1

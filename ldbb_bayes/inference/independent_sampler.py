@@ -180,9 +180,9 @@ def _propose_untruncated(
     draws = _draw_standard(conditional, tries, rng, truncated=posterior.truncated)
     with np.errstate(divide="ignore"):
         index = _accept(log_weight + np.log(draws.usable / tries), rng)
-    # A value of φ that is accepted several times gets different draws of β, as far as there are
-    # enough usable draws. A draw is usable if it has no negative compliance, or if negative
-    # compliances are allowed. ``draws.standard`` holds the draws of β as standard normal
+    # If a value of φ is accepted several times, it is returned with different draws of β, as far as
+    # there are enough usable draws. A draw is usable if it has no negative compliance, or if
+    # negative compliances are allowed. ``draws.standard`` holds the draws of β as standard normal
     # coordinates, and ``draws.usable`` the number of usable draws for each φ. The usable draws come
     # before the other draws.
     repetition = np.arange(len(index)) - np.searchsorted(index, index)

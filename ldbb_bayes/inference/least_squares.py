@@ -57,7 +57,7 @@ class LeastSquares(Result):
 
     @property
     def estimate(self) -> dict[str, float]:
-        """Return the least-squares estimates in mm, N and rad; the keys are names of parameters."""
+        """Return the estimates in mm, N and rad, as a dict by the names of the parameters."""
         return {str(name): float(value) for name, value in self.table["estimate"].items()}
 
 

@@ -91,8 +91,8 @@ class StoppingRule(Shown):
     #: parameter
     ess: float = 1000.0
     rhat: float = 1.01  #: sampling may stop only if R-hat of every parameter is at most this value
-    #: largest number of steps of each ensemble of walkers, after which sampling stops in any case;
-    #: for independent draws, the largest number of draws of each chain
+    #: limit at which sampling stops in any case: largest number of steps of each ensemble of
+    #: walkers or, for independent draws, largest number of draws of each chain
     max_steps: int = 20_000
     #: number of steps of the sampler before its draws are first assessed; later assessments are
     #: further apart. In a long run, not every step is stored as a draw.

@@ -79,12 +79,11 @@ class SplitT:
     #: matrix, shape (h, h), that converts coordinates z along h directions to a point
     #: ``x = centre + root @ z``; its columns are the directions of h split Student-t distributions
     root: Array
-    #: scales (widths) of the split Student-t distribution of each of h coordinates, shape (2, h);
-    #: the first row is for negative values of the coordinate, the second row for positive values
+    #: scales (widths) of h split Student-t distributions, one for each coordinate, shape (2, h).
+    #: The first row is for negative values of the coordinate, the second row for positive values.
     scale: Array
-    #: degrees of freedom of the split Student-t distribution of each of h coordinates, shape (2,
-    #: h); the first row is for negative values of the coordinate, the second row for positive
-    #: values
+    #: degrees of freedom of h split Student-t distributions, one for each coordinate, shape (2, h).
+    #: The first row is for negative values of the coordinate, the second row for positive values.
     freedom: Array
     #: how the mean and the width of an element of the random vector z depend on elements with a
     #: smaller index; None if the elements are independent

@@ -95,10 +95,10 @@ _FINEST_TOLERANCE = 1e-3
 # quasi-random points. The points differ between nodes, so that the errors cancel in the mean over
 # hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
-# The error of the log evidence is the sum of two errors: that of the integral over the nodes
-# (weighted values of the hyper-parameters), and that of the probability that no compliance is
-# negative. If the first error is within the tolerance but the sum is not, new nodes are computed
-# with the tolerance multiplied by this factor.
+# The error of the log evidence is the sum of two errors. One is the error of the integral over the
+# nodes (weighted values of the hyper-parameters), the other that of the probability that no
+# compliance is negative. If the first error is within the tolerance but the sum is not, new nodes
+# are computed with the tolerance multiplied by this factor.
 _NODES_SHARE = 0.7
 # The probability that no compliance is negative is first averaged over ``_FEWEST_PICKED`` nodes
 # (values of the hyper-parameters). As long as the error of the average is too large, the number of

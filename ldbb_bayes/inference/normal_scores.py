@@ -223,7 +223,8 @@ class NormalScores:
         the bounds a and b, and z is its score. The derivative du/dz follows from two equations. The
         first is n(z) dz = p(φ) dφ, where p is the prior density of φ and n the standard normal
         density. The second is dφ = (φ − a) du if b is infinite, and dφ = (φ − a) (b − φ) / (b − a)
-        du if b is finite. ``scores`` holds the scores in its last dimension.
+        du if b is finite. ``scores``, shape (..., h), holds the normal scores of the h
+        hyper-parameters.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)
