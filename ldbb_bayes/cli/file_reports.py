@@ -13,6 +13,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
 from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
+from ldbb_bayes.cli.goal_designs import running_order
 from ldbb_bayes.cli.output import Output, write_files
 from ldbb_bayes.cli.progress import Begin
 from ldbb_bayes.cli.sources import ReportSource, SourceCampaign, assumed_parts
@@ -407,5 +408,20 @@ def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
     if isinstance(design, str):
         parts.append(design)
     else:
-        parts.append(f"Run next: {', '.join(test.name for test in design.plan().tests)}")
+        parts.append(_next_tests(design.plan()))
     return tuple(parts)
+
+
+def _next_tests(plan: lb.Campaign) -> str:
+    """Return sentences that list the forces of a plan's tests in their order, and say why."""
+    several_planes = len({test.plane for test in plan.tests}) > 1
+    labels = []
+    for test in plan.tests:
+        label = f"{test.force_N:.4g} N"
+        if several_planes:
+            label += f" in plane {test.plane}"
+        labels.append(label)
+    return (
+        f"Run next, in this order: {running_order(plan, labels)}. At these forces the readings are"
+        " expected to tell most about the parameters."
+    )

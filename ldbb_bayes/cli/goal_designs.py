@@ -5,7 +5,7 @@ The command ``design`` with ``--goal`` and the page in the browser share these f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -114,16 +114,18 @@ def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> Goal
     return GoalDesignFiles(record, contents, write_more)
 
 
-def running_order(plan: lb.Campaign) -> str:
-    """Return one string with the names of a plan's tests, in the order in which to run them.
+def running_order(plan: lb.Campaign, labels: Sequence[str] | None = None) -> str:
+    """Return one string that lists a plan's tests in the order in which to run them.
 
-    The direction, the radius and the angles of the balls are stated in brackets after each name. A
+    The direction, the radius and the angles of the balls are stated in brackets after each test. A
     setting that is the same in all tests is left out.
 
     Parameters
     ----------
     plan
         Campaign without readings.
+    labels
+        Words for each test, such as "417 N". Default: the names of the tests.
 
     Returns
     -------
@@ -141,9 +143,11 @@ def running_order(plan: lb.Campaign) -> str:
     values_by_setting = list(zip(*settings_by_test, strict=True))
     varied = [k for k, values in enumerate(values_by_setting) if len(set(values)) > 1]
 
+    if labels is None:
+        labels = [test.name for test in plan.tests]
     entries = []
-    for test, settings in zip(plan.tests, settings_by_test, strict=True):
-        entry = test.name
+    for label, settings in zip(labels, settings_by_test, strict=True):
+        entry = label
         if varied:
             entry += f" ({', '.join(settings[k] for k in varied)})"
         entries.append(entry)

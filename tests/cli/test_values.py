@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from campaigns import refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli.arguments import _model_options
+from ldbb_bayes.cli.file_reports import _next_tests
 from ldbb_bayes.cli.questions import _read_topology
 from ldbb_bayes.cli.ranges import read_force_levels
 from ldbb_bayes.cli.values import ball_in
@@ -62,3 +65,18 @@ def test_help_of_without_lists_every_term() -> None:
         if kind.__module__.startswith("ldbb_bayes."):
             assert kind.key() in help_text
     assert "truncation" in help_text
+
+
+def test_next_tests_are_listed_by_force_with_direction(recovered: lb.Campaign) -> None:
+    test = recovered.plan().tests[0]
+    one_plane = replace(
+        recovered.plan(),
+        tests=[
+            replace(test, name="a", force_N=417.0, direction="CW"),
+            replace(test, name="b", force_N=36.0, direction="CCW"),
+        ],
+    )
+    assert _next_tests(one_plane) == (
+        "Run next, in this order: 417 N (CW), 36 N (CCW). At these forces the readings are expected"
+        " to tell most about the parameters."
+    )
