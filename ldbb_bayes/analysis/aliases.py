@@ -60,9 +60,9 @@ class Degeneracy:
     #: parameter. The pivot of a degeneracy is the coefficient whose effect on the readings the
     #: other coefficients cancel.
     term: str
-    #: change of each coefficient of the degeneracy, by its name, in internal units (mm, N, rad).
-    #: Together, these changes cancel in every reading. Nuisance coefficients (of effects not of
-    #: interest) come before parameters.
+    #: change of each coefficient of the degeneracy, in a unit composed of mm, N and rad; the keys
+    #: are the names of the coefficients. Together, these changes have no effect on any reading.
+    #: Nuisance coefficients (of effects not of interest) come before parameters.
     combination: Mapping[str, float]
     #: parameters of interest that contribute notably to the degeneracy: the effect of each on the
     #: readings is more than 2 % of the largest effect of any coefficient in ``combination``
@@ -147,7 +147,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return a degeneracy without its nuisance coefficients, if the effects then still cancel.
+    """Return a degeneracy without nuisance coefficients if the effects of its parameters cancel.
 
     A degeneracy is a combination of coefficients whose effects on the readings cancel. ``vector``,
     shape (m,), holds the values of the m coefficients in units of their prior standard deviations.

@@ -334,12 +334,13 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 
 
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
-    """Return the log densities of the draws from all models; the keys are names of densities.
+    """Return a dict with the log densities of the draws from all models.
 
-    For example, the key ``lp`` stands for the log density of the posterior. ``draws_of_models``
-    holds the draws of each model. The draws are numbered consecutively: first those of the first
-    model, then those of the next model, and so on. ``order``, shape (chains, draws), holds the
-    number of the draw for each place in the result. Every log density in the result has this shape.
+    Its keys are the names of the densities, such as ``lp`` for the log density of the posterior.
+    Each value is an array of shape (chains, draws). ``draws_of_models`` holds the draws of each
+    model. These draws are numbered consecutively: first those of the first model, then those of the
+    next model, and so on. ``order``, shape (chains, draws), holds the number of the draw for each
+    place in the arrays.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -399,12 +400,14 @@ def _averaged_prior(
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return names, evidences and probabilities of the models, to be stored with the posterior.
 
-    The entry ``models`` lists for each model its name, the alternative explanations that it
-    includes (``rivals``), its log evidence and its posterior probability. Several models can have
-    the same name and differ only in these explanations. The entry ``probability`` therefore holds
-    sums of probabilities: for each name, over all models with this name; for each explanation, over
-    all models that include it. The entry ``log_evidence_error`` is the largest numerical error of
-    the log evidences [nat].
+    The result is a dict with three entries:
+
+    - ``models``: a list with one entry for each model. The entry states the name of the model, the
+      alternative explanations that it includes (``rivals``), its log evidence and its posterior
+      probability. Several models can have the same name and differ only in these explanations.
+    - ``probability``: sums of posterior probabilities. The key is the name of a model or of an
+      explanation, and the sum is over all models that have this name or include this explanation.
+    - ``log_evidence_error``: the largest numerical error of the log evidences [nat].
     """
     models = []
     for combination, nodes, probability in zip(

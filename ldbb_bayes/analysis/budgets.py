@@ -134,16 +134,19 @@ class Budget(Result):
 class _ModelBudget:
     """The posterior variance of the parameters under one model, and the sources of this variance.
 
-    ``model`` holds the model and its posterior draws. ``variance``, shape (p,), is the variance of
-    the model's p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name.
-    ``covariance``, shape (m, m), is the posterior covariance of all m coefficients (parameters and
-    nuisance coefficients) at these hyper-parameters, in units of the prior standard deviations;
-    ``information`` is the linear model of the readings (`Information`) at the same
-    hyper-parameters. ``shares`` holds the share of each source in the variance of each parameter,
-    shape (p,); its keys are pairs of source name and model term name. ``ratio_if_known`` has an
-    entry for each model term, shape (p,): the variance that each parameter would have if the effect
-    of this term were known exactly, divided by its present variance. ``origins`` states for each
-    source whether its standard uncertainty is measured in this campaign, stated or assumed.
+    - ``model``: the model and its posterior draws.
+    - ``variance``: variances of the model's p parameters, shape (p,), in units of mm, N and rad.
+    - ``phi``: means of the hyper-parameters, by name.
+    - ``information``: linear model of the readings at these means (see `Information`).
+    - ``covariance``: posterior covariance of all m coefficients (parameters and nuisance
+      coefficients) at these means, shape (m, m), in units of the prior standard deviations.
+    - ``shares``: for each source, its share in the variance of each parameter, shape (p,). A key
+      is a pair: the name of the source and the name of its model term.
+    - ``ratio_if_known``: one array of shape (p,) for each model term. It holds the variances that
+      the parameters would have if the effect of the term were known exactly, divided by their
+      present variances.
+    - ``origins``: whether the standard uncertainty of each source is measured in this campaign,
+      stated or assumed. The keys are pairs as in ``shares``.
     """
 
     model: AveragedModel

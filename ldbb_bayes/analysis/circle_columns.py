@@ -1,7 +1,7 @@
 """Effects of the parameters on the circle of one test, at any bar force.
 
-A circle is described by 25 Fourier coefficients of its radial deviation. A parameter has one column
-of the design matrix: the changes of these coefficients per unit of the parameter.
+A circle is described by 25 Fourier coefficients of its radial deviation. The effect of a parameter
+is one column of the design matrix: the changes of these coefficients per unit of the parameter.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
     """Return the factors that convert the second harmonic to scale mismatch and squareness.
 
-    The circle is that of the test with index ``r``; its second harmonic is that of the radial
-    deviation [µm]. Scale mismatch and squareness are those of the two axes of its plane. The
+    The second harmonic is that of the radial deviation [µm] in the circle of the test with index
+    ``r``. Scale mismatch and squareness are those of the two axes of the circle's plane. The
     factors depend on the radius and the plane of the circle.
     """
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3

@@ -60,10 +60,11 @@ __all__ = [
     "summarise_draws",
 ]
 
-# Circular-test quantities of ISO 230-4 and their units. ``QUANTITIES`` are computed for every tool
-# path, ``BIDIRECTIONAL`` only for planes in which circles are run both clockwise and
-# counterclockwise. ``MINIMUM_ZONES`` are widths of the narrowest ring that contains the path
-# (``G_minimum_zone``), or the paths of both directions of travel (``G_b_minimum_zone``).
+# Three dicts of circular-test quantities of ISO 230-4: the keys are their names, and the values are
+# their units. The ``QUANTITIES`` are computed for every tool path, the ``BIDIRECTIONAL`` ones only
+# for planes in which circles are run both clockwise and counterclockwise. The ``MINIMUM_ZONES`` are
+# widths of the narrowest ring that contains the path (``G_minimum_zone``), or the paths of both
+# directions of travel (``G_b_minimum_zone``).
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",

@@ -78,10 +78,10 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # in the model.
 _REJECTED = 5.0
 # The comparison of two models is repeated with other assumptions about the random differences
-# between circles. Let M be the larger log evidence of the two models before the assumption is
-# changed. If both log evidences under another assumption are this number [nat] or more below M, the
-# readings clearly reject the assumption. These two evidences are computed only roughly, to save
-# time.
+# between circles. Let M be the larger log evidence of the two models with their own assumption. If
+# the log evidences of both models with another assumption are at least this number [nat] below M,
+# the readings clearly reject this other assumption. These two evidences are computed only roughly,
+# to save time.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -148,8 +148,9 @@ class ComparedModel:
     #: which the model is based). The prediction includes the effects of the machine, and the
     #: nuisance effects that act in several tests.
     rmse_um: float
-    #: root-mean-square residual (Eq. 34) of the least-squares fit (Eq. 31) of the article on which
-    #: the model is based [µm]; NaN if the tests have too few different forces for the fit
+    #: root-mean-square residual of a least-squares fit [µm]: Eq. 34 for the fit of Eq. 31 of the
+    #: article on which the model is based. NaN if the tests have too few different forces for the
+    #: fit.
     least_squares_rmse_um: Number
     degree: int
     parameters: dict[str, ParameterEstimate]
@@ -266,8 +267,9 @@ class Comparison(Result):
     #: first. If there are too many such models, only some are compared. Empty if compliance is
     #: constant in all compared models, or if only evidences were computed.
     slope_subsets: tuple[SlopeSubset, ...]
-    #: compliance C(F) against force F, by name, averaged over models in which different subsets of
-    #: the compliances change with force; empty if ``slopes`` is empty
+    #: curve of each compliance C(F) against the force F, averaged over models that differ in which
+    #: of the compliances change with force. The keys are the names of the compliances. Empty if
+    #: ``slopes`` is empty.
     compliance_against_force: dict[str, Curve]
     #: comparison of every test with its prediction from the other tests, by name of the test; empty
     #: if no test was left out
@@ -277,9 +279,9 @@ class Comparison(Result):
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. The log evidences of the first two of the
     #: compared models are also computed with other assumptions about the random differences between
-    #: circles. Let M be the larger log evidence of the two models before the assumption is changed.
-    #: If both log evidences with another assumption are 10 nat or more below M, an error of 0.1 nat
-    #: is allowed for them.
+    #: circles. Let M be the larger log evidence of these two models with their own assumption. If
+    #: the log evidences of both models with another assumption are at least 10 nat below M, an
+    #: error of 0.1 nat is allowed for them.
     tolerance: float
     #: largest error of any log evidence [nat]. Log evidences under assumptions that the readings
     #: clearly reject are only rough, and are left out here (see ``tolerance``).
@@ -426,24 +428,25 @@ class _ComparisonPlan:
     holds the first two models with this prior or assumption.
     """
 
-    #: the first two of the compared models; the keys are the names that the caller gave
+    #: the first two of the compared models; the keys are the names that the caller gave them
     pair: dict[str, HybridModel]
-    #: the one of the compared models with the most parameters; it is also fitted separately to the
-    #: tests at each pair of neighbouring forces
+    #: the model with the most parameters among the compared models. It is also fitted separately to
+    #: the tests at each pair of neighbouring forces.
     largest: HybridModel
     #: the largest model, with its compliances reduced to constant or linear functions of force;
     #: models in which only some compliances change with force are derived from this model
     linear: HybridModel
-    #: the first two of the compared models, once for each scale in `SLOPE_SCALES`. The scale
-    #: determines how wide the prior of the slopes (changes of compliance with force) is. Empty if
-    #: neither model has slopes, or if the two models differ only in this prior.
+    #: a dict with one entry for each scale in `SLOPE_SCALES`. Its value holds the first two of the
+    #: compared models with this scale, which determines how wide the prior of the slopes (changes
+    #: of compliance with force) is. Empty if neither model has slopes, or if the two models differ
+    #: only in this prior.
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: a dict with one entry. Its value holds the first two of the compared models, without any
     #: change. Its key is a label which says that the models keep their assumption about the random
     #: differences between circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two of the compared models, changed to make another assumption about the random
-    #: differences between circles; there is one entry for each of the other assumptions
+    #: a dict with one entry for each other assumption about the random differences between circles.
+    #: Its value holds the first two of the compared models, changed to make this assumption.
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test of the campaign is predicted from the other tests
     leaves_tests_out: bool
@@ -916,11 +919,12 @@ def _compare_models(
     seed: int,
     prob: float,
 ) -> dict[str, ComparedModel]:
-    """Return the evidence, the fit and the parameter estimates of every model, by name.
+    """Return the evidence, the fit and the parameter estimates of every model.
 
-    ``nodes_by_model`` holds the posterior of each model. ``log_densities`` holds, for each model,
-    the log density of every test given the other tests [nat]. ``seed`` is the seed of posterior
-    draws, and ``prob`` is the probability of the credible intervals of compliance at every force.
+    The keys of the result are the names of the models. ``nodes_by_model`` holds the posterior of
+    each model. ``log_densities`` holds, for each model, the log density of every test given the
+    other tests [nat]. ``seed`` is the seed of posterior draws, and ``prob`` is the probability of
+    the credible intervals of compliance at every force.
     """
     log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
     shares = probabilities(np.array(log_evidence))

@@ -69,7 +69,9 @@ class Decision(StrEnum):
 
 @dataclass(frozen=True)
 class Conformity(Result):
-    """Decision whether a quantity conforms with its tolerance, in internal units (mm, N, rad).
+    """Decision whether a quantity conforms with its tolerance.
+
+    The unit ``unit`` of the quantity is composed of mm, N and rad.
 
     Examples
     --------
@@ -127,10 +129,10 @@ def assess_conformity(
 
     The probability that a quantity lies beyond a limit is the share of the posterior draws beyond
     the limit. If fewer than 10 of the n draws lie on one side of the limit, the probability of that
-    side is taken from a normal distribution. This probability is limited to the range from the
-    share of the draws on that side to 10/n. If ``confidence`` is above 1 − 10/n (0.995 for 2000
-    draws), the decision may therefore depend on the tail of a normal distribution. For a skewed
-    posterior, this tail may be too thin; take more draws in this case.
+    side is taken from a normal distribution. This probability is not allowed to be smaller than the
+    share of the draws on that side, or larger than 10/n. If ``confidence`` is above 1 − 10/n (0.995
+    for 2000 draws), the decision may therefore depend on the tail of a normal distribution. For a
+    skewed posterior, this tail may be too thin; take more draws in this case.
 
     Parameters
     ----------
@@ -193,11 +195,11 @@ def assess_conformity(
 
 
 def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) -> dict[str, Array]:
-    """Return posterior draws of the quantities that have a tolerance, in mm, N and rad.
+    """Return posterior draws of the quantities that have a tolerance, in units of mm, N and rad.
 
-    The keys are the names of the quantities in ``decisions``, and each array has the shape
-    (draws,). For quantities of the circular path, only 2000 of the posterior draws are used, evenly
-    spaced among all draws.
+    The result is a dict of arrays of shape (draws,). Its keys are the names of the quantities in
+    ``decisions``. For quantities of the circular path, only 2000 of the posterior draws are used,
+    evenly spaced among all draws.
     """
     bound = bound_of(posterior)
     force = bound.setting.reference_force_N
@@ -210,12 +212,13 @@ def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) 
 
 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
-    """Return posterior draws of every parameter, by name, in mm, N and rad.
+    """Return posterior draws of every parameter, in units composed of mm, N and rad.
 
+    The result is a dict of arrays of shape (draws,); its keys are the names of the parameters.
     Compliances are computed at the force ``force_N`` of the bar. Slopes (coefficients of the change
-    of compliances with force) and geometric errors do not depend on this force. Each array has the
-    shape (draws,). If the posterior is an average over models, two parameters' draws with the same
-    index may come from different models.
+    of compliances with force) and geometric errors do not depend on this force. If the posterior is
+    an average over models, two parameters' draws with the same index may come from different
+    models.
     """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
@@ -239,10 +242,11 @@ class _StatedDraws(NamedTuple):
 def _stated_draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> dict[str, _StatedDraws]:
-    """Return posterior draws of the named quantities at a given bar force, by name.
+    """Return posterior draws of the quantities ``names`` at a given bar force.
 
-    ``names`` are names of parameters, of stiffnesses such as ``stiffness_X`` or ``k_min``, and of
-    quantities of the circular path such as ``G``. ``force`` is the force of the bar [N].
+    The result is a dict with ``names`` as keys. They are names of parameters, of stiffnesses such
+    as ``stiffness_X`` or ``k_min``, and of quantities of the circular path such as ``G``. ``force``
+    is the force of the bar [N].
     """
     parameters = dict(zip(bound.names, bound.parameters, strict=True))
     values = draws_at(posterior, force)
@@ -284,11 +288,11 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
 def _directional_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
     """Return posterior draws of the least and greatest stiffness in each plane, and their ratio.
 
-    The keys are ``k_min`` and ``k_max`` for the least and the greatest stiffness along the bar
-    [N/mm], and ``k_ratio`` for the greatest stiffness divided by the least.
+    The result is a dict with three keys: ``k_min`` and ``k_max`` for the least and the greatest
+    stiffness along the bar [N/mm], and ``k_ratio`` for the greatest stiffness divided by the least.
 
-    If there are several planes, each key ends with the plane, such as ``k_min_YZ``. ``force`` is
-    the force of the bar [N].
+    If there are several planes, there are three keys for each plane. Each key then ends with the
+    plane, as in ``k_min_YZ``. ``force`` is the force of the bar [N].
     """
     planes = bound.setting.planes
     draws = {}
@@ -337,7 +341,7 @@ def _tail_probability(outside: Array, score: float) -> float:
 
 
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
-    """Return the probability that a quantity lies on that side of a limit where few draws lie.
+    """Return the probability of that side of a tolerance limit on which few draws lie.
 
     Only ``count`` of ``n`` draws lie on this side, too few to estimate the probability from their
     share. The result is therefore ``normal_tail``, the probability under a normal distribution. It

@@ -38,10 +38,10 @@ def confounding_sources(
     Only sources whose standard uncertainty is assumed (neither measured nor stated) are considered.
     A parameter is confounded with such sources if together they cause more than half of its
     variance, and act on the same combination of parameters. ``sources`` are all sources of the
-    parameter's variance, the largest share first. ``likeness`` states how similarly two sources
-    act; its keys are pairs of names of sources. Each source causes errors of all parameters, which
-    form a vector. The likeness is the squared cosine of the angle between the vectors of the two
-    sources. If ``likeness`` is None, all sources are taken to act on the same combination.
+    parameter's variance, the largest share first. Each source causes errors of all parameters,
+    which form a vector. ``likeness`` holds, for each pair of sources, the squared cosine of the
+    angle between their vectors; its keys are pairs of names of sources. If ``likeness`` is None,
+    all sources are taken to act on the same combination.
     """
     candidates = []
     for source in sources:

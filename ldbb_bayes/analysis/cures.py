@@ -33,8 +33,8 @@ _ANGLE_DECIMALS = 6
 # Angles by which a ball is turned in its socket in further tests [°], to separate the form error of
 # the ball from the machine's errors.
 _CLOCKINGS_DEG = (45.0, 90.0)
-# If tests at other forces are added to a plan, their forces are ``_LOWER_FORCE_SHARE`` times the
-# lowest force of the plan and ``_HIGHER_FORCE_SHARE`` times the highest force.
+# Tests at two other forces may be added to a plan: at ``_LOWER_FORCE_SHARE`` times the lowest force
+# of the plan, and at ``_HIGHER_FORCE_SHARE`` times its highest force.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
 # If tests at another radius are added to a plan, their radius is a radius of the plan times this
@@ -127,8 +127,8 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
     cancel. Two degeneracies whose pivots are nuisance coefficients are the same if the names of the
     pivots differ at most in the ball, the phase (cosine or sine) or the radius. Two degeneracies
-    whose pivots are parameters are the same if they have two parameters in common, or one if
-    ``degeneracy`` has only one parameter.
+    whose pivots are parameters are the same if they have two parameters in common. If
+    ``degeneracy`` has only one parameter, it is enough that they have this one in common.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -140,20 +140,20 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
 
 
 def _name_without_details(nuisance: str) -> str:
-    """Return a nuisance coefficient's name without the parts that state ball, phase and radius.
+    """Return the name of a nuisance coefficient without the ball, the phase and the radius.
 
-    These parts are ``work_`` or ``tool_`` at the beginning, ``_cos`` or ``_sin``, and a number at
-    the end.
+    In the name, ``work_`` or ``tool_`` at the beginning states the ball, ``_cos`` or ``_sin`` the
+    phase, and a number at the end the radius.
     """
     return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
 
 
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
-    """Return tests that may separate effects that a plan cannot separate.
+    """Return tests that may separate effects which a plan cannot separate.
 
-    The keys of the result are the kinds of tests, such as tests at other forces. ``directed`` holds
-    the circles of the plan with their directions of travel, and copies of these circles in the
-    opposite direction.
+    The result is a dict. Its keys are the kinds of tests, such as tests at other forces.
+    ``directed`` holds the circles of the plan with their directions of travel, and copies of these
+    circles in the opposite direction.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),
@@ -172,9 +172,9 @@ def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[Circul
 
 
 def _at_other_forces(plan: Campaign) -> list[CircularTest]:
-    """Return two copies, at other forces, of the test of a plan with the lowest force.
+    """Return two copies, with other forces, of the test that has the lowest force of a plan.
 
-    One copy is at half the lowest force of the plan, the other at 1.5 times the highest force.
+    One copy has half the lowest force of the plan, the other 1.5 times the highest force.
     """
     forces = plan.forces_N
     first = plan.tests[int(forces.argmin())]
@@ -187,8 +187,8 @@ class Directed(NamedTuple):
     """Circles of a plan with their directions of travel, and copies in the opposite direction.
 
     ``stated`` are the circles of the plan. If no circle of a plane states its direction, all
-    circles of the plane are taken to be clockwise. ``further`` are copies of these circles in the
-    opposite direction, for each plane whose circles are all run in one direction.
+    circles of the plane are taken to be clockwise. ``further`` holds copies in the opposite
+    direction of those circles whose plane has circles in only one direction.
     """
 
     stated: list[CircularTest]

@@ -72,10 +72,10 @@ class UncertaintyAim:
     #: reached
     target: float
     #: factor by which the standard uncertainty of the combination w·β is larger because the
-    #: hyper-parameters are unknown. It is computed from the readings so far: the standard
-    #: uncertainty of w·β is divided by the root mean square of K other standard uncertainties.
-    #: These are the ones that w·β would have if the hyper-parameters were known to have one of K
-    #: values.
+    #: hyper-parameters are unknown. It is computed from the readings so far, for K values of the
+    #: hyper-parameters. Let u_k be the standard uncertainty that w·β would have if the
+    #: hyper-parameters were known to have the k-th of these values. The standard uncertainty of w·β
+    #: is divided by the root mean square of all u_k.
     inflation: float
     #: whether the circles run so far have already reached this aim
     is_reached: bool

@@ -85,8 +85,8 @@ class GoalSoFar(Result):
 class ToleranceSoFar(Result):
     """Whether a quantity is within its tolerance, and whether one more circle may decide this."""
 
-    #: decision, from the readings so far, whether the quantity conforms with its tolerance, as
-    #: `assess_conformity` returns it
+    #: result of `assess_conformity` for the readings so far: the decision whether the quantity
+    #: conforms with its tolerance
     now: Conformity
     #: probability that, after the best next circle, it can be decided whether the quantity conforms
     #: with its tolerance
@@ -99,10 +99,10 @@ class ToleranceSoFar(Result):
 
 
 class Known(NamedTuple):
-    """Posterior of the p parameters given the readings so far, in internal units (mm, N, rad)."""
+    """Posterior of the p parameters given the readings so far, in units of mm, N and rad."""
 
     bound: BoundModel  # model applied to the circles run so far
-    mean: Array  # posterior means of the model's p parameters (mm, N, rad), shape (p,)
+    mean: Array  # posterior means of the p parameters, shape (p,)
     sd: Array  # posterior standard deviations of the model's p parameters, shape (p,)
     draws: Array  # n random draws from the posterior of the model's p parameters, shape (n, p)
     # K equally likely values of the h hyper-parameters, such as the standard deviation of the
@@ -203,13 +203,13 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return every goal with the present estimate of the goal's parameter.
+    """Return a dict of all goals, each with the present estimate of the goal's parameter.
 
     The result also states, for each goal, the standard uncertainty that is needed to meet the goal.
-    The keys of the result are the names of the goals' parameters. ``known`` is the posterior given
-    the circles run so far. ``covariance``, shape (K, p, p), are the present covariances of the p
-    parameters at K values of the hyper-parameters. ``confidence`` is the minimum probability at
-    which a goal counts as reached.
+    The keys are the names of the goals' parameters. ``known`` is the posterior given the circles
+    run so far. ``covariance``, shape (K, p, p), are the present covariances of the p parameters at
+    K values of the hyper-parameters. ``confidence`` is the minimum probability at which a goal
+    counts as reached.
     """
     states = {}
     for name, goal in goals.items():
@@ -271,13 +271,13 @@ def tolerance_states(
 ) -> dict[str, ToleranceState]:
     """Return, for every tolerance, the present decision and the uncertainty needed to decide.
 
-    The decision is whether a quantity, such as a stiffness, conforms with its tolerance. The keys
-    of the result are the names of the quantities. To find the uncertainty needed, each quantity is
-    approximated by a linear function of the parameters. This function is fitted to the draws in
-    ``posterior``. ``tolerances`` holds the tolerance of each quantity. ``known`` is the posterior
-    given the circles run so far. ``covariance``, shape (K, p, p), are the covariances of the p
-    parameters at K values of the hyper-parameters. ``confidence`` is the minimum probability at
-    which a decision is made.
+    The decision is whether a quantity, such as a stiffness, conforms with its tolerance. The result
+    is a dict; its keys are the names of the quantities. To find the uncertainty needed, each
+    quantity is approximated by a linear function of the parameters. This function is fitted to the
+    draws in ``posterior``. ``tolerances`` holds the tolerance of each quantity. ``known`` is the
+    posterior given the circles run so far. ``covariance``, shape (K, p, p), are the covariances of
+    the p parameters at K values of the hyper-parameters. ``confidence`` is the minimum probability
+    at which a decision is made.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)
@@ -285,9 +285,8 @@ def tolerance_states(
     states = {}
     for name, now in decisions.items():
         values = draws[name]
-        # There may be fewer posterior draws of the quantity that has the tolerance than of the
-        # model's parameters. Use only those draws of the parameters from which the draws of the
-        # quantity were computed.
+        # The quantity that has the tolerance may have been computed for only some of the posterior
+        # draws. Use the same draws of the parameters.
         scaled_parameters = (parameters - known.mean) / known.bound.scale
         same_draws = scaled_parameters[evenly_spaced(len(scaled_parameters), len(values))]
         weights = np.linalg.lstsq(same_draws, values - values.mean())[0]

@@ -127,8 +127,8 @@ class Limits(Result):
     #: combination contains at least one of the parameters in ``shared``, which more runs would
     #: hardly improve.
     degeneracies: tuple[Degeneracy, ...]
-    #: for each combination of coefficients in ``degeneracies``, what would separate the
-    #: coefficients: kinds of further tests, or a calibration
+    #: ways to separate the coefficients of each combination in ``degeneracies``: kinds of further
+    #: tests, or a calibration. The entries have the order of ``degeneracies``.
     cures: tuple[tuple[Cure, ...], ...]
 
 
@@ -142,7 +142,7 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """Tests that a design recommends, the tests to choose from, and the model for the analysis."""
+    """Recommended tests, the tests that they were chosen from, and the model for the analysis."""
 
     tests: tuple[CircularTest, ...]
     space: Space
@@ -179,9 +179,9 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design by its criterion. It is 1 if the design is as good as the same
-    #: number of tests divided among the candidate tests by the best shares (``shares``), and
-    #: smaller if it is worse.
+    #: efficiency of the design by its criterion. It is 1 if the design is as good as the best
+    #: division of the same number of tests among the candidate tests (``shares``), and smaller if
+    #: it is worse.
     efficiency: float
     #: optimality certificate, which states whether ``shares`` are proven to be the best shares of
     #: the candidate tests by the design criterion
@@ -191,8 +191,9 @@ class Design(Forecast):
     #: runs. The columns are force_N, the columns that `columns` names, and share.
     shares: Records
     #: expected standard deviation of each parameter for a design in equal steps of force. All tests
-    #: of this design have the first of the radii and the first of the clockings (pairs of ball
-    #: angles) to choose from. The keys are the names of the parameters.
+    #: of this design have the same radius and the same clocking (pair of ball angles): the first
+    #: radius and the first clocking that the search could choose. The keys are the names of the
+    #: parameters.
     baseline: dict[str, Expected]
     #: designs that are compared with this one: a design in equal steps of force, and the campaigns
     #: that were given to `design` as ``against``
@@ -252,8 +253,8 @@ class Design(Forecast):
         Tests with the same set-up, plane, radius and angles of the balls are run one after the
         other, in random order. The plan states no times. If the model includes a drift with time,
         the drift is taken to follow the order of the tests in the plan. If the model includes a
-        drift with temperature, the tests of the plan get the mean temperature of the campaign that
-        the design starts from.
+        drift with temperature, the temperature of the plan's tests is taken to be the mean
+        temperature of the campaign that the design starts from.
 
         Parameters
         ----------
@@ -292,12 +293,12 @@ class Design(Forecast):
         Returns
         -------
         pandas.DataFrame
-            One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation. ``sd_error`` is the standard error of ``sd``, computed from the scatter of
-            the result over the simulated machines. Three columns are for comparison: ``prior_sd``
-            is the prior standard deviation, ``floor_sd`` is the standard deviation that would
-            remain if every test were run very many times, and ``baseline_sd`` is the standard
-            deviation that is expected after a design in equal steps of force.
+            One row per parameter, in units composed of mm, N and rad. ``sd`` is the expected
+            standard deviation. ``sd_error`` is the standard error of ``sd``, computed from the
+            scatter of the result over the simulated machines. Three columns are for comparison:
+            ``prior_sd`` is the prior standard deviation, ``floor_sd`` is the standard deviation
+            that would remain if every test were run very many times, and ``baseline_sd`` is the
+            standard deviation that is expected after a design in equal steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -795,9 +796,9 @@ def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degenerac
 
 
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
-    """Return the planes in which all circles run in one direction, with this direction.
+    """Return a dict of the planes in which all circles run in one direction.
 
-    The keys of the result are the planes; the values are "CW" or "CCW". Only those planes are
+    The keys are the planes, and the values are the directions "CW" or "CCW". Only those planes are
     considered for which the model includes both directions of travel.
     """
     one_way = {}

@@ -129,10 +129,11 @@ class _Layout(NamedTuple):
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
     """Return which columns and rows of the tests' matrices G the search for a design needs.
 
-    ``blocks``, shape (tests, rows, m), holds the matrix G of each test for m coefficients, at one
-    value of the hyper-parameters; GᵀG is the information of the test. The result is the same for
-    all values of the hyper-parameters. ``chosen`` are the names of the parameters of interest.
-    ``information`` holds the names of the coefficients, and says whether their priors are flat.
+    G has one column for each of m coefficients; GᵀG is the information of the test. ``blocks``,
+    shape (tests, rows, m), holds the matrix G of each test at one value of the hyper-parameters.
+    The result is the same for all values of the hyper-parameters. ``chosen`` are the names of the
+    parameters of interest. ``information`` holds the names of the coefficients, and says whether
+    their priors are flat.
     """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)

@@ -46,7 +46,7 @@ class CertificateOffer(Result):
     name: str  #: name of the calibration certificate, such as "balls of grade G10"
     price: float  #: price of the calibration certificate, in the unit of money of `Costs`
     #: values that the calibration certificate states for properties of the instrument; the keys are
-    #: the names of the attributes of `Instrument`
+    #: the names of these properties as attributes of `Instrument`
     statements: Annotated[Mapping[str, Any], Field(exclude=True)] = field(default_factory=dict)
 
 

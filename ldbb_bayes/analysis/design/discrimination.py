@@ -173,8 +173,8 @@ class _LogBayesFactorDistribution:
     # force), for each of K values of the hyper-parameters, shape (K,)
     log_volume: Array
     # quasi-random samples of a standard normal distribution for K values of the hyper-parameters,
-    # shape (K, samples, s − 1). From them, s − 1 of the s independent components z of the posterior
-    # mean of s slopes (changes of compliance with force) are computed.
+    # shape (K, samples, s − 1). The posterior mean of s slopes (changes of compliance with force)
+    # has s independent components z; all but one of these components are computed from the samples.
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
@@ -219,8 +219,9 @@ class _LogBayesFactorDistribution:
 def _normal_points(nodes: int, dimensions: int, seed: int) -> Array:
     """Return quasi-random standard normal numbers, shape (nodes, samples, dimensions).
 
-    Each sample has ``dimensions`` independent components. For each of ``nodes`` values of the
-    hyper-parameters, the samples are shifted by different random amounts.
+    Each sample has ``dimensions`` independent components. There is one set of samples for each of
+    ``nodes`` values of the hyper-parameters. All sets consist of the same points, which are shifted
+    by different random amounts in each set.
     """
     rng = np.random.default_rng(seed)
     points = np.zeros((_POINTS, 0))

@@ -108,8 +108,8 @@ class Forecast(Result):
     #: standard deviation of each parameter under the prior, and as expected after the planned
     #: tests; the keys are the names of the parameters
     expected: dict[str, Expected]
-    #: expected information gain of the planned tests [nat]: the Kullback-Leibler divergence of the
-    #: posterior from the prior; infinite for a flat prior
+    #: expected information gain of the planned tests [nat]: the expectation of the Kullback-Leibler
+    #: divergence of the posterior from the prior; infinite for a flat prior
     information_gain: Finite
     #: evidence for or against slopes (changes of compliance with force) that the planned tests are
     #: expected to give; None if the model has no slopes, or if priors are flat
@@ -186,7 +186,7 @@ class StatedByMachines:
     names: tuple[str, ...]  #: names of the p parameters of the model
     beta: Array  #: values of the p parameters on each machine, shape (n, p), in mm, N, rad
     #: standard uncertainties of the p parameters that the analysis would state on each of the n
-    #: machines, shape (n, p), in mm, N and rad
+    #: machines, shape (n, p), in units composed of mm, N and rad
     u: Array
 
 

@@ -98,8 +98,8 @@ class GoalForecast(Result):
     #: median, over the possible machines, of the expanded uncertainty (k = 2) of the goal's
     #: parameter after the campaign
     U: float
-    #: value that the expanded uncertainty (k = 2) of the goal's parameter after the campaign does
-    #: not exceed on 90 % of the possible machines
+    #: the expanded uncertainty (k = 2) of the goal's parameter after the campaign is at most this
+    #: value on 90 % of the possible machines
     likely_U: float
     #: share of the possible machines on which the campaign meets the goal for the parameter's
     #: uncertainty
@@ -451,12 +451,13 @@ def _reachable(
 def _near_misses(
     nearest: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, probability: float
 ) -> dict[str, NearMiss]:
-    """Return the goals that the campaign ``nearest`` meets on too few machines, with the reasons.
+    """Return the reasons why the campaign ``nearest`` meets goals on too few machines.
 
     Of all campaigns with the largest number of circles allowed, ``nearest`` comes nearest to
-    meeting the goals (upper limits of uncertainties). A goal is returned if the share of the
-    possible machines on which it is met is below ``probability``. If ``nearest`` meets each goal on
-    enough machines, but not all goals together, all goals are returned.
+    meeting the goals (upper limits of uncertainties). The keys of the result are the names of the
+    goals' parameters. A goal is included if the share of the possible machines on which it is met
+    is below ``probability``. If ``nearest`` meets each goal on enough machines, but not all goals
+    together, all goals are included.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]

@@ -100,7 +100,7 @@ class ModelSoFar(Result):
 class _Chosen(NamedTuple):
     """The best next circle, and the space of possible circles that it was chosen from."""
 
-    space: Space  # possible circles, and the model and the campaign from which they were made
+    space: Space  # the possible circles, the model, and the campaign that is being run
     test: CircularTest  # the best next circle, as a test without readings
 
 
@@ -123,7 +123,7 @@ class NextCircle(Result):
     #: minimum probability at which an aim of the campaign (such as a goal for an uncertainty)
     #: counts as reached
     confidence: float
-    #: uncertainty of each parameter that has a goal, compared with the goal; the keys are the names
+    #: comparison of each goal with the uncertainty of the goal's parameter; the keys are the names
     #: of the parameters
     goals: dict[str, GoalSoFar]
     #: probability that all goals for uncertainties are already met; 1 if there are none
@@ -285,7 +285,7 @@ def _aims_of(
     tolerances: Mapping[str, ToleranceState],
     odds: _ModelOdds | None,
 ) -> list[Aim]:
-    """Return the aims of a campaign: its goals, its tolerances and a decision on the model.
+    """Return the aims of a campaign: its goals, its tolerances, and the choice between two models.
 
     ``odds`` are the odds of linear over constant compliance; None if the decision between linear
     and constant compliance is not an aim.
@@ -314,13 +314,13 @@ def _states_of_tolerances(
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return whether each tolerance is met at present, and the uncertainty needed to decide this.
+    """Return, for each tolerance, the present decision and the uncertainty needed to decide.
 
-    The keys are the names of the quantities with tolerances. ``space`` holds the model and the
-    campaign, and ``known`` is the posterior given the circles run so far. ``before`` are the
-    covariances of the parameters before the next circle. ``confidence`` is the minimum probability
-    at which a decision is made. If there are no tolerances, no posterior draws are made, because
-    they take time.
+    The decision is whether a quantity conforms with its tolerance. The result is a dict; its keys
+    are the names of the quantities with tolerances. ``space`` holds the model and the campaign, and
+    ``known`` is the posterior given the circles run so far. ``before`` are the covariances of the
+    parameters before the next circle. ``confidence`` is the minimum probability at which a decision
+    is made. If there are no tolerances, no posterior draws are made, because they take time.
     """
     if not tolerances:
         return {}
@@ -331,11 +331,11 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return the uncertainty of each parameter that has a goal, compared with the goal.
+    """Return a comparison of each goal with the uncertainty of the goal's parameter.
 
-    ``after``, shape (K, p, p), are the covariances of the p parameters after the best next circle,
-    at K values of the hyper-parameters. ``floor``, of the same shape, are the covariances after
-    very many circles.
+    The keys of the result are the names of the parameters. ``after``, shape (K, p, p), are the
+    covariances of the p parameters after the best next circle, at K values of the hyper-parameters.
+    ``floor``, of the same shape, are the covariances after very many circles.
     """
     return {name: state.so_far(after, floor) for name, state in goals.items()}
 
@@ -346,7 +346,7 @@ def _tolerances_so_far(
     """Return, for each tolerance, the present decision and whether the next circle may decide it.
 
     ``after`` are the covariances of the parameters that are expected after the best next circle.
-    The keys of the result are the names of the quantities with tolerances.
+    The result is a dict; its keys are the names of the quantities with tolerances.
     """
     return {name: state.so_far(after) for name, state in tolerances.items()}
 
@@ -437,7 +437,7 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, and how much nearer to its aims the campaign gets.
+    """Return a table of the best next circles, with the progress towards the aims after each.
 
     ``order`` are the indices of the best circles among the possible circles, the best first.
     ``distance_now`` is the campaign's present total distance from all aims (`total_distance`).
@@ -476,13 +476,12 @@ class _ModelOdds:
     def of(
         cls, model: HybridModel, known: Known, evidences: Evidences, confidence: float
     ) -> _ModelOdds | None:
-        """Return the odds of linear over constant compliance, or None.
+        """Return the odds of linear over constant compliance; None if the model has no slopes.
 
-        The result is None if compliance is constant in the model of the campaign. The odds are
-        averaged over alternative explanations of an apparent change of compliance with force.
-        ``known`` is the posterior given the circles run so far. ``evidences`` computes the
-        evidences of the two models. ``confidence`` is the minimum probability at which a decision
-        is made.
+        Slopes are changes of compliance with force. The odds are averaged over alternative
+        explanations of an apparent change of compliance with force. ``known`` is the posterior
+        given the circles run so far. ``evidences`` computes the evidences of the two models.
+        ``confidence`` is the minimum probability at which a decision is made.
         """
         parameters = known.bound.parameters
         columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]

@@ -70,8 +70,8 @@ class NearMiss(Result):
     #: number of circles of the largest campaign that was tried in the search for a campaign that
     #: reaches the goals
     circles: int
-    #: value that the expanded uncertainty (k = 2) of the goal's parameter after the largest
-    #: campaign tried does not exceed on 90 % of the possible machines, in the parameter's unit
+    #: the expanded uncertainty (k = 2) of the goal's parameter after the largest campaign tried is
+    #: at most this value on 90 % of the possible machines; in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the campaign with the largest number of circles
     #: allowed meets the goal
@@ -116,9 +116,10 @@ def near_miss_of(
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
     """Return the reasons why goals cannot be reached with any number of circles.
 
-    The keys are the names of the goals' parameters. Goals that can be reached are left out.
-    ``family`` is the family of campaigns whose goals are examined. The family has all ball angles
-    and radii that may be used, and only the certificates that the instrument already has.
+    The result is a dict; its keys are the names of the goals' parameters. Goals that can be reached
+    are left out. ``family`` is the family of campaigns whose goals are examined. The family has all
+    ball angles and radii that may be used, and only the certificates that the instrument already
+    has.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]
@@ -157,8 +158,8 @@ def _floors_with_certificate(
 
     u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
     that the goal permits. ``name`` is the name of the certificate, and ``statements`` are the
-    values that it states for properties of the instrument, such as the length of the bar. The keys
-    of the result are the names of the goals' parameters.
+    values that it states for properties of the instrument, such as the length of the bar. The
+    result is a dict; its keys are the names of the goals' parameters.
     """
     offer = CertificateOffer(name, 0.0, statements)
     offers = (*family.offers, offer)
@@ -224,7 +225,7 @@ def _largest_remaining_sources(family: CampaignFamily) -> dict[str, _LargestSour
     """Return, for every goal, the largest source of variance that remains after very many circles.
 
     The variance is that of the goal's parameter, if every possible circle is run very many times.
-    The keys of the result are the names of the parameters.
+    The result is a dict; its keys are the names of the goals' parameters.
     """
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0

@@ -121,9 +121,9 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Return the best campaign of ``circles`` circles, as the number of each candidate test.
+        """Return the number of circles of each candidate test in the best campaign.
 
-        The best campaign is the one that comes closest to the goals for uncertainties.
+        The best campaign has ``circles`` circles, and comes closest to the goals for uncertainties.
 
         Circles are added one by one. The circle added each time is the one that makes the distance
         from the goals for uncertainties smallest. Then one circle of each candidate test in the
@@ -190,8 +190,8 @@ class QuickForecast:
     def _distances_after(self, covariance: Array) -> Array:
         """Return the distances from the goals after each possible circle, shape (candidates,).
 
-        Let Σ be the covariance of all p coefficients before the circle: ``covariance``, shape (K,
-        p, p), at K values of the hyper-parameters. Let G be the derivatives of a circle's readings
+        ``covariance``, shape (K, p, p), is the covariance Σ of all p coefficients before the
+        circle, at K values of the hyper-parameters. Let G be the derivatives of a circle's readings
         with respect to the coefficients, divided by the standard deviation of the noise. The circle
         adds GᵀG to the precision matrix. After the circle, the covariance is therefore Σ − ΣGᵀ (1 +
         GΣGᵀ)⁻¹ GΣ. The function computes only the variances of the goals' parameters.

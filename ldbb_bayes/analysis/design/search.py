@@ -47,13 +47,14 @@ _TRIED_CANDIDATES = 12
 # and random candidates.
 _TRIED_AT_THE_END = 128
 # Candidate tests are selected by their sensitivity (derivative of the design criterion with respect
-# to the number of runs), averaged over the values of the hyper-parameters. To save time, only one
-# in ``_HYPER_STEP`` values is used for this average.
+# to the number of runs), averaged over values of the hyper-parameters. To save time, the average is
+# taken over only one in ``_HYPER_STEP`` of these values.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The share of a candidate test is its number of runs
 # divided by the number of all runs. The first design has the best shares, rounded to whole numbers
-# of runs. In the other designs, the tests are drawn at random from the candidates: with equal
-# probabilities in every third of these designs, else with the best shares as probabilities.
+# of runs. In the other designs, the tests are drawn at random from the candidates. In every third
+# of these designs, all candidates have the same probability. In the rest, the probabilities are the
+# best shares.
 _STARTS = 6
 # Tolerance of the search for the best shares. The share of a candidate test is its number of runs
 # divided by the number of all runs. Its sensitivity is the derivative of the design criterion with
@@ -220,7 +221,7 @@ def _likely_candidates(
 class ExactDesign:
     """A design with whole numbers of tests, and the best design with fractions of tests."""
 
-    #: number of tests of each candidate in the design, a whole number, shape (candidates,)
+    #: whole number of tests of each candidate in the design, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
     #: best design with the same total number of tests, if fractions of tests are permitted
@@ -340,13 +341,13 @@ class Search:
         return counts, value
 
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
-        """Return a design with tests at ``levels`` different forces (one or two) or more.
+        """Return a design with tests at no fewer than ``levels`` different forces.
 
-        ``counts`` holds the number of tests of each candidate in the original design. This design
-        is returned unchanged if it has enough different forces. Otherwise, one of its tests is
-        replaced by a candidate at another force, drawn at random with ``rng``. If no candidate
-        gives the design enough different forces, all tests that are not replaced are first moved to
-        the lowest force.
+        ``levels`` is one or two. ``counts`` holds the number of tests of each candidate in the
+        original design. This design is returned unchanged if it has enough different forces.
+        Otherwise, one of its tests is replaced by a candidate at another force, drawn at random
+        with ``rng``. If no candidate gives the design enough different forces, all tests that are
+        not replaced are first moved to the lowest force.
         """
         if self._is_feasible(counts):
             return counts
