@@ -386,7 +386,7 @@ class CircularTest(TestFields):
 
         Angles of several turns are first reduced to one turn. The arc is then 360° minus the
         largest gap between neighbouring angles on the circle. The arc counts as a full 360° if the
-        largest gap is at most three times the usual gap (see `usual_gap`).
+        largest gap is at most three times the usual gap (see ``usual_gap``).
         """
         return _arc_of(self.angle_deg.tobytes())
 
