@@ -95,8 +95,9 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
     """Add to ``lines`` what a sheet without a table of readings states about tests.
 
-    These statements are lines that apply to all tests, and cells that describe one test in a list
-    of tests. ``wanted`` are the possible spellings of the name of this test, without blanks.
+    These statements are lines that apply to all tests, and those cells of a list of tests that
+    describe one test. ``wanted`` are the possible spellings of the name of this test, without
+    blanks.
     """
     header: list[str] = []
     # cells of the last row that names columns; this row may be the header of a list of tests

@@ -125,7 +125,7 @@ class _SheetColumns:
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
         """Return a dict with the units of each column whose units the file states row by row.
 
-        The keys are the roles of the columns: a role says what a column holds, such as readings.
+        The keys are the roles of the columns: a role, such as angle, says what a column holds.
         ``roles`` holds the index of the column for each role, and ``rows`` holds the indices of the
         rows of a test.
         """
@@ -196,8 +196,8 @@ class _SheetColumns:
         """Return an array that is True for each of the n rows without a reading, shape (n,).
 
         If ``role`` is reading, ``column`` is the index of a column of readings, and only its cells
-        are examined. For any other role, such as angle, a row counts as without a reading only if
-        the readings in all columns of readings are missing.
+        are examined. For any other role, such as angle, a row has no reading if its readings in all
+        columns of readings are missing.
         """
         if role == "reading":
             return missing_in(self.cells[column])

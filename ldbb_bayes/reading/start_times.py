@@ -152,8 +152,8 @@ def _states_time(recording: Recording) -> bool:
 def _start_of_test(recording: Recording) -> _Start | None:
     """Return the start time of a test from the most reliable source; None if nothing states it.
 
-    The sources are columns, lines above the table, and the names of the test and its file. If this
-    source states a time of day but no date, the date is taken from another source.
+    The sources are columns, lines above the table, and the names of the test and its file. If the
+    most reliable source states a time of day but no date, the date is taken from another source.
     """
     starts = _stated_starts(recording)
     timed = [start for start in starts if start.stamp.seconds is not None]

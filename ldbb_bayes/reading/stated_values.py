@@ -402,8 +402,9 @@ def _source_of_direction(recording: Recording) -> str:
     """Return a text for messages that says where a file states the direction of travel.
 
     There are four places: a list of tests on another sheet, a line above the table, a line below
-    the table, and a name. In ``recording``, the entries of a list of tests are stored among the
-    lines above the table, with a text such as "3 of notes.txt" in place of the line number.
+    the table, and a name, such as that of the file. In ``recording``, the entries of a list of
+    tests are stored among the lines above the table, with a text such as "3 of notes.txt" in place
+    of the line number.
     """
     for line, text in recording.heading.lines_above:
         if directions_stated([(line, text)]):

@@ -192,9 +192,9 @@ def _continue_each_other(columns: Array, rows: Array) -> bool:
 def _angles_in(cells: Sequence[str]) -> Array:
     """Return the angles at the end of a row, shape (n,), in the unit of the file.
 
-    Starting with the last cell of the row, all cells up to the first other cell are taken that can
-    be read as angles, such as 5, 5° or a005. If one of them begins with letters, all must begin
-    with the same letters.
+    The cells are read backwards from the end of the row, as long as they are angles, such as 5, 5°
+    or a005. If one of these cells begins with letters, all of them must begin with the same
+    letters.
     """
     filled = [cell for cell in cells if cell]
     numbers: list[float] = []
