@@ -145,8 +145,9 @@ def compare(
 
     The evidence is computed under several priors and assumptions, and each test is predicted from
     the others. The command also states which compliances change with force, and which tests do not
-    agree with the others. With --degree 2, quadratic compliance is compared too. Exit code 1: the
-    numerical error of an evidence exceeds --tolerance.
+    agree with the others. With --degree 2, quadratic compliance is compared too.
+
+    The exit code is 1 if the numerical error of an evidence exceeds --tolerance.
     """
     require(
         model.degree > 0,
@@ -185,11 +186,13 @@ def design(
 
     The choice is based on the given campaign, which may be a plan (without readings). The chosen
     tests are written into --out DIR as a plan, in the order in which to run them, with the model
-    for their analysis. Exit code 1: the tests are not proven to be the best.
+    for their analysis.
 
-    With --goal, find the cheapest campaign and certificates that reach every goal for an expanded
-    uncertainty, and the next best two. If no number of circles reaches a goal, the effect that
-    prevents this is named. Exit code 1: a goal is not reached.
+    With --goal, the command finds the cheapest campaign and certificates that reach every goal for
+    an expanded uncertainty, and the next best two. If no number of circles reaches a goal, the
+    command names the effect that prevents this.
+
+    The exit code is 1 if the tests are not proven to be the best, or if a goal is not reached.
     """
     if "goals" in settings:
         _design_for_goals(source, model, output, settings)
@@ -285,9 +288,13 @@ def validate(
 
     The tests are those of a plan or a campaign. True values are drawn at random from the priors,
     and readings are simulated with these values. The ranks of the true values among the random
-    draws of each posterior must be uniformly distributed. Exit code 1: they are not uniform, or a
-    simulation failed. With --workflow a campaign with readings goes through all checks of a
-    Bayesian workflow, and true values are drawn from its posterior. Exit code 1: a check fails.
+    draws of each posterior must be uniformly distributed.
+
+    With --workflow, a campaign with readings goes through all checks of a Bayesian workflow, and
+    true values are drawn from its posterior.
+
+    The exit code is 1 if the ranks are not uniformly distributed, if a simulation failed, or if a
+    check of the workflow fails.
     """
     if settings.pop("workflow"):
         _check_workflow(plan, model, certificates, output, settings, pool)

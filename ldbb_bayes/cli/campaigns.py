@@ -48,9 +48,9 @@ def import_(
 ) -> None:
     """Read tables from instruments or spreadsheets, and write their readings as a campaign.
 
-    Prints what was assumed about the tables. Every assumed value can be stated instead, by an
-    option or in the file of --layout. At a terminal the user is asked for information that the
-    tables do not give, such as which of two units readings are in.
+    The command prints what it assumes about the tables. Every assumed value can be stated instead,
+    by an option or in the file of --layout. At a terminal the command asks for information that the
+    tables do not give, such as which of two units the readings are in.
     """
     # The modules that import tables are imported here, and not at the top of the file, because only
     # the command ``import`` needs them.
@@ -92,7 +92,10 @@ def _counts_in_brackets(campaign: lb.Campaign) -> str:
 
 @command
 def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.JSON]) -> None:
-    """Show what is in a campaign, what looks odd, and what a fit will assume. Fits nothing."""
+    """Show what is in a campaign, what looks odd, and what a fit will assume.
+
+    The command fits nothing and writes no files.
+    """
     # Raise an error if only some tests of a plane state a direction of travel. A fit raises the
     # same error.
     planes_run_both_ways(campaign)

@@ -38,8 +38,8 @@ def fit(
 ) -> None:
     """Compute credible intervals of compliances, their slopes with force and geometric errors.
 
-    Exit code 1: the effective sample size of the random draws from the posterior is smaller than
-    the value of --ess.
+    The exit code is 1 if the effective sample size of the random draws from the posterior is
+    smaller than the value of --ess.
     """
     from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
     from ldbb_bayes.errors import check_probability

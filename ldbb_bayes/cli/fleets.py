@@ -63,8 +63,10 @@ def batch(
     The Python function lb.fleet.read_batch reads the table. If a campaign cannot be fitted, its row
     states the reason. If the command is stopped, the same command with --resume continues the fits
     and gives the same table. Options for tidy CSVs apply only to campaigns that are stored as tidy
-    CSVs. Exit code 1: the random draws of a fit did not reach the effective sample size that --ess
-    requires. Campaigns that cannot be fitted do not change the exit code.
+    CSVs.
+
+    The exit code is 1 if the random draws of a fit did not reach the effective sample size that
+    --ess requires. Campaigns that cannot be fitted do not change the exit code.
     """
     if settings["resume"] and not (out / JOURNAL).exists():
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
@@ -138,8 +140,8 @@ def trend(
 ) -> None:
     """Follow one machine over time: control chart, and the probability that a parameter changed.
 
-    Says which parameter changed, when and by how much. The command looks for a single lasting step
-    of one parameter. The exit code is 0 whether or not a change is found.
+    The command says which parameter changed, when and by how much. It looks for a single lasting
+    step of one parameter. The exit code is 0 whether or not a change is found.
     """
     output.check("trend.json", "trend.csv", figures=["control_chart"])
     rows = read_fleet(batches)

@@ -45,12 +45,14 @@ def report(
 ) -> None:
     """Make a page, and a PDF for signing, from files of readings or from fits.
 
-    Files are read, checked and fitted, models are compared, and the next tests are chosen.
-    Questions are asked only at a terminal: for information that the files do not give, and at most
-    three about machine, mount and balls. The page, the PDF, JSON, DCC, tables, campaign and fit are
-    written into the folder FILE_report beside the first file. The report of a fit is written into
-    the folder of the fit. Exit code 1: the random draws of a fit did not reach the required
-    effective sample size; the page then says so at its top.
+    The command reads, checks and fits the files, compares models, and chooses the next tests. Only
+    at a terminal does it ask questions: for information that the files do not give, and at most
+    three about machine, mount and balls. It writes the page, the PDF, JSON, DCC, tables, campaign
+    and fit into the folder FILE_report beside the first file. It writes the report of a fit into
+    the folder of the fit.
+
+    The exit code is 1 if the random draws of a fit did not reach the required effective sample
+    size. The page then says so at its top.
     """
     # The module that makes reports is imported here, and not at the top of the file, because it
     # loads Matplotlib and fpdf2, which takes a long time.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 from campaigns import refuses
+from typer.models import CommandInfo
 
 import ldbb_bayes as lb
+from ldbb_bayes.cli import app
 from ldbb_bayes.cli.arguments import _model_options
 from ldbb_bayes.cli.file_reports import _next_tests
 from ldbb_bayes.cli.questions import _read_topology
@@ -80,3 +83,9 @@ def test_next_tests_are_listed_by_force_with_direction(recovered: lb.Campaign) -
         "Run next, in this order: 417 N (CW), 36 N (CCW). At these forces the readings are expected"
         " to tell most about the parameters."
     )
+
+
+@pytest.mark.parametrize("command", app.registered_commands, ids=lambda command: command.name)
+def test_help_of_a_command_has_whole_sentences(command: CommandInfo) -> None:
+    text = " ".join((command.callback.__doc__ or "").split())
+    assert not re.search(r"(^|\. )(Exit code \d:|Prints|Says|Fits) ?", text)
