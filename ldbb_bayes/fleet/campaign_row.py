@@ -289,10 +289,9 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     The stiffness is computed at the reference force. The result is a dictionary with one entry,
     ``stiffness``. This entry is a dictionary whose keys are the names of quantities: stiffnesses,
     their ratios and directions, and differences of compliances. The values hold the unit, mean, sd,
-    median and credible interval of each quantity. If the readings do not determine a quantity,
-    these values are None, with one exception: the lower end of the credible interval of a
-    stiffness, or of a ratio of stiffnesses, is kept as a lower limit. If the reference force is
-    zero, an empty dictionary is returned. ``prob`` is the probability of the credible intervals.
+    median and credible interval of each quantity; for quantities that the readings do not
+    determine, see `_determined_numbers`. If the reference force is zero, an empty dictionary is
+    returned. ``prob`` is the probability of the credible intervals.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:
@@ -315,9 +314,11 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
 def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
     """Return the mean, sd, median and credible interval of a quantity.
 
-    ``row`` is the row of the quantity in `DirectionalStiffness.table`. If the readings do not
-    determine the quantity, the values are None, with one exception: the lower end of the credible
-    interval of a stiffness, or of a ratio of stiffnesses, is kept as a lower limit.
+    ``row`` is the row of the quantity in `DirectionalStiffness.table`. The readings may not
+    determine a stiffness, a ratio of stiffnesses or a direction; compliances and their differences
+    always count as determined. The values of a direction that is not determined are None. Of a
+    stiffness or ratio that is not determined, only the lower end of the credible interval is kept,
+    as a lower limit.
     """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
     if not row["is_determined"]:
