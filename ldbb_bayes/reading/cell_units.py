@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.numerals import KEPT_CELLS, looks_like_number
 from ldbb_bayes.reading.sexagesimal import SECONDS_UNIT, columns_in_sexagesimal, seconds_in
-from ldbb_bayes.reading.words import unit_named
+from ldbb_bayes.reading.words import scaled_unit, unit_named
 
 __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 
@@ -66,11 +66,12 @@ def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Return the rows of a sheet without the units after their numbers, and the removed units.
 
-    A row of numbers with units has at least two numbers, at least one unit, and no other texts. It
-    is changed if the row directly above or below is also a row of numbers with units. In a sheet
-    with at least three such rows, a row of numbers without units above or below is enough. A row
-    that stands alone, such as ``Force;36 N``, is left as it is. An angle in degrees and minutes
-    beside texts is changed if the cell directly above or below also holds such an angle.
+    A row of numbers with units has at least two numbers, of which at least one is followed by a
+    unit. It may have cells with units alone, but no other texts. It is changed if the row directly
+    above or below is also a row of numbers with units. In a sheet with at least three such rows, a
+    row of numbers without units above or below is enough. A row that stands alone, such as
+    ``Force;36 N``, is left as it is. An angle in degrees and minutes beside texts is changed if the
+    cell directly above or below also holds such an angle.
     """
     sexagesimal = columns_in_sexagesimal(row.cells for row in rows)
     numbers = [_numbers_of(row.cells, sexagesimal) for row in rows]
@@ -152,17 +153,18 @@ def _numbers_of(cells: Sequence[str], sexagesimal: Collection[int]) -> dict[int,
 
     ``sexagesimal`` are the indices of the columns whose angles are in degrees, minutes and seconds.
 
-    The dict is empty if a filled cell is not a number, if there are fewer than two numbers, or if
-    no number has a unit.
+    The dict is empty if a filled cell is neither a number nor a unit, if there are fewer than two
+    numbers, or if no number has a unit.
     """
     entries = {}
     for column, cell in enumerate(cells):
         if not cell:
             continue
         entry = number_in_cell(cell, is_sexagesimal=column in sexagesimal)
-        if entry is None:
+        if entry is not None:
+            entries[column] = entry
+        elif not scaled_unit(cell):
             return {}
-        entries[column] = entry
     if len(entries) < 2 or not any(entry.unit for entry in entries.values()):
         return {}
     return entries

@@ -9,6 +9,7 @@ import re
 from collections.abc import Sequence
 
 from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
 from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable
 
@@ -80,11 +81,11 @@ def label_of_statistics(row: Row, angle_column: int) -> str:
     """Return the name of the statistic in a row, such as "std. dev."; empty for a row of readings.
 
     The name stands in the column of angles or times, whose index is ``angle_column``, or else in
-    the cells before the first number. A row with a number in the column of angles or times is not a
-    row of statistics.
+    the cells before the first number. A row with a number in the column of angles or times, with or
+    without a unit, is not a row of statistics.
     """
     angle = "".join(row.cells[angle_column : angle_column + 1])
-    if looks_like_number(angle):
+    if number_in_cell(angle) is not None:
         return ""
     texts: list[str] = []
     for cell in row.cells:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import field_files as field
-from field_files import Circle, FieldCase
+from field_files import Circle, FieldCase, Row
 from openpyxl import Workbook
 
 __all__ = ["statement_cases"]
@@ -171,6 +171,14 @@ def temperature_cases() -> dict[str, FieldCase]:
     return cases
 
 
+def angle_in_cell(unit: str, size: float) -> Row:
+    def row(circle: Circle, k: int) -> list[object]:
+        angle, reading, unit_of_reading = field.beside(unit, size)(circle, k)
+        return [f"{angle} °", reading, unit_of_reading]
+
+    return row
+
+
 def unit_row_cases() -> dict[str, FieldCase]:
     kind = "rows of units with factors"
     sizes = {
@@ -189,6 +197,13 @@ def unit_row_cases() -> dict[str, FieldCase]:
     for number, units in enumerate(("° 1/1000 mm", "[deg] [1/1000 mm]")):
         files = field.texts(f"Angle Reading\n{units}", separator=" ")
         cases[f"unit_row_blanks_{number}"] = FieldCase(kind, f"a row of units '{units}'", files)
+    for number, (unit, size) in enumerate({"1/1000 mm": 1.0, "um": 1.0, "in": 25400.0}.items()):
+        cases[f"cell_and_column_{number}"] = FieldCase(
+            "units in cells beside a column of units",
+            f"angles as '10.00 °', and '{unit}' in a column of units",
+            field.texts("theta;Deviation;", angle_in_cell(unit, size), separator=";"),
+            told="unit of the reading: ",
+        )
     cases["inch_alone"] = FieldCase(
         "units that are also words",
         "a line of nothing but 'in'",

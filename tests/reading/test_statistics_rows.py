@@ -75,6 +75,17 @@ def test_statistics_between_groups_of_rows_are_left_out(tmp_path: Path) -> None:
     assert (note.value, note.because) == ("4 rows left out", "'mean', 'max' from line 74 on")
 
 
+def test_rows_with_units_in_their_cells_are_no_statistics(tmp_path: Path) -> None:
+    path = tmp_path / "all.csv"
+    rows = ["test;Angle;Deviation;"]
+    for force, unit in ((100, "1/1000 mm"), (300, "0.1 um"), (600, "mm")):
+        rows += [f"{force} N;{10 * k} °;{0.5 * k};{unit}" for k in range(36)]
+    path.write_text("\n".join([*rows, ""]), encoding="utf-8")
+    tests = lb.import_campaign(path).campaign.tests
+    assert [len(test.angle_deg) for test in tests] == [36, 36, 36]
+    assert [test.reading_um[1] for test in tests] == pytest.approx([0.5, 0.05, 500.0])
+
+
 def test_statistics_in_the_column_of_tests_are_no_tests(tmp_path: Path) -> None:
     rows = []
     for force in ("100 N", "300 N"):
