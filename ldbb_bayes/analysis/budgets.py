@@ -93,7 +93,8 @@ class Contribution:
 class Budget(Result):
     """The uncertainty budget of one parameter.
 
-    ``contributions`` are the lines of the budget, the largest share first; the shares sum to one.
+    ``contributions`` are the lines of the budget, sorted by their share of the parameter's
+    variance, the largest first. The shares sum to one.
     """
 
     parameter: str

@@ -253,12 +253,12 @@ class Comparison(Result):
     #: second model over the first changes sign. Slopes are changes of compliance with force.
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about the random
-    #: differences between circles. The first entry is for the assumption that the models make. The
-    #: last entry is for models without nuisance terms (effects not of interest), in which circles
-    #: differ at random by white noise alone. If ``explanations`` is not None, the models have
-    #: alternative explanations: effects, such as a nonlinear mount, that change the readings as a
-    #: change of compliance with force would do. The second entry is then an average over models
-    #: with such effects, and the third entry is for models without them.
+    #: differences between circles. The first entry is for the assumption that the models make. If
+    #: ``explanations`` is not None, the models have alternative explanations: effects, such as a
+    #: nonlinear mount, that change the readings as a change of compliance with force would do. The
+    #: second entry is then an average over models with such effects, and the third entry is for
+    #: models without them. The last entry is for models without nuisance terms (effects not of
+    #: interest). In these models, circles differ at random by white noise alone.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if compliance is constant in all compared models, or if only evidences were computed
@@ -988,10 +988,10 @@ def _compare_tests(
     """Return the comparison of every test with its prediction from the other tests, by name.
 
     The result is empty if no test is left out. ``nodes_by_model`` holds the posterior of each model
-    for all tests; ``left_out_nodes`` holds, for each model and test, the posterior without the
-    test. ``left_out_log_densities`` holds, for each model, the log density of every test given the
-    other tests [nat]. ``seed`` is the seed of simulated readings, and ``tolerance`` is the largest
-    error allowed for a log evidence [nat].
+    given all tests; ``left_out_nodes`` holds, for each model and test, the posterior given the
+    other tests. ``left_out_log_densities`` holds, for each model, the log density of every test
+    given the other tests [nat]. ``seed`` is the seed of simulated readings, and ``tolerance`` is
+    the largest error allowed for a log evidence [nat].
     """
     if not left_out_nodes:
         return {}

@@ -202,10 +202,10 @@ class Design(Forecast):
     #: different forces
     limits: Limits
     #: root mean square of each hyper-parameter (such as the standard deviation of the noise) over
-    #: the values for which the forecast is computed. Lengths are in µm. The noise factor λ of a
-    #: circle, by which the noise of this circle is multiplied, and the decay have no unit. The
-    #: decay is the exponent of the power law by which the balls' form errors decrease with the
-    #: number of waves per turn.
+    #: the values for which the forecast is computed. Lengths are in µm. Two kinds of
+    #: hyper-parameters have no unit: the noise factor λ of each circle, by which the noise of the
+    #: circle is multiplied, and the decay. The decay is the exponent of the power law by which the
+    #: balls' form errors decrease with the number of waves per turn.
     hyper_um: dict[str, float]
     #: whether the hyper-parameters are estimated from the readings of the campaign that the design
     #: starts from; if not, their values come from the prior

@@ -439,8 +439,9 @@ class _Search:
 
         The quick forecast takes the hyper-parameters as known. ln(u_full / u_quick), the logarithm
         of the ratio of the uncertainties, is assumed to be a constant plus ``progress.inflation``
-        divided by the number of circles. This coefficient is computed from both forecasts of
-        ``campaign``. ``counts`` is the campaign's number of circles of every candidate test.
+        divided by the number of circles. The coefficient ``progress.inflation`` is computed from
+        both forecasts of ``campaign``. ``counts`` is the campaign's number of circles of every
+        candidate test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)

@@ -24,9 +24,9 @@ DECISIVE = 5.0
 # The distribution of the log Bayes factor is computed from this number of quasi-random samples for
 # each value of the hyper-parameters.
 _POINTS = 256
-# Lower limit for two quantities, to avoid a division by zero: the variances of the components of
-# the posterior mean of the slopes (changes of compliance with force), and the shares of the slopes'
-# variances that remain after the tests. Smaller values are replaced by the limit.
+# Lower limit for two quantities: the variances of the components of the posterior mean of the
+# slopes (changes of compliance with force), and the shares of the slopes' variances that remain
+# after the tests. Smaller values are replaced by the limit, to avoid a division by zero.
 _LEAST_VARIANCE = 1e-12
 
 

@@ -108,7 +108,7 @@ class _Chosen(NamedTuple):
 class NextCircle(Result):
     """The best next circle of a campaign, and whether the campaign has reached its aims.
 
-    An aim is a goal for an uncertainty, or a decision on a tolerance or between models.
+    An aim is a goal for an uncertainty, a decision on a tolerance, or a decision between models.
 
     Examples
     --------
@@ -519,10 +519,10 @@ class _ModelOdds:
         scale = self.known.bound.scale[self.columns]
         _, present = self.known.bound.given(self.known.phi)
         slopes = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
-        # ``slopes`` is the density of the slopes (changes of compliance with force) before the next
-        # circle. It is divided by ``scale``, so that it is in units of the prior standard
-        # deviations like ``after``. ``size`` has no effect on the fields of ``expected`` that are
-        # used here.
+        # ``slopes`` is the posterior of the slopes (changes of compliance with force) before the
+        # next circle. Its mean and standard deviations are divided by ``scale``. They are then in
+        # units of the prior standard deviations, as ``after`` is. ``size`` has no effect on the
+        # fields of ``expected`` that are used here.
         expected = discrimination_of(
             after[:, self.columns][:, :, self.columns],
             tuple(self.known.bound.names[k] for k in self.columns),

@@ -99,7 +99,7 @@ def near_miss_of(
     name
         Name of the goal's parameter.
     circles, likely_U, probability
-        Attributes of the `NearMiss` that is returned.
+        Values of the attributes with the same names in the `NearMiss` that is returned.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
     certificate = ""
@@ -201,8 +201,8 @@ def _typical_limits(family: CampaignFamily) -> dict[str, float]:
     """Return the largest expanded uncertainty that each goal permits on a typical machine.
 
     A goal in percent of a parameter permits different uncertainties on different machines. The
-    result is the geometric mean of these uncertainties over the possible machines. The keys are the
-    names of the goals' parameters.
+    result is a dict with the geometric mean of these uncertainties over the possible machines. Its
+    keys are the names of the goals' parameters.
     """
     limits = {}
     for name, goal in family.goals.items():
