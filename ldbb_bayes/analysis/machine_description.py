@@ -158,7 +158,11 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
 
 
 def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
-    """Raise an `InputError` for a centre too far away, or for a plane that the machine lacks."""
+    """Raise an `InputError` if the machine cannot run one of the circles.
+
+    The centre of a circle may be too far from the origin of the machine's coordinates, or the
+    machine may not have the plane of the circle.
+    """
     largest = max(np.abs(circle.centre_mm).max() for circle in circles)
     require(
         largest <= LARGEST_MM,

@@ -60,9 +60,9 @@ _MODE_GAIN = 1e-10
 # their prior. m is the larger of two numbers: ln τ, and the largest element of the mode of ln s.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# A set of random draws of the machines' spreads (standard deviations about their mean) is good
-# enough if its weights can be trusted and are not too unequal: the effective sample size must
-# exceed this fraction of the number of draws. Otherwise a second set is drawn.
+# The random draws of the spreads (standard deviations between machines) have weights. A second set
+# of draws is made if the effective sample size of the first set is below this fraction of the
+# number of draws, or if the largest weights are too large to be trusted.
 _EFFECTIVE_SHARE = 0.2
 # If the machines' spreads (standard deviations about their mean) are drawn a second time, the
 # covariance for these draws is that of the first draws plus a small addition. The addition is this

@@ -30,8 +30,8 @@ _LOOSE_TOLERANCE = 1e-2
 # First step (spacing of the points) of a coarse lattice. The unit is the standard deviation of a
 # Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# A fine lattice begins with this fraction of the step (spacing of the points) with which the
-# integral of a Gaussian density would have just the error that is allowed.
+# For a Gaussian density, there is a largest spacing of the points at which the error of the
+# integral is still allowed. The first spacing of a fine lattice is this fraction of it.
 _STEP_MARGIN = 0.93
 # Points are added to a coarse lattice until the log density at its outermost points is lower than
 # the highest log density by this number [nat].

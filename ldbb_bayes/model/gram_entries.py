@@ -186,8 +186,8 @@ def _sparse_gram(
     second = first + np.arange(len(first)) - np.repeat(first_product, products)
     index = (place_in_order[column[first], column[second]], kinds[row[first]])
     shape = (size, kinds.max(initial=-1) + 1)
-    # The conversion to a sparse matrix in CSR format adds up the products of elements from all rows
-    # with the same variance (rows of one kind).
+    # Products that belong to the same Gram entry, and to rows with the same variance, have the same
+    # index. The conversion to the CSR format adds these products up.
     gram = coo_array((element[first] * element[second], index), shape=shape).tocsr()
     gram.eliminate_zeros()
     return gram

@@ -36,12 +36,12 @@ class _RowBlock:
 
 
 def with_loads_between(sheet: Sheet) -> Sheet:
-    """Return a sheet in which a line with a load stands above the header of its table.
+    """Return a sheet in which every table with a load has a header, and states its load above it.
 
-    A load is a force or pressure. A line such as ``Load step 2 of 5: 200 N`` must stand above the
-    first table and above at least one further table. If not, the sheet is returned unchanged. A
-    text such as ``Force: 200 N`` is added to each of these lines. If a table has no header below
-    such a line, the header of the first table is added there.
+    A load is a force or pressure. The sheet is changed only if the first table and at least one
+    other table each have a line of their own with a load, such as ``Load step 2 of 5: 200 N``. A
+    text such as ``Force: 200 N`` is added to each of these lines. If the table below such a line
+    has no header, the header of the first table is inserted.
     """
     header = first_header(sheet.rows)
     if header is None:

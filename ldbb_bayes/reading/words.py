@@ -47,7 +47,8 @@ _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
 
-# Sizes of the fractions of a unit for which ``words.toml`` lists words.
+# Values of the fractions that are written as words before a unit, such as 0.1 for "tenths" in
+# "tenths of a micron". The file ``words.toml`` lists the words.
 _SHARE_SIZES = {
     "tenth": 1e-1,
     "hundredth": 1e-2,

@@ -32,7 +32,8 @@ _FIELDS_BY_BALLS = {
     "work ball": ("work",),
     "tool ball": ("tool",),
 }
-# Regular expression of the name of a certificate of balls with their grade, such as "balls G10".
+# Regular expression for the name of a certificate of balls. The name ends with the grade of the
+# balls, as in "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
 # Largest number of certificates whose prices may be given for a search for the cheapest campaign.
 # The number is limited because the search tries every set of certificates.
