@@ -38,7 +38,6 @@ STAND_INS = {
     "option": "--unit",
     "flag": "--unit",
     "remedy": "Check it.",
-    "cure": "--unit",
     "role": "reading",
     "content": "reading",
     "LARGEST": "5",

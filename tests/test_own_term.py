@@ -161,8 +161,8 @@ def test_an_alias_of_it_is_stated_with_its_cure() -> None:
     for alias in aliases:
         parameters.update(alias.parameters)
     assert parameters == {"E_XX1", "E_YY1", "E_C0YX"}
-    for alias, remedy in zip(aliases, cures(bound, aliases), strict=True):
-        assert "easurement of it" in cure_words(alias, remedy)
+    for alias, cures_of_it in zip(aliases, cures(bound, aliases), strict=True):
+        assert "easurement of it" in cure_words(alias, cures_of_it)
 
 
 @dataclass(frozen=True)

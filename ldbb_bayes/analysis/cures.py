@@ -91,21 +91,21 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     plan = bound.campaign.plan()
     remaining_after: dict[Cure, tuple[Degeneracy, ...]] = {}
     directed = in_other_direction(plan)
-    for remedy, tests in _further_tests(plan, directed).items():
-        before = directed.stated if remedy == Cure.DIRECTIONS else plan.tests
+    for cure, tests in _further_tests(plan, directed).items():
+        before = directed.stated if cure == Cure.DIRECTIONS else plan.tests
         unnamed = [replace(test, name="") for test in tests]
         longer_plan = replace(plan, tests=(*before, *unnamed))
         longer = BoundModel(bound.model, longer_plan, pilot=bound.pilot)
-        remaining_after[remedy] = degeneracies(longer)
+        remaining_after[cure] = degeneracies(longer)
     cures_of_each = []
     for degeneracy in aliases:
         helpful = [
-            remedy
-            for remedy, remaining in remaining_after.items()
+            cure
+            for cure, remaining in remaining_after.items()
             if not _is_among(degeneracy, remaining)
         ]
         if Cure.WORK_BALL in helpful or Cure.TOOL_BALL in helpful:
-            helpful = [remedy for remedy in helpful if remedy != Cure.BOTH_BALLS]
+            helpful = [cure for cure in helpful if cure != Cure.BOTH_BALLS]
         if degeneracy.term:
             helpful.append(Cure.CALIBRATION)
         cures_of_each.append(tuple(helpful))

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from ldbb_bayes.analysis.remedies import NARROWER, Remedy
-from ldbb_bayes.analysis.tried_cures import CureStep, TriedCures
+from ldbb_bayes.analysis.tried_remedies import RemedyStep, TriedRemedies
 from ldbb_bayes.results import Result
 from ldbb_bayes.units import ranked
 
@@ -35,10 +35,10 @@ class PairedRemedy(Result):
 
     #: first remedy (a certificate or a change of the plan): the cheapest single remedy for the
     #: parameter
-    first: CureStep
+    first: RemedyStep
     #: second remedy (a certificate or a change of the plan): the remedy that reduces the
     #: parameter's standard uncertainty most when it is added to the first remedy
-    second: CureStep
+    second: RemedyStep
     #: number of circles that both remedies (certificates or changes of the plan) together add to
     #: the campaign
     circles: int
@@ -54,7 +54,7 @@ class PairedRemedy(Result):
 
 
 def paired_remedies(
-    tried: TriedCures,
+    tried: TriedRemedies,
     chosen: Mapping[str, Remedy | None],
     sd: Mapping[str, float],
     confounded: Collection[str],
@@ -90,7 +90,7 @@ def paired_remedies(
         remedy = chosen[name]
         if remedy is None:
             continue
-        first = CureStep(remedy.kind, remedy.certificate)
+        first = RemedyStep(remedy.kind, remedy.certificate)
         if name in tried.confounded_with(first):
             pair = _best_pair(tried, name, first, sd[name])
             if pair is not None:
@@ -98,7 +98,9 @@ def paired_remedies(
     return pairs
 
 
-def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
+def _best_pair(
+    tried: TriedRemedies, name: str, first: RemedyStep, sd: float
+) -> PairedRemedy | None:
     """Return two remedies for a parameter: ``first``, and the remedy that is best added to it.
 
     A remedy for a large uncertainty is a certificate or a change of the plan. The second remedy is
@@ -108,7 +110,7 @@ def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> Pair
     is the name of the parameter, and ``sd`` its standard uncertainty without any remedy.
     """
     before = tried.sd_with()[name]
-    ratio_of: dict[CureStep, float] = {}
+    ratio_of: dict[RemedyStep, float] = {}
     for step in tried.steps:
         # All changes of the plan and all certificates are tried. A change or certificate that has
         # no effect by itself may have an effect together with the first remedy.

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldbb_bayes.analysis.origins import MAJORITY
-from ldbb_bayes.analysis.tried_cures import RemedyKind, TriedCures, sd_by_name
+from ldbb_bayes.analysis.tried_remedies import RemedyKind, TriedRemedies, sd_by_name
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
@@ -76,7 +76,7 @@ class _Trial:
     ratio: Array
 
 
-def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, Remedy | None]:
+def remedies(tried: TriedRemedies, sd: Array, measured_share: Array) -> dict[str, Remedy | None]:
     """Return the cheapest remedy for every parameter and every change of a compliance with force.
 
     A remedy for a large uncertainty is a change of the plan, such as more circles, or a calibration

@@ -46,7 +46,7 @@ from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.analysis.origins import Origin, ready_made_terms
 from ldbb_bayes.analysis.paired_remedies import PairedRemedy, paired_remedies
 from ldbb_bayes.analysis.remedies import Remedy, remedies
-from ldbb_bayes.analysis.tried_cures import TriedCures
+from ldbb_bayes.analysis.tried_remedies import TriedRemedies
 from ldbb_bayes.analysis.value_of_certificates import averaged_moments, worth_of_certificates
 from ldbb_bayes.analysis.variance_sources import (
     AveragedVariance,
@@ -433,7 +433,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         expected = SampledSd(prior_sd, posterior_sd)
     parameters = _judge_average(variance, bound, expected)
     changes_judged = _judge_changes(variance, changes, _prior_sd_of_changes(information, changes))
-    tried = TriedCures(bound, phi)
+    tried = TriedRemedies(bound, phi)
     found = _remedies_of(tried, parameters, changes_judged)
     sd_by_parameter = {name: entry.sd for name, entry in parameters.items()}
     confounded = [name for name, entry in parameters.items() if entry.partners]
@@ -889,7 +889,7 @@ def _judge_changes(
 
 
 def _remedies_of(
-    tried: TriedCures,
+    tried: TriedRemedies,
     parameters: Mapping[str, ParameterIdentifiability],
     changes: Mapping[str, ChangeIdentifiability],
 ) -> dict[str, Remedy | None]:

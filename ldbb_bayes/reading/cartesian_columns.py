@@ -54,10 +54,10 @@ def advice_on_positions(has_reading: bool) -> str:
 
     ``has_reading`` states whether the table has a column of readings beside the positions.
     """
-    cure = (
+    advice = (
         "Positions are not read: add a column 'angle [deg]', arctan2(Y, X) about the centre of the"
         " circle"
     )
     if not has_reading:
-        cure += ", and a column 'reading [mm]', √(X² + Y²) less the radius"
-    return f"{cure}."
+        advice += ", and a column 'reading [mm]', √(X² + Y²) less the radius"
+    return f"{advice}."

@@ -169,10 +169,10 @@ def _size_of_known_unit(
     if size is None:
         if role == "reading":
             _check_sensitivity(recording, unit)
-        cure = _option(role) + _hint_on_unit(role, unit)
+        option = _option(role) + _hint_on_unit(role, unit)
         raise InputError(
             f"{recording.place}: the {role} must be in {', '.join(UNITS[role])}, got"
-            f" {unit[:_UNIT_SHOWN]!r} in {source}. Correct the header, or give {cure}."
+            f" {unit[:_UNIT_SHOWN]!r} in {source}. Correct the header, or give {option}."
         )
     return size
 

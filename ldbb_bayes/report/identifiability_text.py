@@ -57,16 +57,16 @@ def verdicts_table(result: Identifiability) -> Table:
     rows = []
     for label, entry in judged_quantities(result).items():
         factor, unit = display_unit(entry.unit)
-        cured = ""
+        expanded_then = ""
         if entry.remedy is not None:
-            cured = two_digits(2.0 * entry.remedy.sd, factor)
+            expanded_then = two_digits(2.0 * entry.remedy.sd, factor)
         rows.append(
             (
                 label,
                 f"{two_digits(2.0 * entry.sd, factor)} {unit.replace(' per ', '/')}",
                 wording.short_verdict_words(entry),
-                wording.cure_in_words(entry.remedy),
-                cured,
+                wording.remedy_in_words(entry.remedy),
+                expanded_then,
             )
         )
     heads = ("parameter", "U now", "verdict: held by", "cure", "then")

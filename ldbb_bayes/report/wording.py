@@ -86,7 +86,6 @@ __all__ = [
     "comparison_sentences",
     "concern_sentences",
     "confounded_sentences",
-    "cure_in_words",
     "cure_items",
     "cure_words",
     "degeneracy_items",
@@ -124,6 +123,7 @@ __all__ = [
     "probability_words",
     "quality_words",
     "remark_words",
+    "remedy_in_words",
     "remedy_words",
     "sampler_words",
     "sensitive_words",
@@ -622,9 +622,9 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
     str
         One or two sentences.
     """
-    cure = "allow more steps (--max-steps)"
+    advice = "allow more steps (--max-steps)"
     if sampler.get("kind") == "independent":
-        cure = "ask for more independent draws (a larger --ess)"
+        advice = "ask for more independent draws (a larger --ess)"
     for concern in concerns:
         kind = str(concern.kind)
         if kind == "forces" and concern.value == 1:
@@ -641,7 +641,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
             degree=concern.limit - 2,
             verb=verb,
             rhat=sampler.get("target_rhat", 0.0),
-            cure=cure,
+            advice=advice,
             name=display_name(concern.name),
         )
         yield typeset(sentence)
@@ -858,7 +858,7 @@ def _source_in_table(name: str) -> str:
     return term_words(name)
 
 
-def cure_in_words(remedy: Remedy | None) -> str:
+def remedy_in_words(remedy: Remedy | None) -> str:
     """Return a short name of the cheapest remedy for a parameter, such as "turn balls".
 
     A remedy is a certificate of the instrument, or a change of the plan of tests, that reduces the

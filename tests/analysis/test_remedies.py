@@ -1,4 +1,4 @@
-"""The cheapest cure of every parameter, against the campaign that is really bound."""
+"""The cheapest remedy for every parameter, against the campaign that is really bound."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.paired_remedies import paired_remedies
 from ldbb_bayes.analysis.remedies import Remedy
-from ldbb_bayes.analysis.tried_cures import CureStep, RemedyKind, TriedCures, longer_plans
+from ldbb_bayes.analysis.tried_remedies import RemedyKind, RemedyStep, TriedRemedies, longer_plans
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.model.bound_information import information_of
@@ -37,9 +37,9 @@ def sd_of(model: lb.HybridModel, campaign: lb.Campaign, parameter: str) -> float
 
 
 def ratio_of(
-    model: lb.HybridModel, with_cure: lb.Campaign, without: lb.Campaign, parameter: str
+    model: lb.HybridModel, with_remedy: lb.Campaign, without: lb.Campaign, parameter: str
 ) -> float:
-    return sd_of(model, with_cure, parameter) / sd_of(model, without, parameter)
+    return sd_of(model, with_remedy, parameter) / sd_of(model, without, parameter)
 
 
 def remedy_of(identified: lb.analysis.Identifiability, parameter: str) -> Remedy:
@@ -182,25 +182,25 @@ def test_hyper_parameters_carried_to_another_campaign() -> None:
     assert any(name not in short.names for name in long.names)
 
 
-# Pairs of cures
+# Pairs of remedies
 
 
-def tried_cures(model: lb.HybridModel, campaign: lb.Campaign) -> TriedCures:
-    """Return the cures of a plan, tried at the prior median of the scales."""
+def tried_remedies(model: lb.HybridModel, campaign: lb.Campaign) -> TriedRemedies:
+    """Return the remedies for a plan, tried at the prior median of the scales."""
     bound = model.bind(campaign)
     phi = bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), 0.5))[0]
-    return TriedCures(bound, phi)
+    return TriedRemedies(bound, phi)
 
 
-BAR = CureStep(RemedyKind.CERTIFICATE, "bar ± 1 µm")
-BALLS = CureStep(RemedyKind.CERTIFICATE, "balls of grade G10")
-TURNED = CureStep(RemedyKind.BALLS, "")
+BAR = RemedyStep(RemedyKind.CERTIFICATE, "bar ± 1 µm")
+BALLS = RemedyStep(RemedyKind.CERTIFICATE, "balls of grade G10")
+TURNED = RemedyStep(RemedyKind.BALLS, "")
 
 
 def test_two_certificates_as_a_certified_plan_has_them() -> None:
     statements = {**CERTIFICATES[BAR.certificate], **CERTIFICATES[BALLS.certificate]}
     certified = replace(one_way(), instrument=lb.Instrument(**statements))
-    sd = tried_cures(DEFAULT, one_way()).sd_with(BAR, BALLS)
+    sd = tried_remedies(DEFAULT, one_way()).sd_with(BAR, BALLS)
     assert sd["E_XX1"] == pytest.approx(sd_of(DEFAULT, certified, "E_XX1"), rel=1e-9)
 
 
@@ -209,22 +209,22 @@ def test_a_longer_plan_with_a_certificate() -> None:
     further = [replace(t, work_ball_deg=45.0, tool_ball_deg=45.0, name="") for t in tests]
     instrument = lb.Instrument(**CERTIFICATES[BAR.certificate])
     longer = lb.Campaign((*tests, *further), instrument=instrument)
-    tried = tried_cures(DEFAULT, one_way())
+    tried = tried_remedies(DEFAULT, one_way())
     sd = tried.sd_with(TURNED, BAR)
     assert sd["E_XX1"] == pytest.approx(sd_of(DEFAULT, longer, "E_XX1"), rel=1e-9)
     assert tried.circles_with(TURNED, BAR) == len(tests)
 
 
 def test_a_certificate_is_not_tried_twice() -> None:
-    tried = tried_cures(DEFAULT, one_way())
+    tried = tried_remedies(DEFAULT, one_way())
     assert tried.bound_with(BAR, BAR) is None
     assert tried.sd_with(BAR, BAR) == {}
 
 
-def test_pairs_are_for_what_one_cure_leaves_confounded(
+def test_pairs_are_for_what_one_remedy_leaves_confounded(
     planned: lb.analysis.Identifiability,
 ) -> None:
-    tried = tried_cures(DEFAULT, one_way())
+    tried = tried_remedies(DEFAULT, one_way())
     with_pair = []
     for name, entry in planned.parameters.items():
         pair = entry.paired_remedy
@@ -233,7 +233,7 @@ def test_pairs_are_for_what_one_cure_leaves_confounded(
         with_pair.append(name)
         assert entry.verdict == "confounded"
         assert entry.remedy is not None
-        assert pair.first == CureStep(entry.remedy.kind, entry.remedy.certificate)
+        assert pair.first == RemedyStep(entry.remedy.kind, entry.remedy.certificate)
         assert name in tried.confounded_with(pair.first)
         assert pair.sd < 0.9 * entry.remedy.sd
         assert pair.is_confounded is (name in tried.confounded_with(pair.first, pair.second))
@@ -243,15 +243,15 @@ def test_pairs_are_for_what_one_cure_leaves_confounded(
     assert with_pair
 
 
-def test_what_one_cure_frees_has_no_pair(planned: lb.analysis.Identifiability) -> None:
-    tried = tried_cures(DEFAULT, one_way())
+def test_what_one_remedy_frees_has_no_pair(planned: lb.analysis.Identifiability) -> None:
+    tried = tried_remedies(DEFAULT, one_way())
     remedies = {name: entry.remedy for name, entry in planned.parameters.items()}
     sd = {name: entry.sd for name, entry in planned.parameters.items()}
     freed = []
     for name, remedy in remedies.items():
         if remedy is None:
             continue
-        step = CureStep(remedy.kind, remedy.certificate)
+        step = RemedyStep(remedy.kind, remedy.certificate)
         if name not in tried.confounded_with(step):
             freed.append(name)
     assert freed

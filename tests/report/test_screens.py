@@ -93,7 +93,7 @@ def test_identify_prints_a_row_for_each_parameter(
             assert row[-1] == "–"
         else:
             assert row[-1] == round_uncertainty(2.0 * entry.remedy.sd * factor)[0]
-            assert wording.cure_in_words(entry.remedy) in " ".join(row)
+            assert wording.remedy_in_words(entry.remedy) in " ".join(row)
     first_lines = " ".join(text.splitlines()[:2])
     for verdict in Verdict:
         number = sum(entry.verdict == verdict for entry in shown.values())

@@ -32,7 +32,7 @@ from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.machine_description import VisibleParameter
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.remedies import Remedy
-from ldbb_bayes.analysis.tried_cures import RemedyKind
+from ldbb_bayes.analysis.tried_remedies import RemedyKind
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.campaign.preview import Remark, RemarkKind
 from ldbb_bayes.cli import app
@@ -761,8 +761,8 @@ def test_what_is_switched_off_is_named() -> None:
     ],
 )
 def test_cures_in_words(kind: RemedyKind, certificate: str, words: str) -> None:
-    assert wording.cure_in_words(Remedy(kind, certificate, 0, 1.0, 0.5)) == words
-    assert wording.cure_in_words(None) == "–"
+    assert wording.remedy_in_words(Remedy(kind, certificate, 0, 1.0, 0.5)) == words
+    assert wording.remedy_in_words(None) == "–"
 
 
 def test_doubts_about_one_bar_for_all_machines() -> None:

@@ -32,7 +32,7 @@ from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
-__all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
+__all__ = ["RemedyKind", "RemedyStep", "TriedRemedies", "longer_plans", "sd_by_name"]
 
 # Angle [°] by which both balls are turned in the added circles, if the remedy for a large
 # uncertainty is to turn the balls. One angle is enough: it shifts the phase of a ball's form error
@@ -63,7 +63,7 @@ class RemedyKind(StrEnum):
 
 
 @dataclass(frozen=True)
-class CureStep(Result):
+class RemedyStep(Result):
     """A remedy for a large uncertainty: a change of the plan, or a certificate."""
 
     kind: RemedyKind  #: kind of remedy for a large uncertainty, such as more circles
@@ -72,7 +72,7 @@ class CureStep(Result):
     certificate: str
 
 
-class TriedCures:
+class TriedRemedies:
     """A campaign, and the uncertainties of its parameters after one remedy or several remedies.
 
     A remedy for a large uncertainty is a certificate of the instrument or a change of the plan.
@@ -94,22 +94,22 @@ class TriedCures:
         """
         self.bound = bound
         self.phi = phi
-        self._bound_with: dict[tuple[CureStep, ...], BoundModel] = {(): bound}
-        self._sd_with: dict[tuple[CureStep, ...], dict[str, float]] = {}
-        self._confounded_with: dict[tuple[CureStep, ...], set[str]] = {}
+        self._bound_with: dict[tuple[RemedyStep, ...], BoundModel] = {(): bound}
+        self._sd_with: dict[tuple[RemedyStep, ...], dict[str, float]] = {}
+        self._confounded_with: dict[tuple[RemedyStep, ...], set[str]] = {}
 
     @cached_property
-    def steps(self) -> tuple[CureStep, ...]:
+    def steps(self) -> tuple[RemedyStep, ...]:
         """All single remedies that can be tried, the cheapest first.
 
         A remedy is a certificate of the instrument or a change of the plan.
         """
-        steps = [CureStep(kind, "") for kind in longer_plans(self.bound)]
+        steps = [RemedyStep(kind, "") for kind in longer_plans(self.bound)]
         for name in missing_certificates(self.bound.campaign.instrument):
-            steps.append(CureStep(RemedyKind.CERTIFICATE, name))
+            steps.append(RemedyStep(RemedyKind.CERTIFICATE, name))
         return tuple(steps)
 
-    def bound_with(self, *steps: CureStep) -> BoundModel | None:
+    def bound_with(self, *steps: RemedyStep) -> BoundModel | None:
         """Return the model of the campaign that results from the remedies ``steps``.
 
         A remedy is a certificate of the instrument or a change of the plan. The remedies are
@@ -118,13 +118,13 @@ class TriedCures:
         """
         if steps not in self._bound_with:
             before = self.bound_with(*steps[:-1])
-            after = None if before is None else _with_cure(before, steps[-1])
+            after = None if before is None else _with_remedy(before, steps[-1])
             if after is None:
                 return None
             self._bound_with[steps] = after
         return self._bound_with[steps]
 
-    def sd_with(self, *steps: CureStep) -> dict[str, float]:
+    def sd_with(self, *steps: RemedyStep) -> dict[str, float]:
         """Return the standard uncertainties after the remedies ``steps``, in internal units.
 
         A remedy is a certificate of the instrument or a change of the plan. There is one standard
@@ -139,7 +139,7 @@ class TriedCures:
                 self._sd_with[steps] = sd_by_name(changed, self._information(changed))
         return self._sd_with[steps]
 
-    def confounded_with(self, *steps: CureStep) -> set[str]:
+    def confounded_with(self, *steps: RemedyStep) -> set[str]:
         """Return the names of the parameters that are confounded after the remedies ``steps``.
 
         A remedy is a certificate of the instrument or a change of the plan. A parameter is
@@ -159,7 +159,7 @@ class TriedCures:
             self._confounded_with[steps] = names
         return self._confounded_with[steps]
 
-    def circles_with(self, *steps: CureStep) -> int:
+    def circles_with(self, *steps: RemedyStep) -> int:
         """Return the number of circles that the remedies ``steps`` add to the campaign.
 
         A remedy is a certificate of the instrument or a change of the plan. Return zero if the
@@ -181,7 +181,7 @@ class TriedCures:
         return information_of(changed, carried)
 
 
-def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
+def _with_remedy(bound: BoundModel, step: RemedyStep) -> BoundModel | None:
     """Return the model of the campaign or plan that results from one remedy.
 
     The remedy ``step`` is a certificate of the instrument or a change of the plan. It is applied to
