@@ -277,11 +277,11 @@ class Comparison(Result):
     #: table of constant compliances, fitted to the tests at each pair of neighbouring forces (see
     #: `local_fits`); empty if all tests have the same force, or if only evidences were computed
     local_fits: Records
-    #: largest error allowed for a log evidence [nat]. The log evidences of the first two of the
-    #: compared models are also computed with other assumptions about the random differences between
-    #: circles. Let M be the larger log evidence of these two models with their own assumption. If
-    #: the log evidences of both models with another assumption are at least 10 nat below M, an
-    #: error of 0.1 nat is allowed for them.
+    #: largest error allowed for a log evidence [nat]. The log evidences of the first two models are
+    #: also computed under other assumptions about the random differences between circles. If the
+    #: readings clearly reject such an assumption, a larger error of 0.1 nat is allowed. An
+    #: assumption is clearly rejected if it lowers the larger of both log evidences by at least
+    #: 10 nat.
     tolerance: float
     #: largest error of any log evidence [nat]. Log evidences under assumptions that the readings
     #: clearly reject are only rough, and are left out here (see ``tolerance``).
@@ -739,8 +739,8 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
     """Return the number of evidences that `compare` computes in its own process.
 
     ``plan`` says which results are computed, and ``models`` is the number of models that the caller
-    gave. If tests are left out, there is one more evidence for each model and each test of
-    ``campaign``. Evidences under other assumptions about the random differences between circles are
+    gave. If every test of ``campaign`` is left out once, this adds one evidence for each model and
+    each test. Evidences under other assumptions about the random differences between circles are
     not included, because another process may compute them.
     """
     steps = models

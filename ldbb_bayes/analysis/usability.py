@@ -173,7 +173,7 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return those reasons for caution with a certificate that the fit and the verdicts give.
+    """Return the reasons, found by the fit and the verdicts, to use a certificate with caution.
 
     A verdict on a parameter states how far the readings determine it. ``stated`` are the names of
     the parameters on the certificate.
@@ -197,7 +197,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return those reasons for caution with a certificate that the comparison of models gives."""
+    """Return the reasons, found by comparing models, to use a certificate with caution."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))

@@ -32,9 +32,9 @@ _SMALLEST_SHARE_INSIDE = 0.02
 # For each value of the hyper-parameters, several draws of the parameters are made. The number of
 # draws is chosen so that, on average, this number of them have no negative compliance.
 _EXPECTED_INSIDE = 4.0
-# Height of the envelope in rejection sampling, which accepts a draw with the probability posterior
-# density / envelope. The envelope is the density from which draws are proposed, scaled to the
-# integral of the posterior density and multiplied by this number.
+# Height of the envelope in rejection sampling. The envelope is the density from which draws are
+# proposed, scaled to the same integral as the posterior density and multiplied by this number. A
+# draw is accepted with a probability equal to the posterior density divided by the envelope.
 _ENVELOPE = 2.0
 # The rejection sampler divides by an estimate of the probability that no compliance is negative. An
 # estimate below this number is replaced by this number.

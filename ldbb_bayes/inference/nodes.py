@@ -458,9 +458,10 @@ class HyperPosterior:
     def proposal(self) -> Integral:
         """Weighted random values of the hyper-parameters, drawn from a mixture.
 
-        The mixture is fitted to the posterior density, and further values can be drawn from it. The
-        weights represent the posterior density. If ``truncated`` is true, a factor of the density
-        is an upper bound of the probability that no compliance is negative.
+        The mixture is fitted to the posterior density, and further values can be drawn from the
+        mixture. The values with their weights represent the posterior. If ``truncated`` is true,
+        the posterior density has a factor: the probability that no compliance is negative. Here, an
+        upper bound of this probability is used in its place.
         """
         sample = importance_sample(
             self._smooth_of_scores,

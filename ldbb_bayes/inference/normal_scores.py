@@ -120,8 +120,9 @@ class NormalScores:
     def _values(self, scores: Array) -> Array:
         """Return values of the k hyper-parameters with truncated normal priors, shape (..., k).
 
-        ``scores``, shape (..., h), holds the normal scores of all h hyper-parameters, coordinates
-        in which most of the priors are standard normal.
+        The values are computed from ``scores``, shape (..., h), the normal scores of all h
+        hyper-parameters. Normal scores are transformed hyper-parameters; most of them have a
+        standard normal prior.
         """
         log_probability = log_ndtr(-scores[..., self._has_normal_prior]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)

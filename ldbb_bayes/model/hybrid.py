@@ -1021,12 +1021,12 @@ class BoundModel(Shown):
     def _structured(
         self, columns: Sequence[Columns | BasisNoise], interest: Array | None = None
     ) -> StructuredGaussian:
-        """Return the density of the readings with the coefficients of ``columns`` integrated out.
+        """Return the density of the readings, with the nuisance coefficients integrated out.
 
-        ``columns`` holds the columns and the noise of nuisance terms (effects modelled but not of
-        interest). If the density depends on the p parameters, ``interest``, shape (tests, 25, p),
-        holds the reading per unit of each of them; otherwise it is None. The readings that the
-        least-squares estimate `centre` of the parameters predicts are subtracted from the readings.
+        These coefficients belong to effects that are modelled but not of interest. ``columns`` holds their
+        columns of the design matrix, and their noise. ``interest``, shape (tests, 25, p), holds the
+        reading per unit of each of the p parameters, if the density is to depend on the parameters.
+        The readings that `centre`, the least-squares estimate, predicts are first subtracted.
         """
         return StructuredGaussian(
             self.reduced,
