@@ -1024,9 +1024,10 @@ class BoundModel(Shown):
         """Return the density of the readings, with the nuisance coefficients integrated out.
 
         These coefficients belong to effects that are modelled but not of interest. ``columns``
-        holds their columns of the design matrix, and their noise. ``interest``, shape (tests, 25, p), holds the
-        reading per unit of each of the p parameters, if the density is to depend on the parameters.
-        The readings that `centre`, the least-squares estimate, predicts are first subtracted.
+        holds their columns of the design matrix, and their noise. ``interest``, shape
+        (tests, 25, p), holds the reading per unit of each of the p parameters, if the density is to
+        depend on the parameters. The readings that `centre`, the least-squares estimate, predicts
+        are first subtracted.
         """
         return StructuredGaussian(
             self.reduced,
