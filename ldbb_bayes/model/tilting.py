@@ -42,9 +42,9 @@ _ITERATIONS = 60
 # Largest number of step lengths that are tried in one step of Newton's method. Each step length is
 # half of the previous step length.
 _HALVINGS = 20
-# An inexact saddle point of the log importance weight is accepted if the log probability that all
-# constraints on a random vector hold is below minus this number. Such a probability is too small to
-# matter.
+# Newton's method may find the saddle point of the log importance weight only inexactly. This is
+# accepted if the log probability that all constraints on a random vector hold is smaller than minus
+# this number, because such a probability is too small to matter.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
 # Uniform random numbers between 0 and 1 that are smaller than this number are replaced by it, so
 # that their logarithm is finite.
@@ -303,12 +303,12 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return log tail probabilities of random values of a standard normal variable in an interval.
+    """Return the logarithms of random tail probabilities of a standard normal variable.
 
-    The caller computes the random values from these probabilities. The tail of a value is to its
-    left if ``interval.direction`` is −1, and to its right if it is 1. The tail probability is
-    uniformly distributed between the tail probabilities of the two ends of the interval. It is
-    computed from the random numbers ``uniform``, which are between 0 and 1.
+    From each tail probability, the caller computes a random value of the variable in ``interval``.
+    The tail of a value is to its left if ``interval.direction`` is −1, and to its right if it is 1.
+    The tail probability is uniformly distributed between the tail probabilities of the two ends of
+    the interval. It is computed from the random numbers ``uniform``, which are between 0 and 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:

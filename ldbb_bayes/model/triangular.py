@@ -91,8 +91,9 @@ def solve_upper(lower: Array, right: Array) -> Array:
 def solve_columns(columns: Array, right: Array) -> Array:
     """Return L⁻ᵀ x, shape (q, ...), for lower triangular matrices L and right-hand sides x.
 
-    Unlike in `solve_upper`, the dimensions q of each matrix come first, and the dimensions "..." of
-    the stack of matrices come last.
+    L⁻ᵀ is the inverse of the transpose of L. The result is the same as that of `solve_upper`, but
+    the indices of an array are in another order: the indices in a matrix or vector come first, and
+    the indices of the matrices or vectors (shape "...") come last.
 
     Parameters
     ----------

@@ -25,16 +25,16 @@ __all__ = ["Truncation"]
 # Number of points of the grid on which the distribution function of one coordinate of a truncated
 # Gaussian vector is computed.
 _GRID = 1025
-# Number of grid points for each coordinate over which a density is integrated. The distribution of
-# one coordinate of a truncated Gaussian vector is computed by integration over the other
-# coordinates that have a constraint in common with this coordinate.
+# The distribution of one coordinate of a truncated Gaussian vector is computed by integration over
+# the other coordinates that have a constraint in common with it. The grid for this integration has
+# this number of points per coordinate.
 _COARSE_GRID = 257
 # The distribution of a coordinate of a truncated Gaussian vector is computed on a grid of values.
 # On each side, the grid extends to this number of sds from the mean before truncation. It contains
 # no values that the truncation excludes.
 _REACH = 9.0
-# The truncation may exclude all values of a coordinate near the mean before truncation. The grid of
-# values then begins at the permitted value nearest to this mean. It covers this number of sds, or
+# If the truncation excludes all values of a coordinate near its mean before truncation, the grid of
+# values begins at the permitted value nearest to this mean. It then covers this number of sds, or
 # the whole range of permitted values if this range is shorter.
 _LEAST_WIDTH = 2.0
 
@@ -336,10 +336,10 @@ def _eliminate_last(
     below, above = _opposite_pairs(last)
 
     def combine(values: Array) -> Array:
-        """Return the coefficients, or the bounds, of constraints that lack the last coordinate.
+        """Return the coefficients, or the bounds, of the constraints after the elimination.
 
-        Old constraints that lack the last coordinate are kept. The other constraints are sums of
-        two old constraints, in which the last coordinate cancels. ``values`` holds the
+        Old constraints without the last coordinate are kept. Each of the other constraints is a sum
+        of two old constraints, in which the last coordinate cancels. ``values`` holds the
         coefficients, or the lower bounds, of the old constraints, with one row for each constraint.
         """
         scale = last.reshape(-1, *[1] * (values.ndim - 1))
@@ -351,10 +351,10 @@ def _eliminate_last(
 
 
 def _opposite_pairs(last: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of all pairs of a positive and a negative element of the array ``last``.
+    """Return all pairs of a positive and a negative element of the array ``last``, as indices.
 
-    The first array holds the indices of the positive elements, the second array the indices of the
-    negative elements.
+    The result consists of two arrays of equal length. The first holds the index of the positive
+    element of each pair, the second the index of its negative element.
     """
     positive = np.flatnonzero(last > 0.0)
     negative = np.flatnonzero(last < 0.0)

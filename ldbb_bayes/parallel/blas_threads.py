@@ -17,8 +17,8 @@ __all__ = ["ONE_THREAD", "one_blas_thread"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Environment variables, with their values, that limit BLAS (the linear algebra library behind
-# NumPy) to one thread in a new process.
+# Values of the environment variables that limit BLAS (the linear algebra library behind NumPy) to
+# one thread in a new process. The keys are the names of the variables.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 

@@ -209,11 +209,11 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Raise an `InputError` if a Dask worker has several threads or differing library versions.
+    """Raise an `InputError` if a Dask worker has several threads or other library versions.
 
-    If the versions differ from those of this process, the worker could fail or give other results.
+    If its versions differ from those of this process, the worker could fail or give other results.
     If the scheduler has no workers yet, give a warning. ``client`` is Dask's connection to the
-    scheduler, and ``scheduler`` its address, used in messages.
+    scheduler, and ``scheduler`` is the scheduler's address, which messages name.
     """
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")
     if not versions_by_worker:

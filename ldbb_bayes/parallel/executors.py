@@ -15,8 +15,9 @@ from ldbb_bayes.parallel.process_pool import process_executor, usable_cores
 
 __all__ = ["EXECUTORS", "executor_named", "second_process"]
 
-# Possible values of the command-line option --executor. With "process", jobs run in processes on
-# this computer; "dask" is the library Dask, which distributes jobs over several computers.
+# Possible values of the command-line option --executor. With "process", jobs run in worker
+# processes on this computer. With "dask", the library Dask runs them; it can distribute jobs over
+# several computers.
 EXECUTORS = ("process", "dask")
 
 

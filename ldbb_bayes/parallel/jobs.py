@@ -23,8 +23,8 @@ __all__ = ["Lost", "done", "start_early"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Largest number of jobs per worker process that are submitted and not yet finished. More than one
-# job is submitted, so that a worker need not wait while this process handles results.
+# Largest number of jobs per worker process that are submitted and not yet finished. It is larger
+# than one, so that a worker need not wait while this process handles results.
 _JOBS_PER_WORKER = 4
 # Largest number of jobs that are submitted and not yet finished, for an executor whose number of
 # workers is not known.
@@ -94,7 +94,7 @@ def done(
     finished: SimpleQueue[Future[R]] = SimpleQueue()
 
     def submit(attempt: _Attempt[T]) -> None:
-        """Submit to the executor one attempt to run a job.
+        """Let the executor make one attempt to run a job.
 
         When the attempt ends, its future (of ``concurrent.futures``) is put into the queue
         ``finished``.
@@ -156,7 +156,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     future = executor.submit(call)
 
     def result() -> R:
-        """Return the result of a call that was started early in another process.
+        """Return the result of the call that another process is making or has made.
 
         If the call failed in the other process, it is repeated in this process.
         """

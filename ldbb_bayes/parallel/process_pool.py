@@ -34,8 +34,8 @@ __all__ = [
     "usable_cores",
 ]
 
-# Error message for a script without the line ``if __name__ == "__main__":``. Every worker imports
-# the script; if this line is missing, the worker ends at once.
+# Error message if worker processes end at once because the user's script lacks the line ``if
+# __name__ == "__main__":``. Every worker imports the script, which must then do no work.
 _UNGUARDED_SCRIPT = (
     "worker processes must be able to start, got some that ended at once. A script must do its work"
     ' under `if __name__ == "__main__":`, because every worker imports it.'
@@ -108,7 +108,7 @@ class _Answer(NamedTuple):
 
 
 class _ProcessPool(Executor):
-    """Executor of worker processes; each worker gets its jobs from one thread of the executor."""
+    """Executor of worker processes, with one thread that passes jobs to each worker process."""
 
     def __init__(self, workers: int) -> None:
         """Create an executor with ``workers`` worker processes on this computer.

@@ -24,7 +24,7 @@ def versions(*, python: bool = False) -> dict[str, str]:
 
     Returns
     -------
-    Version of each package in this process; the keys are the names of the packages.
+    Dict with the version of each package in this process; the keys are the names of the packages.
     """
     by_package = {"ldbb-bayes": ldbb_bayes.__version__}
     for name in _PACKAGES:

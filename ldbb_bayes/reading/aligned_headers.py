@@ -25,11 +25,11 @@ _FEWEST_ROWS = 2
 
 
 def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
-    """Return rows in which each name of a header above numbers is one cell.
+    """Return rows in which each column name of a header is one cell.
 
     The rows were split at every blank, which divides a name such as ``Angle (deg)`` into two cells.
-    If a row above numbers has too many cells for this reason, it is split only where it has at
-    least two blanks. All other rows are returned unchanged.
+    If a row above numbers has too many cells for this reason, its line is split again, but only
+    where at least two blanks follow each other. All other rows are returned unchanged.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]
 def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
     """Return whether numbers begin at the row ``first``, below a row with another number of cells.
 
-    If the row above has as many cells as the rows of numbers, its cells are the names of the
-    columns, and it need not be split in another way. ``rows`` are the rows of the text, split at
-    every blank.
+    If the row above has as many cells as the rows of numbers, the result is False, because each of
+    its cells is then the name of one column. ``rows`` are the rows of the text, split at every
+    blank.
     """
     width = len(rows[first].cells)
     below = rows[first : first + _FEWEST_ROWS]

@@ -87,9 +87,9 @@ def _holds_numbers(row: Row) -> bool:
 
 
 def _line_above(rows: Sequence[Row], lines: Sequence[str]) -> str:
-    """Return the line of the last of several rows that is not a line of dashes.
+    """Return the line of the last row that holds words, as the file writes it.
 
-    The line is returned as the file writes it. The result is empty if all rows are lines of dashes.
+    Any other row is a line of dashes. The result is empty if all ``rows`` are lines of dashes.
     ``lines`` are all lines of the text.
     """
     rows_of_words = [row for row in rows if not is_rule(row.cells)]
@@ -128,9 +128,10 @@ def _units_with_places(row: Row, lines: Sequence[str]) -> list[_Word]:
 
 
 def _places_of_columns(header: str, numbers: Sequence[str], width: int) -> list[_Word]:
-    """Return where the name and the numbers of each column begin and end in a line.
+    """Return a list that states, for each column, where its texts begin and end in a line.
 
-    The list is empty if the line of the header does not hold one name for each column.
+    The texts of a column are its name and its numbers. The list is empty if the line of the header
+    does not hold one name for each column.
 
     Parameters
     ----------

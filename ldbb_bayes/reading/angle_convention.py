@@ -81,7 +81,7 @@ _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
 _ZERO_DEGREES = re.compile(
     r"(?<![\d.,])0 ?(?:°|deg\w*) ?(?:=|is|at|on|along|bei|:)|\bzero at\b", re.I
 )
-# Regular expression for a word that announces where angles begin, with the text that follows.
+# Regular expression for a word that announces where angles begin, and for the text after this word.
 _ANNOUNCED = re.compile(rf"(?:{_WORDS['announced']})(?P<zero>[^;|\t]*)", re.IGNORECASE)
 # Regular expression for words which show that a line is about angles.
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
@@ -201,9 +201,10 @@ def _is_inseparable(text: str) -> bool:
 
 
 def _states_only_unit(line: int | str, text: str, fields: Collection[str]) -> bool:
-    """Return whether only the unit of angles is understood in a line that also says something else.
+    """Return whether a line states the unit of angles and also holds words that are not understood.
 
-    ``fields`` are the fields, such as ``angle_unit``, whose values were found in the line.
+    ``fields`` are the fields for which values were found in the line. If one of them is not the
+    unit of angles (``angle_unit``), the result is False.
     """
     if set(fields) != {"angle_unit"}:
         return False
@@ -241,10 +242,10 @@ def _convention_in_words(
 def _note_words(
     recording: Recording, words: list[_AngleStatement], convention: AngleConvention
 ) -> None:
-    """Add a note on each statement that is not used because the user gives sign and offset.
+    """Add a note on each statement about angles that is replaced by the user's sign and offset.
 
-    ``words`` are these statements about angles in the file, and ``convention`` is the user's
-    conversion of the angles.
+    ``words`` are these statements in the file, and ``convention`` holds the sign and the offset
+    with which the user converts angles.
     """
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
@@ -340,7 +341,7 @@ def _statement_about_angles(
 
 
 def name_is_about_angles(name: str) -> bool:
-    """Return whether a name says something about angles, such as ``300N_fromY_cw``."""
+    """Return whether a name, such as ``300N_fromY_cw``, says something about angles."""
     text = name_as_words(name)
     return any(words.search(text) for words in (_ANGLE, _ZERO, _COMPASS))
 

@@ -63,12 +63,13 @@ class AssumptionLog:
     stores facts about the layout that were found in the sheets, such as the separator of cells.
     """
 
-    # files, sheets or tests for which each assumption was made; the keys are the assumptions
+    # For each assumption, the list of the files, sheets or tests for which it was made. The keys
+    # are the assumptions
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
     # values found in the sheets for each field of the layout; the keys are the names of the fields
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
-    # lines of files that are cited in reasons for assumptions; each key is the file, sheet or test
-    # for which the assumptions are made
+    # lines of files that reasons for assumptions cite. Each key is a file, a sheet or a test; its
+    # value is the list of the lines that are cited for assumptions about it
     _cited_lines: dict[str, list[CitedLine]] = field(default_factory=dict)
 
     def add(

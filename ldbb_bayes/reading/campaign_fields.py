@@ -29,12 +29,13 @@ _OPTIONS = {
     "feed_mm_per_min": "--feed-mm-per-min",
     **{key: option_for(key) for key in LABELS},
 }
-# Fields for which files may state a different value for each test of a campaign.
+# Fields that may differ between the tests of a campaign. Files may state them for each test.
 _FIELDS_OF_EACH = ("plane", "date")
 # Fields of a campaign that name people, places and instruments. If the files state several values
 # for one of these fields, the campaign lists all of the values.
 _NAMES = ("operator", "place", "ball_bar", "force_device")
-# Fields of a campaign for which the files may state different values without an error.
+# Fields of a campaign for which files may state different values. For any other field, different
+# values are an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
 # Two numbers that are stated for one field count as equal if they agree when rounded to this number
 # of decimals.
@@ -50,8 +51,8 @@ _LARGEST_STEP_SHARE = 0.1
 # default `ForceLaw` gives for the pressure. A note is made if they differ by more than this
 # fraction of the stated force.
 _OFF_FORCE_LAW = 0.05
-# Values that are assumed for unstated fields of the campaign, each with the command-line option
-# that states the field.
+# Values that are assumed for unstated fields of the campaign. The keys are the fields. Each entry
+# is a pair: the value, and the command-line option that states the field.
 _ASSUMED = {
     "topology": ("wCAFYXZSt", "--topology"),
     "plane": ("XY", "--plane"),
@@ -108,7 +109,7 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return a dict with the values of a field that lines and names in the files state.
+    """Return a dict that says where the files state values of a field, and which values they state.
 
     Each key of the dict is a value, and its entry is a text that says which line or name states the
     value. Each value is noted as an assumption; a plane is also added to the fields of its test. If
@@ -143,7 +144,7 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 
 
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
-    """Add the value that a file states for a field of a test to the log of assumptions.
+    """Add to the log of assumptions the value that a file states for a field of a test.
 
     ``key`` is the name of the field. A plane is also added to the fields of the test. ``stated`` is
     the value, with the place in the file that states it.
@@ -164,11 +165,11 @@ def _with_unit(key: str, value: Any) -> str:
 
 
 def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
-    """Return the values that lines above a table state for a field, and where they are stated.
+    """Return a dict with the values that a file states for a field of a test.
 
-    The stated values are the keys of the result. A plane may also be stated by the name of the
-    test, of its column, of its sheet or of its file. ``field`` is the name of the field, such as
-    radius_mm.
+    The keys are the values; each entry also says where its value is stated. Values are stated by
+    lines above the table. A plane may also be stated by the name of the test, of its column, of its
+    sheet or of its file. ``field`` is the name of the field, such as radius_mm.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -192,10 +193,10 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return words for a note on a test whose plane is read from the name of the test.
+    """Return the words of a note that say how the name of a test states its plane.
 
-    The words are "its name". If the name swaps the letters of the plane, as in XZ, further words
-    say at which axis angles are assumed to begin, and towards which axis they run.
+    Usually, the words are "its name". If the name swaps the letters of the plane, as in XZ, further
+    words say at which axis angles are assumed to begin, and towards which axis they run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)
@@ -228,9 +229,9 @@ def _note_contradictions(
 ) -> None:
     """Add a note to the log if a line or name contradicts the value from the user or a column.
 
-    A name is that of the test, its column, its sheet or its file. Raise an `InputError` if a line
-    says that the readings are raw, but the user states that they are compensated for the deflection
-    of the mount.
+    The names of the test, its column, its sheet and its file are compared, too. Raise an
+    `InputError` if a line says that the readings are raw, but the user states that they are
+    compensated for the deflection of the mount.
 
     Parameters
     ----------
@@ -260,10 +261,10 @@ def _note_contradictions(
 def _plane_of_column(recording: Recording, plane: str) -> str:
     """Return the plane that the user or a column states for a test.
 
-    Usually, this is ``plane``, which `_certain_value` returns. If the column swaps the letters of
-    the plane, as in XZ, and the option --plane states the usual name ZX, this name is stored and
-    returned. If the column and the option state different planes, a note is added to the log. Raise
-    an `InputError` for an unknown plane in the column.
+    Usually, the result is the argument ``plane``, which was found by `_certain_value`. But if the
+    column swaps the letters of the plane, as in XZ, and the option --plane states the usual name
+    ZX, the usual name is stored and returned. If the column and the option state different planes,
+    a note is added to the log. Raise an `InputError` for an unknown plane in the column.
     """
     option = recording.campaign.get("plane")
     column_plane = recording.fields.get("plane")
@@ -299,8 +300,8 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
     """Return whether files state a single plane and all tests are in this plane.
 
-    The keys of ``places`` are the planes that lines and names state, and the values say which line
-    or name states each. If a test has no plane, the result is False.
+    The keys of ``places`` are the planes that lines and names state. The value of a key is a text
+    that names the line or name. If a test has no plane, the result is False.
     """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
@@ -387,9 +388,9 @@ def note_assumed_fields(
 ) -> tuple[str, ...]:
     """Add to the log the values that are assumed for unstated fields of the campaign.
 
-    Lines that could not be understood are noted too. If the user states no force law, further notes
-    name the stated forces that do not fit the default law. They also say that unstated forces are
-    computed with this law.
+    Lines that could not be understood are noted, too. If the user states no force law, the default
+    law is assumed. Further notes then name the stated forces that do not fit this law, and say that
+    unstated forces are computed with it.
 
     Parameters
     ----------

@@ -21,8 +21,8 @@ _POSITION = re.compile(
 # Positions lie on a circle about the origin if their distances from the origin differ by less than
 # this fraction of the median distance.
 _LARGEST_SCATTER = 0.02
-# Positions whose median distance from the origin is smaller than this radius [mm] are not taken as
-# a circle.
+# Positions are taken as points of a circle only if their median distance from the origin is at
+# least this radius [mm].
 _SMALLEST_RADIUS_MM = 20.0
 
 
@@ -50,7 +50,7 @@ def lie_on_circle(x: Array, y: Array) -> bool:
 
 
 def advice_on_positions(has_reading: bool) -> str:
-    """Return the advice that an error message gives for a table of positions.
+    """Return the advice in the error message for a table that holds positions instead of angles.
 
     ``has_reading`` states whether the table has a column of readings beside the positions.
     """

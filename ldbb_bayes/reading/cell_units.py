@@ -18,9 +18,9 @@ __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
-# A row of numbers with units belongs to a table if the row above or below it also holds numbers
-# with units. If a sheet has at least ``_FEWEST_ROWS`` rows of numbers with units, the row above or
-# below may also hold numbers without units.
+# A row of numbers with units belongs to a table if the row above or below it also holds numbers. If
+# the sheet has fewer than ``_FEWEST_ROWS`` rows of numbers with units, these neighbouring numbers
+# must have units, too.
 _FEWEST_ROWS = 3
 
 
@@ -36,8 +36,8 @@ class UnitsOfCells(NamedTuple):
     """Rows of a sheet after the units were removed from the cells, and the removed units."""
 
     rows: list[Row]
-    #: units that were removed from the cells of a table because they stood after a number; each key
-    #: holds the line number and the column index of a cell
+    #: dict with the units that were removed from the cells of a table because they stood after a
+    #: number; each key is the line number and the column index of a cell
     units: Mapping[tuple[int, int], str]
 
 
@@ -45,9 +45,9 @@ class UnitsOfCells(NamedTuple):
 def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit | None:
     """Return the number in a cell, and its unit if there is one.
 
-    An angle such as 12° 30' 15" is returned as 45015 arcsec. ``is_sexagesimal`` states whether the
-    header of the column says that angles are in degrees, minutes and seconds. Return None for a
-    cell that holds neither a number nor a number with a known unit.
+    Return None if the cell does not hold a number, or if the text after the number is not a known
+    unit. An angle such as 12° 30' 15" is returned as 45015 arcsec. ``is_sexagesimal`` states
+    whether the header of the column says that angles are in degrees, minutes and seconds.
     """
     seconds = seconds_in(cell, is_named=is_sexagesimal)
     if seconds:
@@ -116,9 +116,9 @@ def _split_angles_beside_texts(rows: list[Row], units: dict[tuple[int, int], str
 
 
 def _angles_in(row: Row) -> dict[int, str]:
-    """Return the angles that are written in degrees and minutes in a row, in arcseconds.
+    """Return a dict with the angles of a row that are written in degrees and minutes.
 
-    The keys are the indices of the columns.
+    The keys are the indices of the columns. The angles are converted to arcseconds.
     """
     angles = {}
     for column, cell in enumerate(row.cells):
@@ -134,8 +134,8 @@ def _are_evidence_of_table(
     """Return, for each row, whether it is evidence that the rows next to it belong to a table.
 
     A row of numbers with units is such evidence. A row of numbers without units is evidence only in
-    a sheet with at least three rows of numbers with units. ``numbers`` holds one dict for each row;
-    the dict of a row that is not a row of numbers with units is empty (see `_numbers_of`).
+    a sheet with at least three rows of numbers with units. ``numbers`` holds one dict for each row:
+    the numbers with their units, or an empty dict for any other row (see `_numbers_of`).
     """
     have_units = [bool(entries) for entries in numbers]
     if sum(have_units) < _FEWEST_ROWS:

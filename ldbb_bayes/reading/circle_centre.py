@@ -21,7 +21,7 @@ __all__ = ["take_centres", "without_centre"]
 
 # Regular expression for one coordinate, such as X300 or Y = -120 mm.
 _COORDINATE = rf"[XYZ]\s?[:=]?\s?{NUMBER_IN_TEXT}"
-# Regular expression for a unit after a coordinate, such as mm in "X 300 mm"; it may be missing.
+# Regular expression for the unit that may follow a coordinate, such as mm in "X 300 mm".
 _UNIT = r"(?:\s?(?:(?:mm|cm|m|in|inch|inches|[uµμ]m)(?!\w)|[\"″]))?"
 # Regular expression for the characters that may separate two coordinates of the centre of a circle.
 _BETWEEN = rf"{_UNIT}[\s,;|/]*"
@@ -51,9 +51,9 @@ class _Centre(NamedTuple):
     # such as "3 of notes.txt"
     line: int | str
     text: str  # words of the line that state the centre of the circle
-    #: machine coordinates [mm] that a line states for the centre of the circle; the keys are names
-    #: of fields, such as ``centre_x_mm``; empty if the line states the centre in other coordinates,
-    #: in another unit, or without the letters of the axes
+    #: dict with the machine coordinates [mm] that a line states for the centre of the circle; the
+    #: keys are names of fields, such as ``centre_x_mm``. The dict is empty if the line states the
+    #: centre in other coordinates, in another unit, or without the letters of the axes
     coordinates: Mapping[str, float]
 
 
@@ -95,10 +95,10 @@ def without_centre(text: str) -> str:
 
 
 def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
-    """Yield the centre that each line about a centre states.
+    """Yield the centre of the circle from each line that states one.
 
-    The centre has no coordinates if the line may be about a workpiece or a programme, or if the
-    line states a unit other than mm.
+    The centre is yielded without coordinates if the line may be about a workpiece or a programme,
+    or if the line states a unit other than mm.
     """
     for line, content in lines:
         text = content[:LONGEST_TEXT]
@@ -113,9 +113,10 @@ def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
 
 
 def _coordinates_of(text: str) -> dict[str, float]:
-    """Return the coordinates of a centre in a text; the keys are ``centre_x_mm`` and so on.
+    """Return a dict with the coordinates that a text states for the centre of a circle.
 
-    The dict is empty if a coordinate is stated twice, or if its number can be read in two ways.
+    The keys are ``centre_x_mm``, ``centre_y_mm`` and ``centre_z_mm``. The dict is empty if a
+    coordinate is stated twice, or if its number can be read in two ways.
     """
     coordinates: dict[str, float] = {}
     for letter, digits in _LETTER_AND_NUMBER.findall(text):

@@ -8,7 +8,7 @@ __all__ = ["CitedLine", "cited_line", "quoted_line", "with_words"]
 
 
 class CitedLine(NamedTuple):
-    """Reason for an assumption; the reason cites a line, as in "line 3 says 'R = 100 mm'"."""
+    """Reason for an assumption that names or quotes a line, as in "line 3 says 'R = 100 mm'"."""
 
     reason: str  #: reason for an assumption in words, such as "line 3"
     #: number of the line that is the reason for an assumption; for a line of another sheet, a text

@@ -49,18 +49,18 @@ _TRAVEL_WORD = re.compile(
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
 # Regular expression for a word for plane.
 _PLANE_WORD = re.compile(r"planes?|plan|plano|piano|\w*ebene", re.IGNORECASE)
-# Roles of columns that state a condition of a test, and that may name the tests too.
+# Roles of columns that state a condition of a test. Such a column may also name the tests.
 _CONDITIONS = ("force", "pressure", "direction")
 
 
 def with_condition_that_names_tests(
     sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
 ) -> Heading:
-    """Return a heading in which the column that names tests is also the column of their forces.
+    """Return a heading in which the column that names the tests also states their forces.
 
-    This is done if the user states which column names tests, if the header of this column names
-    only the force or has a unit of force, and if the cells are numbers. A column of pressures, or
-    of directions such as ``CW``, is treated in the same way. Any other heading is returned
+    This is done if the user states which column names the tests, if the cells of this column are
+    numbers, and if its header names only the force or has a unit of force. A column of pressures,
+    or of directions such as ``CW``, is treated in the same way. Any other heading is returned
     unchanged.
 
     Parameters
@@ -128,11 +128,11 @@ def name_plane_column(
     stated_plane: str | None,
     log: AssumptionLog,
 ) -> Heading:
-    """Return the heading of a table, with the header ``plane`` for its column of planes.
+    """Return the heading of a table, with its column of planes renamed to ``plane``.
 
     A column without a role is the column of planes if every cell names a plane and the header has a
-    word for plane, as in ``PlaneName``. The use of this column is noted. If the user states the
-    plane, the heading is returned unchanged; a note is added if a column names other planes.
+    word for plane, as in ``PlaneName``. The log notes that this column is used. If the user states
+    the plane, the heading is returned unchanged; a note is added if a column names other planes.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def check_directions(
 
 
 def _is_direction(word: str) -> bool:
-    """Return whether a cell is a word for a direction, such as CW; a sign such as + is not."""
+    """Return whether a cell is a word for a direction, such as CW. A sign such as + is no word."""
     return word not in _SIGNS and direction_named(word) in ("CW", "CCW")
 
 

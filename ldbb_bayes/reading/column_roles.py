@@ -65,7 +65,7 @@ BRACKET = re.compile(r"[\[({<]")
 _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 # Regular expression for a range before a unit of angle in a header, such as 0-360°.
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# Regular expression for words in brackets that precede a unit, such as "in" in (in mm).
+# Regular expression for words that stand before a unit in brackets, such as "in" in "(in mm)".
 _BEFORE_UNIT = re.compile(r"^(?:all\s)?(?:in|units?|einheit)\s?:?\s(?=\S)", re.IGNORECASE)
 # Regular expression for a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or
 # "0.1 µm".
@@ -90,8 +90,8 @@ _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
 # for a word between the two, such as "of".
 _MULTIPLIER = re.compile(WORDS["columns"]["multiplier"], re.IGNORECASE)
 _BETWEEN = re.compile(WORDS["columns"]["between"], re.IGNORECASE)
-# Regular expressions for headers that end with a unit that this package does not read. The keys are
-# the roles of the columns, such as force.
+# For each role of a column, such as force, the regular expression for headers that end with a unit
+# that this package does not read. The keys are the roles.
 _FOREIGN_UNITS = {
     role: re.compile(
         rf"(?P<name>.*[^\W_])[\s_/.,]+(?P<unit>{WORDS['columns'][f'foreign_{role}']})\.?", re.I
@@ -207,7 +207,7 @@ def _contradicts(word: str, unit: str) -> bool:
 
 
 def _name_and_unit(header: str) -> Header:
-    """Return the name and unit of a header. The unit may be in brackets or after the name.
+    """Return the name and the unit that a header states in brackets or one after the other.
 
     Examples are ``Angle [deg]``, ``[deg] Angle``, ``Angle in deg`` and ``Angle, deg``. A number
     after the brackets, as in ``Reading [um] x 10``, may be a factor; the unit is then returned as a
@@ -260,8 +260,8 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     """Return the unit that the header of a column states in brackets or after "in".
 
     ``name`` is the name of the column, and ``texts`` are the texts in brackets or after "in". If
-    these texts state no known unit, more than one unit, or a unit with a factor (``is_scaled``),
-    return the texts joined by "and"; later code raises an error for this unknown unit.
+    these texts state no known unit, or more than one, or if the unit has a factor (``is_scaled``),
+    return the texts joined by "and". Later code raises an error for this unknown unit.
     """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
@@ -423,7 +423,8 @@ def count_numbers(cells: Sequence[str]) -> int:
 class ColumnRoles:
     """Columns of a table by their roles, such as angle, reading or time."""
 
-    #: index (from 0) of each column with a role; the keys are the roles, such as angle
+    #: dict with the index (from 0) of the column for each role; the keys are the roles, such as
+    #: angle
     columns: dict[str, int] = field(default_factory=dict)
     #: indices of all columns of readings, from 0; if there are several, each is a separate test
     readings: list[int] = field(default_factory=list)
@@ -501,13 +502,12 @@ def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list
 
 
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
-    """Decide which column has the role of time, and record it in ``roles``.
+    """Decide which column holds the time of each reading, and record it in ``roles``.
 
-    A column with the role of time holds the time of each reading. If there is a column of angles, a
-    column has the role of time only if the layout says so. If no column has the role of angle or
-    the role of time, the column ``time_s`` gets the role of time. In all other cases, a column
-    ``time_s`` holds the time at which each test started. ``headers`` are the headers of all
-    columns.
+    Such a column has the role of time. If there is a column of angles, a column has this role only
+    if the layout says so. If there is neither a column of angles nor a column of times, the column
+    ``time_s`` receives the role. In all other cases, a column ``time_s`` holds the time at which
+    each test started. ``headers`` are the headers of all columns.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
@@ -648,7 +648,7 @@ def _several_candidates(
 
 
 def _units_of_angles(headers: Sequence[str], units: Sequence[str], is_log: bool) -> list[str]:
-    """Return the unit of each column that may hold the angle of the bar, and "" for the others.
+    """Return the unit of each column; it is empty if the column cannot hold angles of the bar.
 
     A column such as ``Tilt [deg]`` cannot hold the angle of the bar. If ``is_log`` is true, no
     column can: the user has then stated a column of times, from which the angles are computed.
@@ -766,8 +766,8 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
             candidates.append(column)
     other_columns = [column for column in candidates if headers[column] not in PER_TEST]
     if role == "reading" and len(other_columns) > 1:
-        # If there is also a column of deviations, a column "Radius" or "Diameter" holds the nominal
-        # size of the circle.
+        # If there is also a column of deviations, a column "Radius" or "Diameter" does not hold
+        # readings, but the nominal size of the circle.
         deviations = [column for column in other_columns if not _names_circle(headers[column])]
         other_columns = deviations or other_columns
     return other_columns or candidates

@@ -37,7 +37,7 @@ _SENSITIVITY = re.compile(
     r"(?<![\d.,])1\s*(?P<volt>m?V)\s*(?:=|≙|:)\s*(?P<size>\d[\d.,]*\s*[^\W\d_]+)"
     r"|(?P<share>\d[\d.,]*\s*[^\W\d_]+)\s*/\s*(?P<per>m?V)(?![^\W_])"
 )
-# Units of angles that are gon in some languages and degrees in others.
+# Abbreviations that mean gon in some languages and degrees in others.
 _GRADS = ("gr", "grad", "g")
 # Units of mass. If a file states a force in one of these units, the error message advises kgf.
 _KILOGRAMS = ("kg", "kgs", "kilogram", "kilograms", "kilogramm")
@@ -178,9 +178,10 @@ def _size_of_known_unit(
 
 
 def _hint_on_unit(role: str, unit: str) -> str:
-    """Return the end of the advice for a unit that is unknown for the role of its column.
+    """Return words to be added to the advice on a unit that is unknown for its column.
 
-    The advice begins with the option that states the unit, such as --angle-unit.
+    ``role`` is the role of the column, such as angle. The advice itself names the option that
+    states the unit, such as --angle-unit. The result is empty if there is nothing to add.
     """
     if role == "reading" and SHARE.search(unit):
         return (
@@ -246,13 +247,13 @@ def _header_source(recording: Recording, role: str) -> str:
 
 
 def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
-    """Return the units that each source in the file states for a column, given its role.
+    """Return the units that a file states for the column with a role, one entry for each source.
 
     A role is what the column holds, such as angle or reading. Some instruments give readings in
     counts (digital steps), and a line above the table may state the size of one count. If the
     readings are in counts or have no stated unit, this size is returned as their unit. The unit of
     angles in counts is the size of one count of the encoder. The unit of times that are numbers of
-    samples is the time between samples. Times of day have the unit s.
+    samples is the time between samples. The unit of times of day is s.
     """
     evidence = []
     for row_units in recording.row_units.get(role, ()):
@@ -273,10 +274,10 @@ def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
 def _evidence_of_header(
     recording: Recording, role: str, evidence: Sequence[_UnitEvidence]
 ) -> list[_UnitEvidence]:
-    """Return a list with the unit that a header, or the row of units below it, states.
+    """Return a list with the unit that the header of a column states; empty if it states none.
 
-    The list is empty if they state none. ``evidence`` holds units that are stated separately for
-    each row, as in a column of units.
+    The unit may also be stated in the row of units below the header. ``evidence`` holds the units
+    that cells of the table state, as in a column of units.
     """
     heading = recording.heading
     column = heading.roles[role]

@@ -51,8 +51,8 @@ def is_document(raw: bytes) -> bool:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             names = archive.namelist()
     except zipfile.BadZipFile:
-        # a file that begins like a zip archive, but is not one, is a damaged workbook; a later
-        # check raises an error for it
+        # this file begins like a zip archive, but is not one: it is a damaged workbook, for which a
+        # later check raises an error
         return False
     if any(name in names for name in _PARTS_OF_DOCUMENTS):
         return True
@@ -94,14 +94,15 @@ def without_table(sheet: Sheet, error: InputError) -> InputError:
 
 
 def or_left_out(error: InputError, path: Path) -> InputError:
-    """Return an error about one of several files, with the added advice to leave this file out."""
+    """Return an error about one of several files, to which the advice to leave it out is added."""
     return InputError(f"{error} If it holds no circle, leave this file out: {path.name}.")
 
 
 def without_columns(sheet: Sheet, heading: Heading) -> InputError:
-    """Return the `InputError` for a table that lacks angles or readings, which other files have.
+    """Return the `InputError` for a table that lacks a column of angles or a column of readings.
 
-    Such a table may hold, for example, pressures and forces, or temperatures.
+    The other files have such columns. The table may hold, for example, pressures and forces, or
+    temperatures.
     """
     headers = ", ".join(repr(header[:LONGEST_NAME]) for header in heading.headers if header)
     return InputError(

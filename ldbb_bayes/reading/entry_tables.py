@@ -67,7 +67,7 @@ def statement_of(key: str, value: str) -> str:
 
 
 def _with_different_names(sheets: Sequence[Sheet]) -> list[Sheet]:
-    """Return the sheets with a different name for each sheet.
+    """Return the sheets, renamed if necessary so that no two have the same name.
 
     If two sheets have the same name, a number is added to the names of all sheets.
     """

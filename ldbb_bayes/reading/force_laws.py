@@ -43,7 +43,7 @@ _NAMED_TERM = re.compile(
     rf"|=\s?A\s?[*·×⋅x]\s?p)\b.*?{_NUMBER}",
     re.IGNORECASE,
 )
-# Regular expressions for a force law, or for a constant of a force law.
+# Regular expressions for statements of a force law, or of a single constant of a force law.
 _LAWS = (_FORCE_PER_PRESSURE, _TIMES_PRESSURE, _FORCE_OF_ONE, _NAMED_TERM)
 # An error message shows at most this number of characters of a line.
 _LINE_SHOWN = 80
@@ -58,7 +58,7 @@ def states_force_law(text: str) -> bool:
 def check_force_law(place: str, lines: Iterable[tuple[int | str, str]]) -> None:
     """Raise an `InputError` for a line that states the force as a function of the pressure.
 
-    This force law is not read from the line; the user must state it as options.
+    Such a line is not used. The user must state the force law with command-line options.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def format_of(sheet: Sheet) -> str:
 
 
 def _format_of_lists(sheet: Sheet, texts: Sequence[str]) -> str:
-    """Return a description of a text that holds lists of numbers; empty for any other text.
+    """Return words that describe a text with lists of numbers; empty for any other text.
 
     ``texts`` are the lines of the file.
     """

@@ -61,13 +61,14 @@ class Heading:
     lines_above: list[tuple[int | str, str]]
     #: indices (from 0) of the columns of readings; each column holds the readings of one test
     readings: list[int]
-    #: units with a factor, such as 0.1 um, in the row of units below the header of a table; the
-    #: keys are the column indices
+    #: dict with those units in the row of units below the header that have a factor, such as 0.1
+    #: um; the keys are the column indices
     scaled_units: Mapping[int, str] = field(default_factory=dict)
     unit_line: int = 0  #: line number of the row of units below the header; 0 if there is none
     #: indices (from 0) of the columns with a unit in the row of units below the header of a table
     columns_with_unit_below: frozenset[int] = frozenset()
-    label: str = ""  #: name of the test, if the sheet has one column of readings for each test
+    #: name of the test; empty if the sheet does not have one column of readings for each test
+    label: str = ""
     #: indices (from 0) of the columns whose cells are units, such as a column "unit" beside the
     #: column of readings
     unit_columns: frozenset[int] = frozenset()
@@ -108,8 +109,8 @@ class _HeaderRows(NamedTuple):
     end: int  # index of the table's first row of numbers among the rows of the sheet
     headers: list[str]  # name of each column of the table, as the file writes it
     units: list[str]  # unit of each column of the table; empty if none is stated
-    # units with a factor, such as 0.1 um, in the row of units below the header; the keys are the
-    # column indices
+    # dict with those units in the row of units below the header that have a factor, such as 0.1 um;
+    # the keys are the column indices
     scaled_units: Mapping[int, str]
     unit_line: int  # line number of the row of units below the header; 0 if there is none
     # indices of the columns with a unit in the row of units below the header
@@ -300,7 +301,7 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
         if column < len(units_below) and units_below[column]:
             below = units_below[column]
             if unit and _is_scaled(below):
-                # The header and the row of units state a unit each. Both are stored in one text,
+                # Both the header and the row of units state a unit. The two are joined to one text,
                 # which is no known unit; later code raises an error if the column is used.
                 unit = f"{unit} and {below}"
             else:
@@ -516,10 +517,10 @@ def _join_units(words: Sequence[str]) -> list[str]:
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add the assumptions about the format of a sheet and the roles of its columns to the log.
+    """Add to the log what was assumed about the format of a sheet and the roles of its columns.
 
-    A role is what a column holds, such as angle. Formats and roles that the layout states are not
-    added. ``heading`` holds the header and the columns of the table.
+    A role is what a column holds, such as angle. What the layout states is not added. ``heading``
+    holds the header and the columns of the table.
     """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
@@ -537,10 +538,10 @@ def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log which column was assumed for each unstated role, such as angle.
+    """Add to the log which column was assumed for each role that the user has not stated.
 
-    The log also stores these columns, so that it can add them to the user's layout (see
-    `AssumptionLog.keep`).
+    A role is what a column holds, such as angle. The log also stores these columns for the layout
+    with which the files can be read again (see `AssumptionLog.keep`).
     """
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():

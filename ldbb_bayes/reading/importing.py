@@ -68,7 +68,7 @@ _LIST_SHOWN = 200
 
 
 def _campaign_in_json(campaign: Campaign) -> dict[str, Any]:
-    """Return the name, the number of tests and the number of readings of a campaign, for JSON."""
+    """Return a dict for JSON with a campaign's name, number of tests and number of readings."""
     return {
         "name": campaign.name,
         "tests": len(campaign.tests),
@@ -204,8 +204,8 @@ def _fields_without_doubt(
     """Return the fields whose values are known even if a line about them is not understood.
 
     These are the force or the pressure if all tests state it, and the direction of travel if the
-    user states it for all tests. If a line about such a field is not understood, it gets no
-    separate note, but is listed with the texts that are not used.
+    user states it for all tests. There is no separate note on a line about such a field that is not
+    understood. Instead, the line is listed with the texts that are not used.
     """
     fields = [key for key in LOAD_ROLES if all(getattr(test, key) is not None for test in tests)]
     if all(recording.stated_value("direction") is not None for recording in recordings):
@@ -239,10 +239,10 @@ def _not_understood_of(recording: Recording) -> dict[str, str | CitedLine]:
 def _select_tables(
     paths: Sequence[Path], matched: set[Path], layout: Layout, log: AssumptionLog
 ) -> SheetSelection:
-    """Return the sheets of all files: the sheets with a table of readings, and the other sheets.
+    """Return the sheets of all files, sorted into sheets with a table of readings and other sheets.
 
-    ``matched`` are the files that were found by a pattern with ``*`` or ``?``. These files need not
-    have a table.
+    ``matched`` are the paths of the files that were found by a pattern with ``*`` or ``?``. These
+    files need not have a table.
     """
     sheets = []
     for path in paths:
@@ -328,7 +328,7 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 
 
 def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
-    """Set the fields of a test, such as force, radius and direction, from all sources.
+    """Set the fields of a test, such as force, radius and direction, from the layout and the file.
 
     ``loads`` holds the force or pressure of this test, taken from the lists in the layout. If
     ``loads`` is not empty, it replaces the force and pressure that an entry [[test]] of the layout
@@ -484,7 +484,7 @@ def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
 
 
 def _campaign_name(paths: Sequence[Path]) -> str:
-    """Return a name for the campaign: that of the only file, or of the folder with the files."""
+    """Return a name for the campaign: the name of its only file, or that of the files' folder."""
     if len(paths) == 1:
         return paths[0].stem
     return paths[0].resolve().parent.name or "campaign"

@@ -96,11 +96,11 @@ def _hold_units(cells: Sequence[str]) -> bool:
 
 
 def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
-    """Return whether texts may be names for a table's index, rather than units below names.
+    """Return whether texts may be the names of a table's index, and not units below names.
 
     The index consists of the first column or columns of the table, such as the angles. ``above``
-    are the cells above the texts. If these cells are not empty, one of the texts must name angles
-    or times.
+    are the cells above the texts. If one of these cells is not empty, one of the texts must name
+    angles or times.
     """
     if any(unit_named(name) for name in names):
         return False
@@ -124,10 +124,11 @@ def _is_level(row: Row, n_index: int, width: int) -> bool:
 
 
 def _names_of_level(row: Row, n_index: int, width: int) -> list[str]:
-    """Return the name of each column in one row of a header that consists of several rows.
+    """Return the name of each column from one row of a header that consists of several rows.
 
-    An empty cell gets the name to its left. The first ``n_index`` columns, such as the column of
-    angles, get empty names. ``width`` is the number of all columns.
+    If the cell of a column is empty, the name to its left also applies to this column. The names of
+    the first ``n_index`` columns, such as the column of angles, are empty. ``width`` is the number
+    of all columns.
     """
     filled = [""] * n_index
     for cell in [*row.cells, *[""] * width][n_index:width]:
@@ -138,12 +139,12 @@ def _names_of_level(row: Row, n_index: int, width: int) -> list[str]:
 def _without_directions(
     sheet: Sheet, header: int, levels: Sequence[Sequence[str]], n_index: int
 ) -> Sheet:
-    """Return a sheet without columns of directions; the directions are added to headers.
+    """Return a sheet without columns of directions; the directions are added to headers instead.
 
-    If all cells of a column hold the same direction, the column is removed. The direction is added
-    to the headers of all columns in the same group as the removed column. Columns are in the same
-    group if they have the same names in all levels except the lowest. A level is one of the rows
-    that were joined into the header.
+    If all cells of a column hold the same direction, the column is removed. The direction is then
+    added to the headers of the other columns in the same group. Before the header was joined into
+    one row, it had several rows of names, called levels. Columns are in the same group if they have
+    the same names in all levels except the lowest.
 
     Parameters
     ----------

@@ -23,8 +23,8 @@ _BEGINNING = re.compile(r'\{"|\[\{"|\[\[[-"\d]')
 _MARKS = '{["]},'
 # Keys of JSON, in small letters, whose value is the name of a table, as in "label": "run 1".
 _KEYS_OF_NAME = ("name", "label", "test", "id", "title")
-# Keys of JSON, in small letters, whose value is the list of numbers of a column. Such a key stands
-# beside keys with further properties of the column, such as its unit.
+# Keys of JSON, in small letters, under which a dict holds the list of the numbers of a column.
+# Other keys of the same dict hold further properties of the column, such as its unit.
 _KEYS_OF_NUMBERS = ("values", "data", "value", "samples")
 # Keys of JSON, in small letters, whose value is the unit of the numbers under a neighbouring key.
 _KEYS_OF_UNIT = ("unit", "units", "einheit")
@@ -119,7 +119,7 @@ def _with_different_keys(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _tables_in(content: Any, name: str) -> Iterator[EntryTable]:
-    """Yield the tables in a part of a JSON file, each with the statements of this part.
+    """Yield the tables in a part of a JSON file, each with the statements that apply to it.
 
     ``content`` is the part: a dict, a list of records, a list of rows, or a list of further parts.
     Anything else holds no table. ``name`` is the name of the part.
@@ -195,9 +195,9 @@ def _name_in(content: Mapping[str, Any]) -> str:
 def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return a dict with the columns of numbers in an object of a JSON file.
 
-    The keys are those of the object, and each value is a column as a list of cells. If the columns
-    differ in length, only those with the most frequent length are returned. ``content`` is the
-    object as a dict.
+    The keys are keys of the object. Each value is a column, as the list of its cells. If the
+    columns differ in length, only those with the most frequent length are returned. ``content`` is
+    the object as a dict.
     """
     columns = {}
     for key, value in content.items():
@@ -210,10 +210,11 @@ def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
 
 
 def _column_of_numbers(value: Any) -> list[str]:
-    """Return the numbers of a column in a JSON file as texts; empty if ``value`` is no column.
+    """Return the numbers of a column in a JSON file as texts.
 
     A column is written in one of three ways: as a list, as a dict whose keys are the numbers of the
-    rows, or as a dict that holds a list and further properties such as the unit.
+    rows, or as a dict that holds a list and further properties such as the unit. The result is
+    empty if ``value`` is none of these.
     """
     if isinstance(value, dict):
         return _column_of_numbers(_cells_of_dict(value))
@@ -225,10 +226,11 @@ def _column_of_numbers(value: Any) -> list[str]:
 
 
 def _cells_of_dict(content: Mapping[str, Any]) -> list[Any]:
-    """Return the cells of a column that JSON writes as a dict, as in ``{"data": [1.2, 1.4]}``.
+    """Return the cells of a column that JSON writes as a dict.
 
-    The keys of the dict may also be the numbers of the rows. The result is an empty list for any
-    other dict.
+    The dict may hold a list under a key such as "data", as in ``{"data": [1.2, 1.4]}``, or it may
+    hold the cells under the numbers of their rows, as in ``{"0": 1.2, "1": 1.4}``. The result is an
+    empty list for any other dict.
     """
     if content and all(key.isdigit() for key in content):
         return list(content.values())
@@ -254,11 +256,11 @@ def _unit_beside(value: Mapping[str, Any]) -> str:
 
 
 def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -> list[str]:
-    """Return the properties of columns in a JSON file, other than units, as lines of text.
+    """Return lines of text that state properties of the columns in a JSON file, other than units.
 
-    An example is ``radius: 150 mm``. The file stores a column as a dict with a list of numbers and
-    the properties of the column. ``content`` is the dict that holds all columns, and the keys of
-    ``columns`` are the keys of the columns in it.
+    An example is ``radius: 150 mm``. The file stores such a column as a dict that holds a list of
+    numbers and the properties of the column. ``content`` is the dict that holds all columns, and
+    the keys of ``columns`` are the keys of the columns in it.
     """
     statements = []
     for key in columns:
@@ -272,10 +274,10 @@ def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -
 
 
 def _key_of_header(content: Mapping[str, Any], width: int) -> str:
-    """Return the key, such as "columns", under which a list holds the names of a table's columns.
+    """Return the key of the list that holds the names of a table's columns, such as "columns".
 
     ``content`` is the dict that contains the table, and ``width`` is the number of columns. The
-    result is empty if there is no such list.
+    result is empty if the dict has no such list.
     """
     for key, value in content.items():
         is_list = key.casefold() in _KEYS_OF_HEADER and isinstance(value, list)
@@ -298,7 +300,10 @@ def _are_records(content: Sequence[Any]) -> bool:
 
 
 def _are_rows(content: Sequence[Any]) -> bool:
-    """Return whether a list consists of rows: lists of equal length with at least two numbers."""
+    """Return whether a list consists of the rows of a table, which are lists of equal length.
+
+    The first row must hold at least two numbers.
+    """
     if len(content) < _FEWEST_ROWS or not all(isinstance(row, list) for row in content):
         return False
     widths = {len(row) for row in content}

@@ -85,8 +85,8 @@ def _time_of_row(number: int, labels: dict[str, list[str]]) -> str:
 def _names_with_units(names: Sequence[str], labels: dict[str, list[str]]) -> list[str]:
     """Return the names of the columns of a LabVIEW file, each followed by its unit in brackets.
 
-    ``labels`` holds the cells of each line in the header, among them the units of the columns; the
-    keys are the labels of the lines.
+    The keys of ``labels`` are the labels of the lines in the header, and the values are the cells
+    of these lines. One of the lines states the units of the columns.
     """
     dimensions = labels.get("X_Dimension", [""])
     units = labels.get("Y_Unit_Label", [])

@@ -25,11 +25,11 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 
-# Characters that separate cells; the keys are the names that options and layouts may use for these
-# characters.
+# Characters that may separate cells. The keys are the names of these characters in options and
+# layouts.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-# The keys are the fields of the layout that list the forces or pressures of all tests. The values
-# are the corresponding fields of a single test.
+# Two fields of the layout list the forces and the pressures of all tests. They are the keys of this
+# dict; the values are the corresponding fields of a single test.
 _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 
@@ -46,9 +46,9 @@ class TestLayout(TestFields):
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:
-        """Return a dict with the fields that the user has given for the test, including ``file``.
+        """Return a dict with the fields that the user has stated for the test.
 
-        The keys are the names of the fields.
+        The keys are the names of the fields; one of them is ``file``.
         """
         return {key: value for key, value in vars(self).items() if value is not None}
 
@@ -93,8 +93,8 @@ def _separator_sign(separator: str) -> str:
     return _SEPARATORS[separator]
 
 
-# Type of a field that names a column of the table, by its header or by its number, counted from 1.
-# For readings, the field may be a list of several columns.
+# Type of the header or the number (counted from 1) by which a layout names the column for a role.
+# For readings, it may also be a list of headers or numbers.
 _Column = str | int | list[str | int]
 
 
@@ -120,7 +120,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     3
     """
 
-    schema_: Literal[1] = Field(default=1, alias="schema")  #: version of the layout's format, 1
+    #: version of the format in which a layout is written; it is always 1
+    schema_: Literal[1] = Field(default=1, alias="schema")
     #: encoding of text files, given by the name that Python uses, such as utf-8 or cp1252
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
     #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
@@ -131,9 +132,9 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     header_line: int | None = Field(default=None, ge=0)
     #: names of the sheets to read from workbooks; empty for all sheets with a table of readings
     sheets: list[str] = Field(default_factory=list)
-    #: columns of the table; the key is the role of a column, such as angle, and the value is its
-    #: header or its number from 1; if several columns of readings are listed, each is a separate
-    #: test
+    #: dict with the columns of the table. The key is the role of a column, such as angle; the value
+    #: is the column's header or its number, counted from 1. If several columns of readings are
+    #: listed, each is a separate test
     columns: dict[str, _Column] = Field(default_factory=dict)
     #: forces of all tests, in the order of files, sheets and rows; they replace the forces in the
     #: tables [[test]] of the layout
@@ -141,8 +142,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: pressures of all tests, in the order of files, sheets and rows; they replace the pressures in
     #: the tables [[test]] of the layout
     pressures_bar: list[Number] = Field(default_factory=list)
-    #: unit of the readings, such as um or mm; if the readings are counts (digital steps) of an
-    #: instrument, the size of one count, such as 0.1 um
+    #: unit of the readings, such as um or mm. If the readings are counts (digital steps) of an
+    #: instrument, this is the size of one count, such as 0.1 um
     reading_unit: str | None = None
     angle_unit: str | None = None  #: unit of the angles in the files, such as deg or rad
     time_unit: str | None = None  #: unit of the times in the files, such as s or ms
@@ -229,13 +230,13 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
 
         The keys of ``options`` are names of fields; an option with the value None changes nothing.
         Each entry [[test]] of the layout states fields of one test. A field that an option states
-        for all tests, such as the direction, is removed from these entries. An option that lists
-        forces or pressures replaces all forces and pressures that the layout and its entries
-        [[test]] state.
+        for all tests, such as the direction, is removed from these entries. If an option lists
+        forces or pressures, no other force or pressure of the layout or of its entries [[test]] is
+        used.
 
-        ``flags`` holds the flags of options, such as ``--unit`` for the field ``reading_unit``; the
-        keys are the names of the fields. An error message names a field by its flag, or by its name
-        if no flags are given.
+        ``flags`` is a dict with the flags of options, such as ``--unit`` for the field
+        ``reading_unit``; the keys are the names of the fields. An error message names a field by
+        its flag, or by its name if no flags are given.
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()

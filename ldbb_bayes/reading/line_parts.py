@@ -18,8 +18,9 @@ _ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
 # Regular expression for the marks or wide spaces between the segments of a line. Marks before a
 # number are not matched, because the number may be the value of the words before it.
 _SEGMENT_MARK = re.compile(rf"(?:{_ANY_MARK.pattern}|\s{{2,}})+(?!\W*\d)")
-# Regular expressions for a dash or slash, a colon, a bracket and words such as "and", which may
-# stand between two statements of a line. Each of them often stands within a statement, too.
+# Each of the next four regular expressions is for a mark that may divide two statements of a line:
+# a dash or slash, a colon, a bracket, or a word such as "and". These marks often stand within a
+# statement, too.
 _DASH_OR_SLASH = r"\s[-–—/]\s"
 _COLON = r":(?=\s)"
 _BRACKET = r"[()\[\]]"

@@ -56,16 +56,16 @@ Lines = Sequence[tuple[int | str, str]]
 class LineStatement:
     """Value that a line above a table states for a field of a test or campaign."""
 
-    #: value that the line states for a field of a test or campaign, in the unit with which the
-    #: field's name ends (mm for ``radius_mm``); NaN for a number that can be read in two ways, such
-    #: as 1,000
+    #: value that the line states for a field of a test or campaign. The end of the field's name
+    #: shows the unit of the value: ``radius_mm`` is in mm. The value is NaN if its number can be
+    #: read in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the stated value as the line writes it; empty if the line states none
-    #: number, in its file, of the line that states a value for a test; if the line is in another
-    #: sheet than the test, a text with the number of the line and the name of the sheet
+    #: number of the line in its file. If the line is in another sheet than the test, it is a text
+    #: with the number of the line and the name of the sheet, as in "3 of notes.txt"
     line: int | str
-    #: reason why the stated value is NaN; empty if a comma or point in the number may separate
-    #: thousands, as in 1,000
+    #: reason why the stated value is NaN; empty if the value is a number. The reason is also left
+    #: empty if a comma or point in the number may separate thousands, as in 1,000
     doubt: str = ""
 
 
@@ -77,8 +77,9 @@ class _Quantity(NamedTuple):
     #: unit of the quantity that is assumed if a line states only a number; empty if the line must
     #: state a unit
     usual_unit: str
-    #: permitted units of the quantity, each with its size in the unit in which the value is stored:
-    #: a radius may be stated in mm, with the size 1, or in cm, with the size 10
+    #: dict of the permitted units of the quantity. The values are the sizes of the units, expressed
+    #: in the unit in which the quantity is stored: for a radius, which is stored in mm, the size of
+    #: cm is 10
     units: Mapping[str, float]
     is_of_bar: bool  #: whether the quantity is the length of a bar, which may have an extension
 
@@ -103,13 +104,13 @@ def _quantities() -> dict[str, _Quantity]:
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
-        # Instead of a list of units, ``words.toml`` may state the name of a role, such as force,
-        # which stands for all units of force
+        # In ``words.toml``, the name of a role, such as force, may take the place of a list of
+        # units. It stands for all units of force.
         if isinstance(units, str):
             units = UNITS[units]
-        # The table of units states the sizes of units of length in µm. The entry ``one`` of a
-        # quantity in ``words.toml`` is the factor that converts µm to the unit in which the
-        # quantity is stored, such as mm; for a diameter it also contains the factor 1/2.
+        # The table of units states the sizes of units of length in µm. If a quantity is stored in
+        # another unit, such as mm, its entry in ``words.toml`` has a key ``one``: the factor that
+        # converts µm to this unit. For a diameter, the factor includes 1/2.
         factor = entry.get("one", 1.0)
         sizes = {unit: factor * size for unit, size in units.items()}
         quantities[key] = _Quantity(
@@ -143,8 +144,8 @@ _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]
 # for one of these words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# Regular expressions for statements in words, such as "plane XY" or a date; the keys are the fields
-# that are stated.
+# Regular expressions for statements in words, such as "plane XY" or a date. The keys are the fields
+# that these statements state.
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _NAME_AFTER % words for key, words in _NAME_WORDS.items()}
 # Regular expression for a cell that holds a label, such as "Operator" or "Date", without its value.
@@ -230,10 +231,11 @@ _SUBJECTS = {
 
 
 def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return a dict with all statements in lines of text: a list of statements for each field.
+    """Return a dict with all statements that lines of text make about fields of a test or campaign.
 
-    The keys are fields of a test or campaign. Numbers with an unknown unit are ignored. Quantities
-    that are not fields, such as a maximum or an ambient value, are ignored, too.
+    The keys are the fields, and each value is the list of the statements about this field. Numbers
+    with an unknown unit are ignored. Quantities that are not fields, such as a maximum or an
+    ambient value, are ignored, too.
     """
     statements: dict[str, list[LineStatement]] = {}
     is_extended = any(names_extension(text[:LONGEST_TEXT]) for _, text in lines)
@@ -261,10 +263,11 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _numbers_stated(
     text: str, line: int | str, is_extended: bool
 ) -> Iterator[tuple[str, LineStatement]]:
-    """Yield each field, such as ``radius_mm``, together with the number that a line states for it.
+    """Yield the name of each field for which a line states a number, and the statement.
 
-    A line that gives the force as a function of the pressure states neither force nor pressure.
-    ``line`` is the number of the line. ``is_extended`` says whether the bar has an extension.
+    An example of a field is ``radius_mm``. A line that gives the force as a function of the
+    pressure states neither force nor pressure. ``line`` is the number of the line. ``is_extended``
+    says whether the bar has an extension.
     """
     is_law = states_force_law(text)
     for quantity in _QUANTITIES.values():
@@ -391,11 +394,11 @@ def _lists_numbers(match: re.Match[str], units: Mapping[str, float]) -> bool:
 def _length_with_extension(
     quantity: _Quantity, match: re.Match[str], line: int | str, is_extended: bool
 ) -> LineStatement | None:
-    """Return the length of a bar plus the length of its extension [mm].
+    """Return a statement of the length of a bar plus the length of its extension [mm].
 
-    The length is stated in a line above a table. The result is NaN if the lines name an extension,
-    but do not show whether the stated length includes this extension. Return None if the line
-    states a quantity other than the radius, or if the bar has no extension.
+    The length is stated in a line above a table. The value of the statement is NaN if the lines
+    name an extension, but do not show whether the stated length includes this extension. Return
+    None if the line states a quantity other than the radius, or if the bar has no extension.
 
     Parameters
     ----------
@@ -424,7 +427,7 @@ def _is_in_title(match: re.Match[str]) -> bool:
     """Return whether a load without a unit is part of a title: ``Circular test under load 2``.
 
     The load is part of a title in two cases: there is no separator, such as a colon, between the
-    name of the load and the number, or a word such as "under" precedes the name.
+    name of the load and the number, or a word such as "under" stands before the name.
     """
     if _UNDER.search(match.string[: match.start()]):
         return True
@@ -486,8 +489,8 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
 def _value_in_words(key: str, value: str, matched: str) -> str:
     """Return the value that the words of a line state for a field; empty if they state no value.
 
-    ``key`` is the name of the field, ``value`` the words that may be its value, and ``matched`` the
-    whole statement, with the label in front of the value.
+    ``key`` is the name of the field, and ``value`` the words that may be its value. ``matched`` is
+    the whole statement: these words with the label in front of them.
     """
     if key == "plane":
         return plane_named(re.sub("[-/]", "", value))
@@ -502,11 +505,11 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 
 
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
-    """Return whether the words after a label are another label or a header, and not a value.
+    """Return whether the text after a label is not its value, but another label or a header.
 
     In ``Operator;Date``, for example, both words are labels. ``key`` is the field that the first
-    label names, ``value`` is the text after this label, and ``matched`` is the label with this
-    text.
+    label names, and ``value`` is the text after this label. ``matched`` is the whole passage: the
+    label and the text after it.
     """
     if key == "ball_bar" and _PRODUCT.fullmatch(value):
         return False
@@ -551,10 +554,7 @@ def unknown_length(lines: Lines) -> CitedLine | None:
 
 
 def _possible_radius(text: str) -> str:
-    """Return those words of a line that may state the radius of a circle.
-
-    The result is an empty string if no words of the line may state a radius.
-    """
+    """Return the words of a line that may state the radius of a circle; empty if no words do."""
     if OTHER_QUANTITY.search(_BALL_BAR.sub("bar", text)):
         return ""
     smallest_um, largest_um = _RADII_UM

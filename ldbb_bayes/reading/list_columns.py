@@ -22,16 +22,16 @@ _LOADS = ("force", "pressure")
 
 
 def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Return the cells of a row in a list of tests, with simple headers for forces and pressures.
+    """Return the cells of a row, with simple headers for forces and pressures.
 
-    For example, the header ``F cal. [kN]`` is replaced by ``force [kN]``, which later code can
-    read. Other headers are not changed.
+    The row belongs to a list of tests. For example, the header ``F cal. [kN]`` is replaced by
+    ``force [kN]``, which later code can read. Other headers are not changed.
 
     Parameters
     ----------
     cells
-        Cells of the row. For each cell, the first text is its place. The second text is its header
-        and its content, as in "Setup: 2".
+        Cells of the row, as pairs of texts. The first text of a pair is the place of the cell. The
+        second text consists of its header and its content, as in "Setup: 2".
     """
     named = []
     for place, text in cells:
@@ -46,13 +46,15 @@ def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> list[str]:
-    """Return the headers of those columns of a list of tests from which nothing is read for a test.
+    """Return the headers of the columns from which nothing is read for a test.
+
+    The columns belong to a list of tests, in which each row is about one test.
 
     Parameters
     ----------
     cells
-        Cells in the row of the test. For each cell, the first text is its place. The second text is
-        its header and its content, as in "Setup: 2".
+        Cells in the row of the test, as pairs of texts. The first text of a pair is the place of
+        the cell. The second text consists of its header and its content, as in "Setup: 2".
     names
         Names of the test. A cell that holds one of these names is used, so its header is not
         returned.

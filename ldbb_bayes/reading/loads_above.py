@@ -1,6 +1,7 @@
-"""Loads in a line above the header, such as ``Force [N],100,300,600`` above three columns.
+"""Reading of loads from a line above the header of a table.
 
-Names, planes and directions for the columns may stand in further lines next to the line of loads.
+An example is the line ``Force [N],100,300,600``, which states the loads of three columns. Names,
+planes and directions for the columns may stand in further lines next to the line of loads.
 """
 
 from __future__ import annotations

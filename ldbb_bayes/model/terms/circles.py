@@ -56,19 +56,20 @@ class SetupShift(Term):
     ['delta_0', 'delta_1']
     """
 
-    #: what shifts at random between circles: the readings' zero and the circle's centre with a
-    #: common sd (``together``), both with separate sds (``apart``), only the zero (``zero``), or
-    #: only the centre (``centre``)
+    #: what shifts at random from one circle to the next: the readings' zero and the circle's centre
+    #: with one sd for both (``together``) or with separate sds (``apart``), only the zero
+    #: (``zero``), or only the centre (``centre``)
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Sds of the random shifts of the readings' zero and the circle's centre between circles.
+        """Hyper-parameters that are the sds of the random shifts from one circle to the next.
 
-        If the field ``moves`` is ``apart``, there are two hyper-parameters: δ_0 for the readings'
-        zero, and δ_1 for the circle's centre. Otherwise there is only δ.
+        The zero of the readings and the centre of the circle shift. If the field ``moves`` is
+        ``apart``, there are two hyper-parameters: δ_0 for the zero, and δ_1 for the centre.
+        Otherwise there is only δ.
         """
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)

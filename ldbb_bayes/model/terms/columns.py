@@ -25,9 +25,9 @@ Hyper = str
 # not of interest) to which each coefficient belongs. For the parameters of interest, which belong
 # to no nuisance term, the lists state this word.
 OWN = "Parameters"
-# Lists of the sources of noise state the class name of the nuisance term (an effect modelled but
-# not of interest) that causes each noise. For the white noise of the readings, which belongs to no
-# nuisance term, the lists state this word.
+# Name of the white noise of the readings in lists of the sources of noise. All other sources in
+# these lists are nuisance terms (effects modelled but not of interest), which are listed by the
+# names of their classes.
 NOISE = "ReadingNoise"
 # Order of the harmonics to which the scale τ of the balls' form errors and the scale ω of the
 # machine's errors of higher orders apply. For harmonics of another order n, the scales are
@@ -61,9 +61,9 @@ class Scale(NamedTuple):
     #: ``_um``
     name: Hyper
     #: number that defines the prior of a hyper-parameter, or the name of the field of `Prior` that
-    #: holds this number. For a half-normal prior, it is the scale of the prior [µm]; for the
-    #: exponent p (``law`` is ``decay``), it is the prior mean. It is not used if ``law`` is
-    #: ``circle``
+    #: holds this number. If ``law`` is ``half-normal``, it is the scale of the prior [µm]. If
+    #: ``law`` is ``decay``, it is the prior mean of the exponent p. If ``law`` is ``circle``, it is
+    #: not used
     prior_um: float | str
     symbol: str = ""  #: symbol of a hyper-parameter in reports, such as σ
     words: str = ""  #: description of a hyper-parameter in reports, such as white noise for σ
@@ -156,9 +156,9 @@ class Columns(Shown):
     #: whether each coefficient has a separate value in every test, instead of one value for all
     #: tests
     private: bool = False
-    #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
-    #: number for all; by default zero. It must be zero if coefficients have a separate value in
-    #: every test
+    #: prior mean of each of the p coefficients, shape (p,), or one number for all, in the internal
+    #: units of the coefficients (mm for lengths, N for forces, rad for angles). None stands for
+    #: zero. If coefficients have a separate value in every test, the mean must be None
     mean: Any = None
     #: name of the hyper-parameter d if the prior sd is proportional to (n/6)^(−d), where n is the
     #: order of the harmonic; None if the prior sd does not depend on the order
@@ -166,12 +166,13 @@ class Columns(Shown):
     #: order n of the harmonic cos nθ or sin nθ to which each of the p coefficients belongs, shape
     #: (p,); needed if ``decay`` is given
     orders: Array | None = None
-    #: fixed part of the prior sd of each of the p coefficients, in internal units (mm, N, rad),
-    #: shape (p,). It is added in quadrature to the part that depends on hyper-parameters
+    #: fixed part of the prior sd of each of the p coefficients, shape (p,), in the internal units
+    #: of the coefficients (mm for lengths, N for forces, rad for angles). It is added in quadrature
+    #: to the part that depends on hyper-parameters
     stated: Array | None = None
-    #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
-    #: shape (tests,); empty if circles have no noise factors. It must be empty if the coefficients
-    #: have the same values in all tests (``private`` is false)
+    #: for each test, the name of the hyper-parameter λ (noise factor) that multiplies the noise of
+    #: its circle, shape (tests,); empty if circles have no noise factors. It must be empty if the
+    #: coefficients have the same values in all tests (``private`` is false)
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
@@ -217,11 +218,11 @@ class Columns(Shown):
         )
 
     def sources_of(self, test: int) -> tuple[Source, ...]:
-        """Return the products of hyper-parameters that multiply the prior sds of coefficients.
+        """Return the product of hyper-parameters that multiplies the prior sd of each coefficient.
 
-        There is one product for each of the p coefficients of a nuisance term (an effect modelled
-        but not of interest). ``test`` is the index of a test. If its circle has a noise factor λ,
-        the products include this factor.
+        The result holds one product for each of the p coefficients of a nuisance term (an effect
+        modelled but not of interest). ``test`` is the index of a test. If its circle has a noise
+        factor λ, the products include this factor.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
@@ -285,11 +286,11 @@ class BasisNoise(Shown):
     #: name of the hyper-parameter by which the standard deviations ``sd`` of the noise are
     #: multiplied
     hyper: Hyper
-    #: sd of each of the 25 Fourier coefficients of the noise, divided by the hyper-parameter that
-    #: scales it, shape (25,)
+    #: sd of each of the 25 Fourier coefficients of the noise, shape (25,), before it is multiplied
+    #: by hyper-parameters
     sd: Array
-    #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
-    #: shape (tests,); empty if circles have no noise factors
+    #: for each test, the name of the hyper-parameter λ (noise factor) that multiplies the noise of
+    #: its circle, shape (tests,); empty if circles have no noise factors
     circle: Sequence[Hyper] | Array = ()
 
     @property
@@ -304,7 +305,7 @@ class BasisNoise(Shown):
         return tuple(Source(self.hyper, str(name) or None) for name in self.circle)
 
     def source(self, test: int) -> Source:
-        """Return the product of hyper-parameters by which the sd of a test's noise is multiplied.
+        """Return the product of hyper-parameters that multiplies the sd of the noise of a test.
 
         ``test`` is the index of the test, from 0. The product includes the noise factor λ of the
         test's circle.
@@ -323,9 +324,9 @@ class BasisNoise(Shown):
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """Return a random draw of the noise of all tests, as Fourier coefficients [mm].
 
-        The coefficients have the shape (tests, 25). ``rng`` is the random number generator. ``phi``
-        maps the names of the hyper-parameters to their values, lengths in mm; ``tests`` is the
-        number of tests.
+        The coefficients have the shape (tests, 25), where ``tests`` is the number of tests. ``rng``
+        is the random number generator. ``phi`` maps the names of the hyper-parameters to their
+        values, with lengths in mm.
         """
         sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
         return sd * rng.standard_normal((tests, SIZE))

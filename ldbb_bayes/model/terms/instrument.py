@@ -278,14 +278,17 @@ class ForceError(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of the force error, given the coefficient's name.
 
-        The random error is in N. Gain error and curvature are fractions of a force, which reports
-        display in %.
+        The random error is in N. Gain error and curvature are fractions of a force; reports display
+        them in %.
         """
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Describe a coefficient of the force error, such as "force gain" for force_gain."""
+        """Return words for a coefficient of the force error, given its name.
+
+        For example, force_gain is described as "force gain".
+        """
         return coefficient.replace("_", " ")
 
 
@@ -309,7 +312,7 @@ class Angle(Term):
     array([0.1, 0.1])
     """
 
-    #: prior sd [°] of the zero error of the angle, and also of the angle by which the recorded
+    #: prior sd [°] of two errors of the angle: its zero error, and the angle by which the recorded
     #: readings lag behind the motion; used if no certificate states an uncertainty
     sd_deg: float = 0.1
     unit = Unit("rad", np.pi / 180.0, "°")
@@ -320,8 +323,8 @@ class Angle(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the angle's zero error and of the lag of the readings.
 
-        ``setting`` describes the test conditions. A column holds the change of the reading, in
-        every test, per rad of zero error or of lag.
+        ``setting`` describes the test conditions. For every test, a column holds the change of the
+        reading per radian of zero error or of lag.
         """
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]
@@ -351,5 +354,8 @@ class Angle(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Describe a coefficient of the angle's errors, such as "angle lag" for angle_lag."""
+        """Return words for a coefficient of the angle's errors, given its name.
+
+        For example, angle_lag is described as "angle lag".
+        """
         return coefficient.replace("_", " ")

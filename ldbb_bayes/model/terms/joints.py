@@ -37,8 +37,8 @@ class _LawInWords(NamedTuple):
     load: str
 
 
-# Descriptions in words of the nonlinear deflections of an axis, in the order of their coefficients.
-# Each key is the last word of the coefficient's name.
+# Descriptions in words of the three nonlinear deflections of an axis. The name of a deflection's
+# coefficient ends with the key, as in joint_load_X_contact. The order is that of the coefficients.
 _LAWS = {
     "slope": _LawInWords("stiffening", "its own load"),
     "contact": _LawInWords("contact", "its own load"),
@@ -232,7 +232,7 @@ class Position(Term):
     remedy = "Run circles at several centres."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns for the change of each driven axis' compliance along its travel.
+        """Return the columns for the changes of compliance along the axes that the circles drive.
 
         ``setting`` describes the test conditions. A column holds the change of the reading per unit
         of one coefficient in every test.
