@@ -124,9 +124,9 @@ class _ConvexFunction(NamedTuple):
     #: normal variable. There are d ratios for each of w sets of constraints, shape (w, d). The
     #: derivatives are between 0 and 1.
     slope: Array
-    #: Largest relative magnitude of an element of ``gradient``, the gradient of a convex function,
-    #: for each of w sets of constraints, shape (w,). An element is a sum; its relative magnitude is
-    #: its absolute value divided by 1 plus the sum of the absolute values of the summands.
+    #: Largest relative magnitude of the elements of ``gradient``, for each of w sets of
+    #: constraints, shape (w,). Each element of the gradient is a sum. Its relative magnitude is its
+    #: absolute value divided by 1 plus the sum of the absolute values of the summands.
     error: Array
 
 

@@ -123,13 +123,13 @@ def _move_stack_last(
     right: Array,
     right_axes: int,
 ) -> tuple[Array, Array]:
-    """Return triangular systems of linear equations, with the matrix dimensions first.
+    """Return matrices and right-hand sides of triangular systems with their stack dimensions last.
 
-    The matrices and a copy of the right-hand sides are returned. ``lower`` holds matrices of q rows
-    and columns, shape (..., q, q); the result has the shape (q, q, ...). ``right`` holds the
-    right-hand sides. If ``right_axes`` is 1, they are vectors of shape (..., q) and are returned
-    with the shape (q, ...). If it is 2, they are matrices of k columns, shape (..., q, k), and are
-    returned with the shape (q, k, ...).
+    ``lower`` holds a stack of matrices of q rows and columns, shape (..., q, q); they are returned
+    with the shape (q, q, ...). ``right`` holds the right-hand sides, of which a copy is returned.
+    If ``right_axes`` is 1, they are vectors of shape (..., q) and are returned with the shape (q,
+    ...). If it is 2, they are matrices of k columns, shape (..., q, k), and are returned with the
+    shape (q, k, ...).
     """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
     # Make the triangular matrices contiguous in memory before they are broadcast, because copying

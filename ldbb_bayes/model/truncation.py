@@ -134,7 +134,10 @@ class Truncation:
 
 
 class _Block(NamedTuple):
-    """Parameters that are linked by constraints, directly or through other parameters."""
+    """Group of parameters, each of which is linked to the others by constraints.
+
+    Two parameters are linked if they occur in one constraint, or if both are linked to a third.
+    """
 
     columns: NDArray[np.intp]  # indices of the parameters in the block
     rows: NDArray[np.intp]  # indices of the constraints on the parameters in the block

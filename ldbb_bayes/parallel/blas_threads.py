@@ -1,4 +1,4 @@
-"""Limit of one thread per process for BLAS, the linear algebra library behind NumPy.
+"""Limitation of BLAS, the linear algebra library behind NumPy, to one thread per process.
 
 The matrices of this package are small. With several threads, more time would be lost by waiting
 than gained by sharing the work.

@@ -142,7 +142,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
 
 class _DaskExecutor(Executor):
-    """Executor with several threads, each of which sends one job at a time to Dask workers."""
+    """Executor with several threads; each thread sends one job at a time to the Dask workers."""
 
     def __init__(self, client: Any) -> None:
         """Create an executor for Dask workers; ``client`` is the connection to Dask's scheduler."""

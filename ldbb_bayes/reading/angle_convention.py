@@ -40,7 +40,7 @@ _ZERO = re.compile(
     r"(?![^\W_])",
     re.IGNORECASE,
 )
-# Regular expression for the name of an axis before the angle zero, as in "+Y = 0°".
+# Regular expression for the name of an axis that is followed by the angle zero, as in "+Y = 0°".
 _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
 # Regular expression for the name of an axis before a word for "from", as in "+Y軸から".
 _ZERO_BEFORE_FROM = re.compile(_WORDS["zero_before_from"], re.IGNORECASE)
@@ -76,8 +76,8 @@ _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # Regular expression for words which show that an axis in the same text is not the axis at which
 # angles begin.
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
-# Regular expression for an angle of zero, such as "0° =" or "zero at", after which an axis may
-# follow.
+# Regular expression for words that state the angle zero and may be followed by an axis, as in "0° =
+# +Y" or "zero at +Y".
 _ZERO_DEGREES = re.compile(
     r"(?<![\d.,])0 ?(?:°|deg\w*) ?(?:=|is|at|on|along|bei|:)|\bzero at\b", re.I
 )
@@ -157,8 +157,9 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
 def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> None:
     """Add a note on each line about angles or the start of the circle that is not understood.
 
-    ``zero`` is the axis at which angles begin, such as +Y, and ``sense`` is CW or CCW. An argument
-    is empty if nothing states its value. Nothing is noted if the user states the axis or the sense.
+    ``zero`` is the axis at which angles begin, such as +Y; it is empty if nothing states the axis.
+    ``sense`` is CW or CCW; it is empty if nothing states the sense. Nothing is noted if the user
+    states the axis or the sense.
     """
     if recording.layout.angle_zero or recording.layout.angle_sense:
         return
@@ -191,7 +192,7 @@ def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
 
 
 def _is_inseparable(text: str) -> bool:
-    """Return whether a single phrase states where angles begin, and is about another subject too.
+    """Return whether one phrase says where angles begin, but is also about another subject.
 
     An example is ``Angles from +Y with the travel clockwise``.
     """
@@ -216,10 +217,10 @@ def _convention_in_words(
 ) -> AngleConvention:
     """Return the convention of angles that begin at the axis ``zero`` and run in ``sense``.
 
-    If ``zero`` is empty, angles begin at the plane's first axis. If ``sense`` is empty and angles
-    begin at the plane's first axis, they run counter-clockwise. If ``sense`` is empty and angles
-    begin at another axis, raise an `OpenQuestionError`. ``words`` are the statements about angles
-    in the file; a note is added for each of them.
+    If ``zero`` is empty, the plane's first axis is assumed. If ``sense`` is empty,
+    counter-clockwise is assumed, but only for angles that begin at the plane's first axis; for any
+    other axis, raise an `OpenQuestionError`. ``words`` are the statements about angles in the file;
+    a note is added for each of them.
     """
     first_axis = f"+{plane[0]}"
     zero = zero or first_axis

@@ -66,7 +66,8 @@ class AssumptionLog:
     # For each assumption, the list of the files, sheets or tests for which it was made. The keys
     # are the assumptions
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
-    # values found in the sheets for each field of the layout; the keys are the names of the fields
+    # For each field of the layout, the list of the values that were found for it in the sheets. The
+    # keys are the names of the fields
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
     # lines of files that reasons for assumptions cite. Each key is a file, a sheet or a test; its
     # value is the list of the lines that are cited for assumptions about it
@@ -105,7 +106,7 @@ class AssumptionLog:
     def allow_for_unused_texts(self) -> None:
         """Change the reason of all assumptions that are made because nothing states a value.
 
-        The new reason says that no text that is understood states the value.
+        The new reason is that no text states the value, as far as the texts are understood.
         """
         places_of_entries: dict[_Entry, list[str]] = {}
         for entry, places in self._places.items():

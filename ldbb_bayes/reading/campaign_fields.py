@@ -1,4 +1,4 @@
-"""Fields of a campaign: values that imported files state, and values assumed for other fields."""
+"""Fields of a campaign: values that imported files state, and values assumed otherwise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
 
 __all__ = ["find_resolution", "note_assumed_fields", "take_stated_fields"]
 
-# Fields of the campaign that lines above a table may state, each with its command-line option.
+# Command-line options for the fields of the campaign that lines above a table may state. The keys
+# are the fields.
 _OPTIONS = {
     "plane": "--plane",
     "resolution_um": "--resolution-um",
@@ -74,7 +75,7 @@ class _StatedValue(NamedTuple):
 
     value: Any
     source: str | CitedLine  # line or name that states the value of the field, such as "line 3"
-    # name, in error messages, of the place that states the value of the field; for a line, the name
+    # place that states the value of the field, as error messages name it; for a line, the text
     # includes the file, as in "line 3 of …"
     place: str
 
@@ -427,10 +428,10 @@ def note_assumed_fields(
 
 
 def _without_doubt(reason: CitedLine) -> CitedLine:
-    """Return the note on a length such as ``R=150``, without its remark if it is the usual radius.
+    """Return a note on a length that may be the radius, without its remark if the length is 150 mm.
 
-    The length may be the radius. The remark says that the length is not used. It is left out for
-    150 mm, because this radius is assumed anyway.
+    An example of such a length is ``R=150``. The remark says that the length is not used. It is
+    left out for 150 mm, because this radius is assumed anyway.
     """
     if _USUAL_RADIUS.fullmatch(reason.quoted):
         return quoted_line(reason.line, reason.quoted)

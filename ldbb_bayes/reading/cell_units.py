@@ -94,11 +94,11 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
 
 
 def _split_angles_beside_texts(rows: list[Row], units: dict[tuple[int, int], str]) -> None:
-    """Replace, in rows that also hold texts, angles such as 12°30' by numbers in arcseconds.
+    """Replace angles such as 12°30' by numbers in arcseconds, in rows that also hold texts.
 
     An angle is replaced only if the row above or below also has an angle in this column. The cells
-    are replaced in ``rows``, and their unit is stored in ``units``; its keys are line number and
-    column index of a cell.
+    are replaced in ``rows``, and their unit is stored in the dict ``units``. Its keys are pairs of
+    the line number and the column index of a cell.
     """
     angles = [_angles_in(row) for row in rows]
     if not any(angles):

@@ -49,7 +49,10 @@ def quoted_line(line: int | str, text: str, remark: str = "", longest: int = 60)
 
 
 def with_words(reason: str | CitedLine, words: str) -> str | CitedLine:
-    """Return the reason for an assumption with ``words`` added: ``line 3 says 100 mm``."""
+    """Return the reason for an assumption with ``words`` added at its end.
+
+    For example, "line 3" with the words " says 100 mm" becomes "line 3 says 100 mm".
+    """
     if isinstance(reason, CitedLine):
         return reason._replace(reason=f"{reason}{words}")
     return f"{reason}{words}"

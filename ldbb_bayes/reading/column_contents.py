@@ -99,8 +99,9 @@ def with_condition_that_names_tests(
 def _names_only(header: str, unit: str, role: str) -> bool:
     """Return whether a header names a role, such as force, and nothing else.
 
-    Further words are accepted if ``unit``, the unit of the column, is a unit of this role. The unit
-    alone is enough if the words name neither another role nor another quantity, such as a maximum.
+    Further words are accepted if ``unit``, the unit of the column, is a unit of this role. With
+    such a unit, the words need not name the role, but they must not name another role or another
+    quantity, such as a maximum.
     """
     name = unit_of(header).name
     is_in_unit = unit in UNITS.get(role, {})

@@ -54,7 +54,7 @@ _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number
 # Regular expression for the number of a test, such as "T1". It must not be taken for the header "t"
 # of a column of times.
 _NUMBER_OF_TEST = re.compile(r"[^\W\d_]{1,3}[-_]?\d+")
-# Roles that a column can get from its unit if its name shows no role.
+# If the name of a column shows no role, the unit of the column may show one of these roles.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # ``words.toml`` lists words for each role. A listed word with at most this number of letters, such
 # as "t" or "dir", must be a whole word of a header. A longer listed word may also be only the
@@ -86,8 +86,9 @@ _NUMBER_OF_EQUAL = re.compile(r"\.\d+$")
 # Regular expression for a word which shows that the next word is not a unit, such as "of" in "Angle
 # of turn".
 _BEFORE_NO_UNIT = re.compile(WORDS["columns"]["before_no_unit"], re.IGNORECASE)
-# Regular expressions for a word that multiplies or divides the unit behind it, such as "half", and
-# for a word between the two, such as "of".
+# Regular expressions for two kinds of words before a unit. The first is for a word that multiplies
+# or divides the unit, such as "half". The second is for a word that may stand between this word and
+# the unit, such as "of".
 _MULTIPLIER = re.compile(WORDS["columns"]["multiplier"], re.IGNORECASE)
 _BETWEEN = re.compile(WORDS["columns"]["between"], re.IGNORECASE)
 # For each role of a column, such as force, the regular expression for headers that end with a unit
@@ -108,8 +109,8 @@ _FACTOR_AND_UNIT = re.compile(r"(?<![^\W_])0[.,]\d+(?P<unit>[^\W\d_]+)$")
 _OTHER_ANGLE = re.compile(rf"(?<![^\W_])(?:{WORDS['columns']['other_angle']})(?![^\W_])", re.I)
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
-# Entries with words for the radius or the diameter of a circle. They come from the file
-# ``words.toml``, which lists the words that this package recognises.
+# Those entries of the file ``words.toml`` that hold words for the radius or the diameter of a
+# circle. The file lists the words that this package recognises.
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
@@ -171,10 +172,11 @@ def _unit_between_dots(header: str) -> Header | None:
 
 
 def _with_multiplier(stated: Header) -> Header:
-    """Return the name and unit of a header, where words that multiply the unit become part of it.
+    """Return a header after moving words that multiply the unit from the name to the unit.
 
-    For the name "Angle half" and the unit deg, the unit is the text "half deg". Later code raises
-    an error for such a text unless it is a known fraction of a unit, such as "tenths of a deg".
+    For the name "Angle half" and the unit deg, the unit becomes the text "half deg". Later code
+    raises an error for such a text unless it is a known fraction of a unit, such as "tenths of a
+    deg".
     """
     words = re.split(r"[\s_.]+", stated.name)
     first = len(words)
@@ -334,7 +336,7 @@ def _unread_unit_at_end(header: str) -> Header:
 
 @cache
 def _plain_words(role: str) -> tuple[str, ...]:
-    """Return the words, without accents, that name a role of a column."""
+    """Return the words for the role of a column, with their accents removed."""
     return tuple(without_accents(word) for word in ROLES[role])
 
 

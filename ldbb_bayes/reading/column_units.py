@@ -103,8 +103,9 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    # Several places in the file may state the unit of the column. Places that state a unit for
-    # every row come first. They are not contradicted by a place that states no unit for some rows.
+    # Several places in the file may state the unit of the column. The places that state it for
+    # every row come first in the sorted list. A place that states a unit for some rows only does
+    # not contradict them.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:

@@ -81,7 +81,7 @@ def holds_temperatures(heading: Heading) -> bool:
 
 
 def without_table(sheet: Sheet, error: InputError) -> InputError:
-    """Return the error for a file without a table, when other files of the campaign have tables.
+    """Return the error for a file that has no table, although other files of the campaign have one.
 
     ``error`` is the error that the search for the table raised.
     """

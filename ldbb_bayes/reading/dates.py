@@ -7,8 +7,8 @@ from datetime import date
 
 __all__ = ["iso_date"]
 
-# Beginnings of the name of each month in English, and in German, Spanish, Portuguese, Italian and
-# French if they differ.
+# For each month, the beginnings of its English name and of the names in German, Spanish,
+# Portuguese, Italian and French that begin differently.
 _MONTHS = (
     ("jan", "ene", "gen"),
     ("feb", "fev", "fév"),

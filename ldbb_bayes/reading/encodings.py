@@ -96,9 +96,10 @@ def _encoding_of_words(lines: Sequence[bytes]) -> str:
 
 
 def _guess_of_library(text: bytes) -> str:
-    """Return the encoding that charset_normalizer guesses for a text; cp1252 if it cannot guess.
+    """Return the encoding that the library charset_normalizer guesses for a text.
 
-    A text with few bytes outside ASCII is too short for a guess and also gives cp1252.
+    The result is cp1252 if the library cannot guess, or if the text has too few bytes outside ASCII
+    for a guess.
     """
     n_bytes = sum(byte > 127 for byte in text)
     if n_bytes >= _FEWEST_BYTES:

@@ -108,8 +108,8 @@ def _is_program_of_matlab(sheet: Sheet, texts: Sequence[str]) -> bool:
 def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:
     """Return whether a text is in YAML: each line is a key with a value, or a list entry.
 
-    The name of the file must also end as names of YAML files do, or the first line must be ``---``.
-    ``texts`` are the lines of the file.
+    The result is True only if the first line is ``---`` or the name of the file ends like that of a
+    YAML file. ``texts`` are the lines of the file.
     """
     is_named_yaml = sheet.path.suffix.lower() in _SUFFIXES_OF_YAML
     if not is_named_yaml and texts[0] != "---":

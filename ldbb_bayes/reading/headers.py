@@ -56,7 +56,9 @@ class Heading:
     first_row: int  #: index of the table's first row of numbers among the rows of the sheet
     headers: list[str]  #: header of each column of the table, as the file writes it
     units: list[str]  #: unit that the header of each column states; empty if it states none
-    roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
+    #: dict with the index of the column (from 0) for each role; the keys are the roles, such as
+    #: angle
+    roles: dict[str, int]
     #: lines of the file above the header of the table, each with its line number
     lines_above: list[tuple[int | str, str]]
     #: indices (from 0) of the columns of readings; each column holds the readings of one test
@@ -456,9 +458,10 @@ def _is_header(cells: Sequence[str]) -> bool:
 
 
 def _stated_header_row(sheet: Sheet, line: int) -> int:
-    """Return the index of the header row; the user states the number of its line in the file.
+    """Return the index, among the rows of a sheet, of the header row that the user states.
 
-    Raise an `InputError` if this row holds numbers instead of names.
+    ``line`` is the number of the header's line in the file. Raise an `InputError` if this row holds
+    numbers instead of names.
     """
     header_row = [row.line for row in sheet.rows].index(line)
     cells = sheet.rows[header_row].cells

@@ -99,7 +99,8 @@ class Imported(Result):
 
     #: version of the format in which an imported campaign is written as JSON
     schema: int = field(default=1, init=False)
-    #: imported campaign; JSON states only its name, number of tests and number of readings
+    #: imported campaign. If the import is written as JSON, only the campaign's name, number of
+    #: tests and number of readings are written
     campaign: Annotated[Campaign, PlainSerializer(_campaign_in_json)]
     #: layout with which the files can be read again without assumptions about their format
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]
@@ -290,11 +291,11 @@ def _split_into_tests(
 
 
 def _sheets_that_list_tests(recordings: Iterable[Recording]) -> set[str]:
-    """Return the places of those sheets with a list of tests from which cells were taken.
+    """Return the places of the lists of tests of which at least one cell was used for a test.
 
-    A place names the file and the sheet. The cells of such a list are stored with the lines above
-    the table of a test. Their line number is a text such as "3 of notes.txt", which ends with the
-    place.
+    A place names the file and the sheet of a list. The cells that are used for a test are stored
+    with the lines above the table of the test. Their line number is a text such as "3 of
+    notes.txt", which ends with the place.
     """
     places = set()
     for recording in recordings:

@@ -70,11 +70,11 @@ def _with_unit_of_loads(row: Row) -> Row:
 
 
 def _count_index_names(row: Row, above: Row, below: Row) -> int:
-    """Return how many columns of a table's index a row names; zero for any other row.
+    """Return the number of columns of a table's index that a row names.
 
     The index consists of the first column or columns of the table, such as the angles. The row must
     hold nothing but names of these columns. The row ``above`` it must have names in all other
-    columns, and the row ``below`` it must have numbers.
+    columns, and the row ``below`` it must have numbers. The result is zero for any other row.
     """
     width = len(below.cells)
     n_index = sum(bool(cell) for cell in row.cells)
@@ -196,11 +196,11 @@ def _with_columns(sheet: Sheet, header: int, names: Sequence[str], kept: Sequenc
 def _units_of_columns(
     units: Mapping[tuple[int, int], str], kept: Sequence[int]
 ) -> dict[tuple[int, int], str]:
-    """Return the units of the cells in the columns of a table that remain.
+    """Return a dict with the units of cells, after some columns of the table were removed.
 
-    Each key holds the line number and the column index of a cell. ``kept`` are the indices of the
-    columns that remain. In the result, the columns have new indices, because the other columns are
-    no longer counted.
+    Each key is a pair: the line number and the column index of a cell. ``units`` is the dict before
+    the removal, and ``kept`` are the indices of the columns that remain. In the result, the columns
+    have new indices, because the removed columns are no longer counted.
     """
     return {
         (line, kept.index(column)): unit for (line, column), unit in units.items() if column in kept

@@ -171,11 +171,11 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
 
 
 def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
-    """Return a name for the part of a file that is stored in ``content`` under a key.
+    """Return a name for the part of a JSON file that the dict ``content`` holds under ``key``.
 
-    The result begins with the text that ``content`` holds under a key such as "name", or else with
-    ``name``, which is the name of the object around ``content``. The key is added if ``content``
-    holds several objects or lists. Without any name, the result is the key alone.
+    The result begins with the name of ``content``. This is the text under a key such as "name" of
+    ``content``, or else the argument ``name``. If ``content`` holds several dicts or lists, ``key``
+    is added. If ``content`` has no name, the result is ``key`` alone.
     """
     outer_name = _name_in(content) or name
     inner_parts = [value for value in content.values() if isinstance(value, dict | list)]
@@ -311,7 +311,10 @@ def _are_rows(content: Sequence[Any]) -> bool:
 
 
 def _statements_of(key: str, value: Any) -> list[str]:
-    """Return lines of text such as ``radius: 150 mm`` for a key and its value or values."""
+    """Return the lines of text that state the value, or the values, under a key of a JSON file.
+
+    An example is the line ``radius: 150 mm``.
+    """
     name = key.replace("_", " ")
     if isinstance(value, dict):
         if "value" in value and not isinstance(value["value"], dict | list):

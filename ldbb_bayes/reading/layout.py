@@ -167,7 +167,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     angle_zero: Annotated[str, AfterValidator(_axis_with_sign)] | None = None
     #: sense in which the file counts angles, CW or CCW
     angle_sense: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
-    #: what the machine did in a gap between the times of a table: stood still, or moved on
+    #: what the machine did when the times of a table have a gap: it stood still, or it moved on
     gaps: Literal["still", "moving"] | None = None
     #: angle at which the circle begins [deg], for tables with times instead of angles
     start_deg: float | None = None
@@ -180,16 +180,17 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     direction: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
     #: whether the laps (turns) of a test with several laps are kept or averaged
     laps: Literal["keep", "average"] | None = None
-    #: fields of single tests that the tables do not state; ``file`` in each entry names the test
+    #: entries [[test]], each of which states fields of one test that the tables do not state;
+    #: ``file`` in an entry names the test
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
     @classmethod
     def _check_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
-        """Return the name that this package uses for a stated unit: ``um`` for ``µm``.
+        """Return the name that this package uses for a stated unit, such as ``um`` for ``µm``.
 
         The name of the layout's field, such as ``reading_unit``, begins with the role of a column,
-        such as reading. Raise a ValueError if the unit is unknown for this role.
+        here reading. Raise a ValueError if the unit is unknown for this role.
         """
         if value is None:
             return None

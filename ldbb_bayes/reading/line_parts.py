@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 __all__ = ["divide_line", "finer_divisions", "segments_of_line", "statements_of_line"]
 
-# Regular expression for the marks between sentences and between the cells of a line.
+# Regular expression for a mark that ends a sentence or a cell of a line.
 _STRONG_MARK = re.compile(r"[;|\t]|\.(?=\s)")
 # Regular expression for any mark between the statements of a line. A comma before a digit may be a
 # decimal mark.

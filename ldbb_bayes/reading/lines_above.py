@@ -85,10 +85,10 @@ class _Quantity(NamedTuple):
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return a dict with parts of regular expressions; the keys are the names of the parts.
+    """Return a dict with named parts of regular expressions; the keys are the names of the parts.
 
-    The parts are in ``words.toml``. A part may contain the names of earlier parts; in the result,
-    such a name is replaced by the regular expression of the earlier part.
+    The parts come from ``words.toml``. There, a part may contain the names of earlier parts. In the
+    result, each of these names is replaced by the regular expression that it stands for.
     """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
@@ -139,7 +139,7 @@ _UNIT_BEFORE = (
 _TOLERANCE = rf"\.?(?:\s?(?:±|\+/?[-−])\s?{NUMBER_IN_TEXT})?"
 # Regular expression for the word that follows a number, in the same cell or in the next cell.
 _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
-# Regular expressions for the words that precede a name in a line above a table, such as "Operator".
+# Regular expressions for words, such as "Operator", after which a line above a table states a name.
 # The keys are the fields whose values are these names. ``_NAME_AFTER`` is the regular expression
 # for one of these words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
@@ -164,8 +164,9 @@ _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
 # Regular expression for words which show that a line is about the readings or about the ball's
 # mount.
 _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
-# Regular expression for words, such as "the", that are ignored in a statement on whether the
-# readings are compensated for the deflection of the ball's mount.
+# Regular expression for words, such as "the" and "readings", that are left out before a statement
+# on the deflection of the ball's mount is examined. The statement says whether the readings are
+# compensated for this deflection.
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
 # Regular expression for a length with its unit, together with the words before the length.
@@ -454,9 +455,9 @@ def _words_before_number(match: re.Match[str]) -> str:
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the key of ``units`` that means the same unit as ``name``; None if there is none.
+    """Return the unit from ``units`` that means the same as ``name``; None if there is none.
 
-    The key and ``name`` may differ in spelling, and in upper and lower case.
+    The spelling may differ, also in upper and lower case. The keys of ``units`` are the units.
     """
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:

@@ -96,14 +96,15 @@ def _columns_named(names: Sequence[str]) -> list[bool]:
 def _lines_of_columns(
     rows: Sequence[Row], width: int, merged_lines: Collection[int]
 ) -> list[list[str]]:
-    """Return, for each line that describes the columns below, one text for each column.
+    """Return the texts of the lines above a header that describe the columns below them.
 
-    The texts are loads, names, planes or directions. The lines stand directly above the header, and
-    one of them must state loads; if none does, the list is empty. The line of loads comes first in
-    the list. After a line of names, the joined texts could be ``Run 2 100 N``, and the load could
-    be read as 2100 N. The first column has no text. ``rows`` are the rows above the header, and
-    ``width`` is the number of cells of the header. ``merged_lines`` are the numbers of the lines
-    with merged cells.
+    The result holds a list for each line, with one text for each column except the first. The texts
+    are loads, names, planes or directions. The lines stand directly above the header, and one of
+    them must state loads; if none does, the result is empty. The line of loads is the first in the
+    result, because the texts of a column are later joined in this order: after a name, ``Run 2 100
+    N`` could be read as a load of 2100 N. ``rows`` are the rows above the header, and ``width`` is
+    the number of cells of the header. ``merged_lines`` are the numbers of the lines with merged
+    cells.
     """
     lines: list[list[str]] = []
     line_of_loads: list[str] = []
@@ -124,11 +125,11 @@ def _lines_of_columns(
 
 
 def _words_of_columns(cells: Sequence[str], is_merged: bool) -> list[str]:
-    """Return the names, planes or directions of tests that a line above a table states.
+    """Return the names, planes or directions that a line above a table states for its columns.
 
-    Every cell except the first must state one. ``is_merged`` states whether the line has merged
-    cells. In a line of names without merged cells, all names must differ, and the first cell must
-    be empty. The result is an empty list for any other line.
+    Every cell except the first must hold a name, a plane or a direction. ``is_merged`` states
+    whether the line has merged cells. In a line of names without merged cells, all names must
+    differ, and the first cell must be empty. The result is an empty list for any other line.
     """
     words = list(cells[1:])
     if not all(words):

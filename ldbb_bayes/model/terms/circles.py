@@ -19,9 +19,9 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# What shifts at random between circles: the readings' zero and the circle's centre with a common sd
-# (``together``), both with separate sds (``apart``), only the zero (``zero``), or only the centre
-# (``centre``).
+# Choices for what shifts at random from one circle to the next: the readings' zero and the circle's
+# centre with one sd for both (``together``) or with separate sds (``apart``), only the zero
+# (``zero``), or only the centre (``centre``).
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
@@ -229,9 +229,9 @@ class Hysteresis(Term):
     #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
     #: [µm/kN]. In planes with one direction of travel, the prior sd is 0.6 times this value.
     proportional_um_per_kN: float = 2.0
-    #: how the prior sd of the part of hysteresis that does not depend on force is set in planes
-    #: with both directions of travel. At Fourier order 1, the sd is the hyper-parameter η
-    #: (``sampled``) or the field ``constant_um`` (``fixed``)
+    #: prior of the part of hysteresis that does not depend on force, in planes with both directions
+    #: of travel: at Fourier order 1, its sd is the hyper-parameter η (``sampled``) or the field
+    #: ``constant_um`` (``fixed``)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
@@ -241,8 +241,8 @@ class Hysteresis(Term):
         """Hyper-parameter η: the scale of the part of hysteresis that does not depend on force.
 
         If the field ``law`` is ``fixed``, the result is an empty tuple, and the field
-        ``constant_um`` is used instead of η. The model of a campaign has η only if circles run in
-        both directions in at least one plane.
+        ``constant_um`` is used instead of η. Even if ``law`` is ``sampled``, the model of a
+        campaign has η only if at least one plane has circles in both directions.
         """
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
@@ -299,11 +299,11 @@ class Hysteresis(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return words for the harmonic of a hysteresis coefficient, such as `` in cos 2θ``.
+        """Return words for the harmonic of a hysteresis coefficient, given its name.
 
-        The words for hysteresis_force_cos2 are `` in cos 2θ times force``. If the coefficient's
-        name contains a plane, the words name the plane too. Reports append the words to the name of
-        the term.
+        For example, the words for hysteresis_force_cos2 are `` in cos 2θ times force``. If the
+        coefficient's name contains a plane, the words name the plane, too. Reports append the words
+        to the name of the term.
         """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"

@@ -21,16 +21,16 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Lists of a model's coefficients state the class name of the nuisance term (an effect modelled but
-# not of interest) to which each coefficient belongs. For the parameters of interest, which belong
-# to no nuisance term, the lists state this word.
+# Name of the parameters of interest in lists that state to which term each coefficient of a model
+# belongs. All other coefficients belong to nuisance terms (effects modelled but not of interest),
+# which these lists state by the names of their classes.
 OWN = "Parameters"
 # Name of the white noise of the readings in lists of the sources of noise. All other sources in
 # these lists are nuisance terms (effects modelled but not of interest), which are listed by the
 # names of their classes.
 NOISE = "ReadingNoise"
-# Order of the harmonics to which the scale τ of the balls' form errors and the scale ω of the
-# machine's errors of higher orders apply. For harmonics of another order n, the scales are
+# The scale τ of the balls' form errors and the scale ω of the machine's errors of higher orders are
+# the prior sds of harmonics of this order. For harmonics of another order n, the scales are
 # multiplied by (n/6)^(−decay).
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter. ``half-normal`` is for standard deviations.
@@ -67,9 +67,9 @@ class Scale(NamedTuple):
     prior_um: float | str
     symbol: str = ""  #: symbol of a hyper-parameter in reports, such as σ
     words: str = ""  #: description of a hyper-parameter in reports, such as white noise for σ
-    #: kind of prior of a hyper-parameter: ``half-normal`` for a length, ``decay`` for the exponent
-    #: of the decrease with the order, or ``circle`` for the factor λ that multiplies the noise of
-    #: one circle
+    #: kind of the hyper-parameter and of its prior: ``half-normal`` for a prior sd, ``decay`` for
+    #: the exponent of the decrease with the order, or ``circle`` for the factor λ that multiplies
+    #: the noise of one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -206,10 +206,9 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Products of hyper-parameters by which prior sds of nuisance coefficients are multiplied.
+        """For each coefficient, the product of hyper-parameters that multiplies its prior sd.
 
-        Nuisances are effects that are modelled but not of interest. The factors λ on the noise of
-        single circles are not included.
+        The factors λ on the noise of single circles are not included.
         """
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
@@ -297,8 +296,8 @@ class BasisNoise(Shown):
     def sources(self) -> tuple[Source, ...]:
         """Products of hyper-parameters by which the sds of the tests' noise are multiplied.
 
-        The products include the noise factors λ of the tests' circles. If circles have no noise
-        factors, there is a single product for all tests.
+        There is one product for each test, which includes the noise factor λ of the test's circle.
+        If circles have no noise factors, there is a single product for all tests.
         """
         if not len(self.circle):
             return (Source(self.hyper),)
