@@ -248,9 +248,9 @@ def _header_source(recording: Recording, role: str) -> str:
 
 
 def _evidence_in_file(recording: Recording, role: str) -> list[_UnitEvidence]:
-    """Return the units that a file states for the column with a role, one entry for each source.
+    """Return the units that a file states for one of its columns, with one entry for each source.
 
-    A role is what the column holds, such as angle or reading. Some instruments give readings in
+    ``role`` is what the column holds, such as angle or reading. Some instruments give readings in
     counts (digital steps), and a line above the table may state the size of one count. If the
     readings are in counts or have no stated unit, this size is returned as their unit. The unit of
     angles in counts is the size of one count of the encoder. The unit of times that are numbers of
