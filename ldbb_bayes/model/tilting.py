@@ -173,9 +173,9 @@ class Tilted(NamedTuple):
     #: x, shape (k, w) for w sets of constraints. Dependent constraints are linear combinations of
     #: other constraints.
     dependent_mean: Array
-    #: Index of the last element of the vector x on which each of k dependent constraints on x
-    #: depends, shape (k, w) for w sets of constraints. A dependent constraint is a linear
-    #: combination of other constraints.
+    #: For each dependent constraint, the index of the last element of the vector x that occurs in
+    #: it. A dependent constraint is a linear combination of other constraints. Shape (k, w) for k
+    #: such constraints in each of w sets.
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
@@ -303,12 +303,13 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return the logarithms of random tail probabilities of a standard normal variable.
+    """Return logarithms of random tail probabilities of a standard normal variable.
 
-    From each tail probability, the caller computes a random value of the variable in ``interval``.
-    The tail of a value is to its left if ``interval.direction`` is −1, and to its right if it is 1.
-    The tail probability is uniformly distributed between the tail probabilities of the two ends of
-    the interval. It is computed from the random numbers ``uniform``, which are between 0 and 1.
+    They serve to draw the variable at random in ``interval``. Each tail probability is drawn from a
+    uniform distribution between the tail probabilities of the two ends of the interval; ``uniform``
+    holds the random numbers for this, between 0 and 1. The caller converts each tail probability to
+    the value of the variable. The tail holds all smaller values if ``interval.direction`` is −1,
+    and all larger values if it is 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -365,10 +366,9 @@ def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     diagonals; ``bound`` has the shape (w, d). Each element of x is drawn at random from a shifted
     normal density. The constraint and the elements drawn before give a lower limit of the element;
     the edge is this limit minus the shift. Newton's method starts with the bounds as edges. If it
-    fails, it is started a second time, with approximate edges at the most probable x that satisfies
-    the constraints. If it fails again, an `InputError` is raised. If the probability of the
-    constraints is too small to matter, the edges that the second search reached are returned
-    instead.
+    fails, it is started a second time, with the edges that `_edges_of_nearest_point` returns. If it
+    fails again, an `InputError` is raised, unless the probability of the constraints is too small
+    to matter. In that case, the edges that the second search reached are returned.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)
@@ -437,18 +437,19 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return approximate edges at the most probable vector x that satisfies d constraints.
+    """Return starting values of the edges for Newton's method in `_solve_edges`, shape (d,).
 
-    Newton's method in `_solve_edges` starts from these edges e, shape (d,). Each x_j is drawn above
-    a lower limit from a normal density shifted by μ_j (its tilt); the edge e_j is this limit minus
-    μ_j. The constraints on the standard normal vector x are unit · x ≥ bound. ``unit``, shape (d,
-    d), is a lower triangular matrix with ones on the diagonal, and ``bound`` has the shape (d,).
-    ``coupling`` is C = unit unitᵀ − I.
+    The edges e are lower limits. Each element x_j of a random vector is drawn above a lower limit
+    from a normal density shifted by μ_j (its tilt); the edge e_j is this limit minus μ_j. The
+    returned edges are approximately those at the most probable standard normal vector x that
+    satisfies d constraints unit · x ≥ bound. ``unit``, shape (d, d), is a lower triangular matrix
+    with ones on the diagonal, and ``bound`` has the shape (d,). ``coupling`` is the matrix C = unit
+    unitᵀ − I, shape (d, d), in the equations for the edges.
     """
-    # The edges solve e + C m = bound, where m are the inverse Mills ratios of e. At the most
-    # probable x, some constraints are binding: they hold with equality. The edges of these
-    # constraints are taken to be large. Then e is about m, so that (C + I) m = bound for these
-    # constraints. For all other constraints, m is taken to be zero.
+    # The edges e solve e + C m = bound, where m are the inverse Mills ratios of e. At the most
+    # probable x, some constraints are binding: they hold with equality. For a binding constraint, e
+    # is assumed to be large. Its m is then nearly equal to e, and the equation becomes (C + I) m =
+    # bound. For all other constraints, m is assumed to be zero.
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
@@ -467,8 +468,8 @@ def _evaluate_convex_function(
 
     The minimum of the function gives the saddle point of the log importance weight. There is one
     function for each of w sets of d constraints on a normal vector. ``coupling``, shape (w, d, d),
-    holds the matrices C, ``edge`` the lower limits e_j, and ``bound`` the bounds of
-    `_ConvexFunction`; ``edge`` and ``bound`` have the shape (w, d).
+    holds the matrices C. ``edge`` holds the numbers e_j at which the function is evaluated, and
+    ``bound`` the right-hand sides of the constraints U x ≥ ``bound``; both have the shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)

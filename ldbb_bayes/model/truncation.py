@@ -33,9 +33,10 @@ _COARSE_GRID = 257
 # On each side, the grid extends to this number of sds from the mean before truncation. It contains
 # no values that the truncation excludes.
 _REACH = 9.0
-# If the truncation excludes all values of a coordinate near its mean before truncation, the grid of
-# values begins at the permitted value nearest to this mean. It then covers this number of sds, or
-# the whole range of permitted values if this range is shorter.
+# Smallest width, in sds, of the grid of values of a coordinate. It matters if the truncation
+# excludes all values near the mean that the coordinate has before the truncation. The grid then
+# begins at the permitted value nearest to this mean. It is narrower than this width only if the
+# whole range of permitted values is narrower.
 _LEAST_WIDTH = 2.0
 
 

@@ -186,9 +186,9 @@ class _DaskExecutor(Executor):
 def _local_cluster(workers: int) -> Iterator[Any]:
     """Yield a Dask cluster of worker processes on this computer; it ends with the ``with`` block.
 
-    ``workers`` is the number of processes; 0 means one per processor core. All results have arrived
-    before the cluster is closed. If a worker died, closing may take long; this function waits for
-    ten seconds at most.
+    ``workers`` is the number of processes; 0 means one per processor core. When the ``with`` block
+    ends, no more results are needed. Closing the cluster may take long if a worker process has
+    died; this function therefore waits for it at most ten seconds.
     """
     # Dask is imported here, and not at the top of the file, because it need not be installed.
     from distributed import LocalCluster

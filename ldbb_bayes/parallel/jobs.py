@@ -23,15 +23,15 @@ __all__ = ["Lost", "done", "start_early"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Largest number of jobs per worker process that are submitted and not yet finished. It is larger
-# than one, so that a worker need not wait while this process handles results.
+# Number of submitted jobs per worker process that may be unfinished at one time. It is larger than
+# one, so that a worker need not wait while this process handles results.
 _JOBS_PER_WORKER = 4
-# Largest number of jobs that are submitted and not yet finished, for an executor whose number of
+# Number of submitted jobs that may be unfinished at one time, for an executor whose number of
 # workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Lock with which jobs in threads of one process run one at a time. The threads must not run at the
-# same time, because they share the linear algebra library BLAS and the filters of warnings. One
-# thread may take the lock twice, because a job may itself run jobs.
+# Lock that lets only one thread of a process run a job at a time. The threads share the linear
+# algebra library BLAS and the settings for warnings, so that their jobs must not run at the same
+# time. One thread may take the lock twice, because a job may itself run jobs.
 _TURN = threading.RLock()
 
 
@@ -168,7 +168,7 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
 
 
 def _limit_in_flight(executor: Executor | None) -> int:
-    """Return the largest number of jobs that are submitted to an executor and not yet finished."""
+    """Return how many submitted jobs of an executor may be unfinished at one time."""
     if executor is None:
         return 1
     workers: int = getattr(executor, "workers", 0)

@@ -52,11 +52,12 @@ def with_aligned_headers(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]
 
 
 def _begins_numbers(rows: Sequence[Row], first: int) -> bool:
-    """Return whether numbers begin at the row ``first``, below a row with another number of cells.
+    """Return whether a table's numbers begin at a row, below a header that is wrongly split.
 
-    If the row above has as many cells as the rows of numbers, the result is False, because each of
-    its cells is then the name of one column. ``rows`` are the rows of the text, split at every
-    blank.
+    ``rows`` are the rows of the text, split at every blank, and ``first`` is the index of the row.
+    The header is wrongly split if the row above ``first`` has more or fewer cells than the rows of
+    numbers. If it has as many cells, each of its cells is the name of one column, and the result is
+    False.
     """
     width = len(rows[first].cells)
     below = rows[first : first + _FEWEST_ROWS]

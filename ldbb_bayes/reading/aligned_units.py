@@ -37,10 +37,11 @@ class _Word(NamedTuple):
 
 
 def with_aligned_units(rows: Sequence[Row], lines: Sequence[str]) -> list[Row]:
-    """Return rows in which each unit below a header is in the cell of the column above it.
+    """Return rows, with each unit below a header moved to the column to which it belongs.
 
-    Only rows of units with fewer cells than the table has columns are changed, and only if each
-    unit aligns with a different column. All other rows are returned unchanged.
+    Where some columns have no unit, a row of units that was split at blanks has too few cells. The
+    place of a unit in the line then shows its column. A row is changed only if each unit aligns
+    with a different column. All other rows are returned unchanged.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
 
 
 def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> None:
-    """Add a note on each line about angles or the start of the circle that is not understood.
+    """Add a note for each line that is not understood but is about angles or the circle's start.
 
     ``zero`` is the axis at which angles begin, such as +Y; it is empty if nothing states the axis.
     ``sense`` is CW or CCW; it is empty if nothing states the sense. Nothing is noted if the user
@@ -417,9 +417,10 @@ def _check_reversed(
 
 
 def _check_announced(recording: Recording, source: str | CitedLine, text: str) -> None:
-    """Raise an error if a text announces where angles begin, but names no axis.
+    """Raise an error if a text names no axis after words such as "zero at".
 
-    ``source`` tells where the text is, such as "line 3".
+    The axis at which angles begin should follow these words. If no text at all follows them, no
+    error is raised. ``source`` tells where the text is, such as "line 3".
     """
     match = _ANNOUNCED.search(text)
     if match is None:
@@ -446,7 +447,7 @@ def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> 
 
 
 def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> OpenQuestionError:
-    """Return the error for a text about the start of angles from which no axis can be read.
+    """Return the error for a text that should say at which axis angles begin, but does not.
 
     ``shown`` is the text, and ``source`` tells where it is, such as "line 3".
     """

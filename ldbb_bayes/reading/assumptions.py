@@ -13,16 +13,17 @@ __all__ = ["NOTHING_STATED", "Assumption", "AssumptionLog", "shown_list"]
 
 #: reason for a value that is assumed because nothing in the files states it
 NOTHING_STATED = "nothing says otherwise"
-# Reason for a value that is assumed although texts in the files were not understood. One of these
-# texts may state the value.
+# Reason for an assumed value if some texts in the files were not understood. No other text states
+# the value, but one of these texts may state it.
 _NOTHING_UNDERSTOOD = "no text that is understood says otherwise"
 
 
 def shown_list(texts: Iterable[str], longest: int) -> str:
     """Return a list of texts, such as file names, separated by commas; a long list is shortened.
 
-    Texts after the first ``longest`` characters of the list are replaced by an ellipsis. If the
-    first text alone is longer, only its beginning is returned.
+    If the list is longer than ``longest`` characters, the texts that do not fit completely are
+    replaced by an ellipsis. If not even the first text fits, its beginning is returned, with an
+    ellipsis.
     """
     listed = ""
     for text in texts:

@@ -185,8 +185,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             value = round(value, _COMPARED_PLACES)
         source = cited_line(statement.line)
         place = str(source)
-        # An error message names the line and its sheet. For a line of a sheet without a table, the
-        # sheet is already part of ``line``, as in "3 of notes.txt".
+        # An error message names the line and its sheet. If the sheet has no table of readings, the
+        # text ``line`` already contains the name of the sheet, as in "3 of notes.txt".
         if isinstance(statement.line, int):
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)
@@ -196,8 +196,9 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 def _source_of_named_plane(recording: Recording) -> str:
     """Return the words of a note that say how the name of a test states its plane.
 
-    Usually, the words are "its name". If the name swaps the letters of the plane, as in XZ, further
-    words say at which axis angles are assumed to begin, and towards which axis they run.
+    Usually, the words are "its name". If the name gives the letters of the plane in the other
+    order, as XZ for ZX, further words say at which axis angles are assumed to begin, and towards
+    which axis they run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)
@@ -262,10 +263,11 @@ def _note_contradictions(
 def _plane_of_column(recording: Recording, plane: str) -> str:
     """Return the plane that the user or a column states for a test.
 
-    Usually, the result is the argument ``plane``, which was found by `_certain_value`. But if the
-    column swaps the letters of the plane, as in XZ, and the option --plane states the usual name
-    ZX, the usual name is stored and returned. If the column and the option state different planes,
-    a note is added to the log. Raise an `InputError` for an unknown plane in the column.
+    ``plane`` is the result of `_certain_value`, and is usually returned unchanged. There is one
+    exception: a column may give the letters in the other order, such as XZ for ZX. If the option
+    --plane then states the usual name ZX, this name is returned, and it also replaces the plane in
+    the fields of the test. The log notes this. If the column and the option state different planes,
+    the log notes this, too. Raise an `InputError` for an unknown plane in the column.
     """
     option = recording.campaign.get("plane")
     column_plane = recording.fields.get("plane")

@@ -66,12 +66,16 @@ def number_in_cell(cell: str, *, is_sexagesimal: bool = False) -> _NumberAndUnit
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Return the rows of a sheet without the units after their numbers, and the removed units.
 
-    A row of numbers with units has at least two numbers, of which at least one is followed by a
-    unit. It may have cells with units alone, but no other texts. It is changed if the row directly
-    above or below is also a row of numbers with units. In a sheet with at least three such rows, a
-    row of numbers without units above or below is enough. A row that stands alone, such as
-    ``Force;36 N``, is left as it is. An angle in degrees and minutes beside texts is changed if the
-    cell directly above or below also holds such an angle.
+    Units are removed only from rows of a table. A row of numbers with units has at least two
+    numbers, of which at least one is followed by a unit. It may also have cells with only a unit,
+    but no other texts. Such a row belongs to a table if the row directly above or below is also a
+    row of numbers with units. If the sheet has at least three rows of numbers with units, it is
+    enough that the row directly above or below has numbers, even without units. A row that stands
+    alone, such as ``Force;36 N``, is left as it is.
+
+    In a row with other texts, an angle in degrees and minutes, such as 12°30', is replaced by a
+    number in arcseconds. This is done only if the cell directly above or below also holds such an
+    angle.
     """
     sexagesimal = columns_in_sexagesimal(row.cells for row in rows)
     numbers = [_numbers_of(row.cells, sexagesimal) for row in rows]

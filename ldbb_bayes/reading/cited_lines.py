@@ -1,4 +1,7 @@
-"""Reasons for assumptions that cite lines of files, such as "line 3 says 'R = 100 mm'"."""
+"""Texts that state the reason for an assumption by naming or quoting a line of a file.
+
+An example is "line 3 says 'R = 100 mm'".
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,10 @@ __all__ = ["CitedLine", "cited_line", "quoted_line", "with_words"]
 
 
 class CitedLine(NamedTuple):
-    """Reason for an assumption that names or quotes a line, as in "line 3 says 'R = 100 mm'"."""
+    """Line of a file that is the reason for an assumption, as in "line 3 says 'R = 100 mm'"."""
 
-    reason: str  #: reason for an assumption in words, such as "line 3"
+    #: text that states why an assumption was made, by naming or quoting a line, such as "line 3"
+    reason: str
     #: number of the line that is the reason for an assumption; for a line of another sheet, a text
     #: such as "3 of notes.txt"
     line: int | str
@@ -19,17 +23,19 @@ class CitedLine(NamedTuple):
     quoted: str = ""
 
     def __str__(self) -> str:
-        """Return the reason for an assumption in words."""
+        """Return the text that states the reason for an assumption."""
         return self.reason
 
 
 def cited_line(line: int | str) -> CitedLine:
-    """Return a reason that names a line, such as "line 3"."""
+    """Return a `CitedLine` that names the line on which an assumption is based, as in "line 3"."""
     return CitedLine(f"line {line}", line)
 
 
 def quoted_line(line: int | str, text: str, remark: str = "", longest: int = 60) -> CitedLine:
-    """Return a reason that quotes a line: ``line 3 says 'Mode: diameter', not understood``.
+    """Return a `CitedLine` that quotes the line on which an assumption is based.
+
+    An example of its text is ``line 3 says 'Mode: diameter', not understood``.
 
     Parameters
     ----------
@@ -40,7 +46,7 @@ def quoted_line(line: int | str, text: str, remark: str = "", longest: int = 60)
     remark
         Words after the quotation, such as "not understood".
     longest
-        Largest number of characters of ``text`` that the reason shows.
+        Largest number of characters of ``text`` that are quoted.
     """
     reason = f"line {line} says {text.strip()[:longest]!r}"
     if remark:

@@ -35,8 +35,8 @@ __all__ = [
 
 # All words for a plane, in capitals. The two letters of a plane may be in either order.
 _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
-# A column whose header has a word for plane states the planes of the circles only if it has at most
-# this number of different cells.
+# Largest number of different cells in a column that states the planes of the circles. If a column
+# has more, it does not state planes, even if its header has a word such as "plane".
 _MOST_PLANES = 4
 # Cells that may mean a direction of travel if the header of their column has a word for travel.
 _SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
@@ -47,9 +47,11 @@ _TRAVEL_WORD = re.compile(
 )
 # Regular expression for the words of a header. A capital also begins a new word, as in PlaneName.
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
-# Regular expression for a word for plane.
+# Regular expression for the word "plane" in several languages, such as German "Ebene".
 _PLANE_WORD = re.compile(r"planes?|plan|plano|piano|\w*ebene", re.IGNORECASE)
-# Roles of columns that state a condition of a test. Such a column may also name the tests.
+# Roles of columns that state a condition of a test: its force, its pressure or its direction of
+# travel. The user may state that such a column also names the tests; each test is then named by its
+# force, for example.
 _CONDITIONS = ("force", "pressure", "direction")
 
 
@@ -97,10 +99,11 @@ def with_condition_that_names_tests(
 
 
 def _names_only(header: str, unit: str, role: str) -> bool:
-    """Return whether a header names a role, such as force, and nothing else.
+    """Return whether the header of a column names only a role, such as force.
 
-    Further words are accepted if ``unit``, the unit of the column, is a unit of this role. With
-    such a unit, the words need not name the role, but they must not name another role or another
+    A header that has a word for the role must not have any further words, unless ``unit``, the unit
+    of the column, is a unit of this role. A header without a word for the role is accepted in one
+    case: ``unit`` is a unit of this role, and the header names neither another role nor another
     quantity, such as a maximum.
     """
     name = unit_of(header).name
@@ -132,8 +135,9 @@ def name_plane_column(
     """Return the heading of a table, with its column of planes renamed to ``plane``.
 
     A column without a role is the column of planes if every cell names a plane and the header has a
-    word for plane, as in ``PlaneName``. The log notes that this column is used. If the user states
-    the plane, the heading is returned unchanged; a note is added if a column names other planes.
+    word such as "plane", as in ``PlaneName``. The log notes that this column is used. If the user
+    states the plane, the heading is returned unchanged; a note is added if a column names other
+    planes.
 
     Parameters
     ----------
@@ -149,9 +153,9 @@ def name_plane_column(
     Raises
     ------
     InputError
-        If columns hold planes, but none or several of them have a header with a word for plane. The
-        error is also raised if the header of a column has a word for plane, but some of its cells
-        name no plane.
+        If columns hold planes, but it is not clear which column to use, because a word such as
+        "plane" is in none of their headers or in several. The error is also raised if the header of
+        a column has such a word, but some of its cells name no plane.
     """
     if "plane" in heading.headers:
         return heading
@@ -213,9 +217,9 @@ def _note_contradiction(
 def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]]) -> None:
     """Raise an `InputError` if a column of planes has a cell that does not name a plane.
 
-    A column without a role is taken as a column of planes in one case: its header has a word for
-    plane and no unit, and it has at most four different cells. ``cells`` holds the cells of each
-    column.
+    A column without a role is taken as a column of planes in one case: its header has a word such
+    as "plane" and no unit, and it has at most four different cells. ``cells`` holds the cells of
+    each column.
     """
     for column in _free_columns(heading, cells):
         header = heading.headers[column]
@@ -308,7 +312,7 @@ def _free_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]
 
 
 def _names_plane(header: str) -> bool:
-    """Return whether a header has a word for plane, as in ``PlaneName``."""
+    """Return whether a header has a word such as "plane", as in ``PlaneName``."""
     return any(_PLANE_WORD.fullmatch(word) for word in _WORDS.findall(header))
 
 

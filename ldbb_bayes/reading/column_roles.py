@@ -51,8 +51,8 @@ _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 # Regular expression for the name of a column that holds one of several runs, such as "Run 1" or
 # "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
-# Regular expression for the number of a test, such as "T1". It must not be taken for the header "t"
-# of a column of times.
+# Regular expression for a text that is the number of a test, such as "T1". Without this check, such
+# a text would be read as the header "t" of a column of times.
 _NUMBER_OF_TEST = re.compile(r"[^\W\d_]{1,3}[-_]?\d+")
 # If the name of a column shows no role, the unit of the column may show one of these roles.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
@@ -76,10 +76,11 @@ _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 # Regular expression for the header of a column in a table of the program R, which has dots in place
 # of blanks and brackets, such as ``force..lbf.``.
 _HEADER_WITH_DOTS = re.compile(r"[^\W\d_][\w.]*\.[\w.]*")
-# Regular expression for the dots in a header of the program R, except decimal points.
+# Regular expression for the dots that the program R writes in a header in place of blanks and other
+# characters. Decimal points are not matched.
 _DOTS = re.compile(r"(?<!\d)\.+|\.+(?!\d)")
-# Regular expression for a unit that has lost its first sign in a header of the program R. R puts a
-# dot in place of µ, so that a blank, a bracket and µm become ``...m.``.
+# Regular expression for a unit whose first character is missing in a header that the program R
+# wrote. R writes a dot for each blank, bracket and µ, so that `` (µm)`` becomes ``...m.``.
 _LOST_SIGN = re.compile(r"\.{3,}(?:m|s|N|in|inch)\.$")
 # Regular expression for the number that the program R adds to the second of two equal headers.
 _NUMBER_OF_EQUAL = re.compile(r"\.\d+$")
@@ -150,7 +151,7 @@ def unit_of(header: str) -> Header:
 
 
 def _unit_between_dots(header: str) -> Header | None:
-    """Return the name and unit of a header in which the program R uses dots for other characters.
+    """Return the name and unit of a header in which the program R put dots for blanks and brackets.
 
     Examples are ``force..lbf.`` for ``force [lbf]``, and ``deviation.thousandths.of.an.inch``.
     Return None for any other header, and for one that states no unit.
@@ -242,10 +243,10 @@ def _name_and_unit(header: str) -> Header:
 
 
 def _unit_before_remark(header: str, name: str) -> Header | None:
-    """Return the name and unit of a header with a remark behind them: "Reading, µm (radial)".
+    """Return the name and unit of a header in which a remark in brackets follows them.
 
-    Return None for any other header. ``name`` is the part of the header before its first bracket,
-    here "Reading, µm".
+    An example is "Reading, µm (radial)". Return None for any other header. ``name`` is the part of
+    the header before its first bracket, here "Reading, µm".
     """
     remarks = _INSIDE_BRACKETS.findall(header)
     if len(remarks) != 1 or not re.fullmatch(r"[^\W\d_]{4,}(?: [^\W\d_]+)*", remarks[0]):
@@ -322,10 +323,11 @@ def _unit_at_end(header: str) -> Header:
 
 
 def _unread_unit_at_end(header: str) -> Header:
-    """Return the name and the unit of a header that ends with a unit not known to this package.
+    """Return the name and the unit of a header that ends with a unit that this package cannot read.
 
-    Examples are a force in oz, and a reading in "tenths", which may be tenths of several units. The
-    unit is empty if the header ends with another word, or names another quantity.
+    Examples are a force in oz, and a reading in "tenths", which may be tenths of a millimetre or of
+    another unit. The name must have a word for the quantity that has this unit, such as "force" for
+    oz. For any other header, the name is the whole header and the unit is empty.
     """
     for role, pattern in _FOREIGN_UNITS.items():
         match = pattern.fullmatch(header)
@@ -577,14 +579,15 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
     """Find the column whose header names ``role``, such as time, and record it in ``roles``.
 
-    Columns that already have a role are not considered. If several columns could have the role, an
-    `InputError` is raised, unless each column holds the readings of a separate test. The headers of
-    such columns state loads, as in 36 N, are numbers, or name runs, as in Run 1. Columns of runs
-    are found with the role "test", but are recorded as readings if no other readings are known.
+    Only columns without a role are considered. If several columns could have the role, an
+    `InputError` is raised, unless each of them holds the readings of a separate test. The header of
+    such a column states a load, as in ``36 N``, is only a number, or is the name of a run, as in
+    ``Run 1``. Columns whose headers name runs are found with the role "test". They are recorded as
+    columns of readings if no column of readings has been found before.
 
-    A column whose header is a field of a test (`PER_TEST`), such as ``force_N``, gets no role here,
-    unless it holds the readings. Raise an `InputError` if a column of readings holds angles.
-    ``place`` names the table in error messages. ``headers`` are the headers of all columns.
+    A column whose header is the name of a field of a test (`PER_TEST`), such as ``force_N``, gets
+    no role here, unless it holds the readings. Raise an `InputError` if a column of readings holds
+    angles. ``place`` names the table in error messages. ``headers`` are the headers of all columns.
     """
     free = _free_columns(role, roles, headers)
     candidates = _candidates(role, free, headers)

@@ -55,7 +55,10 @@ class _UnitEvidence(NamedTuple):
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:
-    """Return whether the user or the file states the unit of the column with this role."""
+    """Return whether the user or the file states the unit of a column.
+
+    ``role`` is what the column holds, such as angle or reading.
+    """
     if getattr(recording.layout, f"{role}_unit") is not None:
         return True
     return bool(_evidence_in_file(recording, role))
@@ -161,10 +164,11 @@ def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> f
 def _size_of_known_unit(
     recording: Recording, role: str, unit: str, source: str | CitedLine
 ) -> float:
-    """Return the size of a unit in the unit that this package uses for the role of a column.
+    """Return the factor that converts numbers from a unit to the unit that this package uses.
 
-    For readings, for which the package uses µm, the size of mm is 1000. ``source`` says where the
-    unit is stated, such as "line 3". Raise an `InputError` for a unit unknown for this role.
+    For readings in mm, the factor is 1000, because the package uses µm for readings. ``role`` is
+    what the numbers are, such as reading. ``source`` says where the unit is stated, such as "line
+    3". Raise an `InputError` if the role has no such unit.
     """
     size = size_of_unit(role, unit)
     if size is None:
@@ -199,9 +203,10 @@ def _hint_on_unit(role: str, unit: str) -> str:
 
 
 def _hint_on_unit_of_angle(unit: str) -> str:
-    """Return the end of the advice for a unit that is unknown for angles; empty if there is none.
+    """Return words to be added to the advice on a unit that is unknown for angles.
 
-    The advice begins with the option ``--angle-unit``.
+    In the error message, these words follow the option ``--angle-unit``, which the advice names.
+    The result is empty if there is nothing to add.
     """
     if names_sexagesimal(unit):
         return " deg if they have decimals; or write them as in 12°30'15\""
@@ -213,7 +218,12 @@ def _hint_on_unit_of_angle(unit: str) -> str:
 
 
 def _check_sensitivity(recording: Recording, unit: str) -> None:
-    """Raise an error for readings in volts if a line gives the length per volt (``10 µm/V``)."""
+    """Raise an `InputError` if a line states the length per volt for readings in volts.
+
+    Such a line is ``10 µm/V`` or ``1 V = 10 µm``. Its length is not used without the user's
+    consent: the error message advises to state it with the option --unit. ``unit`` is the unit of
+    the readings, V or mV.
+    """
     for line, text in recording.lines_outside:
         stated = _SENSITIVITY.search(text[:LONGEST_TEXT])
         if stated is None or comparable(stated["volt"] or stated["per"]) != comparable(unit):
@@ -237,9 +247,10 @@ def _units_as_text(units: Sequence[str]) -> str:
 
 
 def _header_source(recording: Recording, role: str) -> str:
-    """Return a text that names the line of the header, or of the row of units below it.
+    """Return a text that names the line of a column's header, or of the unit below the header.
 
-    The row of units is named if it states the unit of the column with this role.
+    The line of the unit is named if the file has a row of units below the header, and this row
+    states the unit of the column. ``role`` is what the column holds, such as angle.
     """
     heading = recording.heading
     if heading.roles[role] in heading.columns_with_unit_below:
@@ -309,11 +320,11 @@ def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvi
 
 
 def _may_be_counts(recording: Recording, role: str) -> bool:
-    """Return whether the numbers of a column may be counts, whose size a line may state.
+    """Return whether the numbers of a column may be counts (digital steps of an instrument).
 
-    Readings without a unit may be counts. Angles are counts if their header has a word for counts.
-    Times are numbers of samples if they are successive integers. ``role`` is the role of the
-    column.
+    The size of one count may then be stated by a line of the file. Readings without a unit may be
+    counts. Angles are counts if their header has a word for counts. Times are numbers of samples if
+    they are successive integers. ``role`` is what the column holds: reading, angle or time.
     """
     if role == "angle":
         return _heads_counts(recording, role)
@@ -323,7 +334,10 @@ def _may_be_counts(recording: Recording, role: str) -> bool:
 
 
 def _heads_counts(recording: Recording, role: str) -> bool:
-    """Return whether the header of the column with a role has a word for counts of an encoder."""
+    """Return whether the header of a column has a word for counts of an encoder.
+
+    ``role`` is what the column holds, such as angle.
+    """
     heading = recording.heading
     header = heading.headers[heading.roles[role]][:LONGEST_TEXT]
     words = re.split(r"[\W_]+", comparable(header))

@@ -32,13 +32,13 @@ def columns_that_name_tests(
 ) -> list[str]:
     """Return the headers of the columns that may name the test of each row.
 
-    In such a column, equal cells are in successive rows, and each word is in enough rows for a
-    test.
+    In such a column, all rows with the same word are successive, and there are at least nine of
+    them, the fewest rows of a test.
 
     Parameters
     ----------
     recording
-        Rows that were taken for one test.
+        Rows that are so far regarded as one test.
     directions
         Direction of travel in each of these rows; all rows with the same word in the column must
         have the same direction. Empty if the directions do not matter.

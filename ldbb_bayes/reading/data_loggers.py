@@ -1,4 +1,4 @@
-"""Files of Campbell's data loggers in the format TOA5, as text."""
+"""Text files in the format TOA5, which data loggers of Campbell Scientific write."""
 
 from __future__ import annotations
 

@@ -29,9 +29,11 @@ def halve_diameters(recording: Recording) -> None:
     Raises
     ------
     InputError
-        If the header and the lines contradict each other. The error is also raised if the header, a
-        line or a name (of the test, sheet or file) leaves open which length is measured. If the
-        user states the length, no error is raised.
+        If the header and the lines contradict each other. The error is also raised if neither of
+        them clearly says whether the radius or the diameter is measured, although the header, a
+        line or a name (of the test, sheet or file) may mean the diameter. A line which says that
+        readings are doubled causes the error in any case. If the user states which of the two is
+        measured, no error is raised.
     """
     readings = recording.numbers.get("reading")
     if readings is None:
@@ -64,8 +66,8 @@ def halve_diameters(recording: Recording) -> None:
 def _check_open_lines(recording: Recording, is_stated: bool) -> None:
     """Raise an error if a line, header or name may mean that readings measure the diameter.
 
-    ``is_stated`` states whether the header or a line clearly says which length is measured. If so,
-    an error is raised only for lines which say that readings are doubled.
+    ``is_stated`` states whether the header or a line clearly says that the radius or the diameter
+    is measured. If so, an error is raised only for lines which say that readings are doubled.
     """
     for line, text in recording.lines_outside:
         if doubles_readings(text) or (leaves_length_open(text) and not is_stated):

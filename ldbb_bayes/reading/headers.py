@@ -258,9 +258,10 @@ def _check_units_align(
 ) -> None:
     """Raise an error if a row of units does not show which columns have no unit.
 
-    Some columns have no unit if there are fewer units than columns. Empty cells show which columns
-    these are; in a workbook, every cell stands in its column. If there are no empty cells, and the
-    separator is not a blank, the units are assigned to the first columns. Each unit must then fit
+    Some columns have no unit if there are fewer units than columns. In a workbook, the column of
+    each unit is always known, and no error is raised. In a text file, empty cells in the row of
+    units show which columns have no unit. If there are no empty cells, the units are assumed to
+    belong to the first columns. This is accepted if the separator is not a blank and each unit fits
     the name of its column. In all other cases, an error is raised.
 
     Parameters
@@ -303,8 +304,9 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
         if column < len(units_below) and units_below[column]:
             below = units_below[column]
             if unit and _is_scaled(below):
-                # Both the header and the row of units state a unit. The two are joined to one text,
-                # which is no known unit; later code raises an error if the column is used.
+                # The header states one unit, and the row of units another. Both are stored in one
+                # text. This text is not a known unit, so that later code raises an error if the
+                # column is used.
                 unit = f"{unit} and {below}"
             else:
                 unit = unit_of(f"{header} [{below}]").unit

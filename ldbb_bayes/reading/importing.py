@@ -291,11 +291,12 @@ def _split_into_tests(
 
 
 def _sheets_that_list_tests(recordings: Iterable[Recording]) -> set[str]:
-    """Return the places of the lists of tests of which at least one cell was used for a test.
+    """Return the places of those lists of tests from which cells were used.
 
-    A place names the file and the sheet of a list. The cells that are used for a test are stored
-    with the lines above the table of the test. Their line number is a text such as "3 of
-    notes.txt", which ends with the place.
+    A list of tests is a sheet or file that describes tests whose tables are elsewhere. A place
+    names the file and the sheet of a list. The cells that describe a test are stored with the lines
+    above the table of the test. Their line number is a text such as "3 of notes.txt", which ends
+    with the place.
     """
     places = set()
     for recording in recordings:

@@ -354,9 +354,10 @@ class BallForm(Term):
 def _form_errors(setting: Setting) -> list[_Form]:
     """Return the ball form errors in the model of a campaign.
 
-    A ball may be turned in its socket between tests. If so, the model has a form error for each
-    ball, as a function of the angle on this ball. Otherwise it has only the sum of the form errors
-    of both balls, as a function of the angle on the work ball. ``setting`` describes the test
+    If a ball is turned in its socket between tests, the model has a separate form error for each
+    ball, as a function of the angle on this ball. The same holds if a ball is turned between two
+    campaigns that are analysed together. Otherwise the model has only the sum of the form errors of
+    both balls, as a function of the angle on the work ball. ``setting`` describes the test
     conditions.
     """
     work = setting.instrument.work

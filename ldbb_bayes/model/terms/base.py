@@ -88,8 +88,8 @@ class Uncertainty:
 class Uncertainties(Result):
     """Uncertainties assumed for the instrument, and names of its calibration certificates.
 
-    The uncertainties are assumed by nuisance terms, which describe effects that are modelled but
-    not of interest.
+    Each uncertainty is the prior standard deviation of a coefficient of a nuisance term. A nuisance
+    term is the part of the model for an effect that is not of interest.
 
     Examples
     --------
@@ -99,8 +99,8 @@ class Uncertainties(Result):
     (0.0094, 'mm', False)
     """
 
-    #: values and standard uncertainties that the nuisance terms (effects modelled but not of
-    #: interest) assume for properties of the instrument, term by term
+    #: properties of the instrument, such as the length of the bar, with the value and the standard
+    #: uncertainty that the model assumes for each
     assumed: tuple[Uncertainty, ...]
     #: dict of the names of the instrument's calibration certificates; its keys are the certified
     #: parts, such as ``bar``
@@ -363,8 +363,8 @@ class Term(Shown):
     def describe(cls, coefficient: str) -> str:
         """Return a description of a coefficient of this term, derived from the coefficient's name.
 
-        For example, pattern_cos4 is described as "machine pattern (cos 4θ)". The method of the
-        class `Term` itself, which belongs to no term, returns the name unchanged.
+        For example, pattern_cos4 is described as "machine pattern (cos 4θ)". The base class `Term`
+        itself returns the name unchanged.
         """
         if cls is Term:
             return coefficient

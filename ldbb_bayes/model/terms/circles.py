@@ -229,9 +229,10 @@ class Hysteresis(Term):
     #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
     #: [µm/kN]. In planes with one direction of travel, the prior sd is 0.6 times this value.
     proportional_um_per_kN: float = 2.0
-    #: prior of the part of hysteresis that does not depend on force, in planes with both directions
-    #: of travel: at Fourier order 1, its sd is the hyper-parameter η (``sampled``) or the field
-    #: ``constant_um`` (``fixed``)
+    #: which number is the prior sd of the part of hysteresis that does not depend on force, at
+    #: Fourier order 1: the hyper-parameter η if this field is ``sampled``, the field
+    #: ``constant_um`` if it is ``fixed``. The choice applies to planes whose circles run in both
+    #: directions of travel
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
@@ -249,8 +250,8 @@ class Hysteresis(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of hysteresis in every plane of a campaign.
 
-        ``setting`` describes the test conditions. A column holds the change of the reading per unit
-        of one coefficient in every test. If the field ``law`` is ``fixed``, only planes whose
+        ``setting`` describes the test conditions. A column holds, for every test, the change of the
+        reading per unit of one coefficient. If the field ``law`` is ``fixed``, only planes whose
         circles run in both directions have columns.
         """
         columns: list[Columns] = []

@@ -131,10 +131,11 @@ class Mount(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the mount's deflection per pressure and of its curvature.
+        """Return the columns of the design matrix for two errors of the mount's deflection.
 
-        ``setting`` describes the test conditions. A column holds the change of the reading per unit
-        of one coefficient in every test.
+        The first is the error of the deflection per pressure. The second is the curvature, which
+        has no column if ``curvature_um`` is zero. ``setting`` describes the test conditions. A
+        column holds, for every test, the change of the reading per unit of one coefficient.
         """
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
@@ -224,7 +225,7 @@ class ForceError(Term):
         """Return the columns of the design matrix for the three kinds of force error.
 
         They are gain error, curvature and random error. ``setting`` describes the test conditions.
-        A column holds the change of the reading per unit of one coefficient in every test.
+        A column holds, for every test, the change of the reading per unit of one coefficient.
         """
         deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)

@@ -87,8 +87,8 @@ class JointLoad(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the nonlinear deflection of each axis that the circles drive.
 
-        ``setting`` describes the test conditions. A column holds the change of the reading per unit
-        of one coefficient in every test.
+        ``setting`` describes the test conditions. A column holds, for every test, the change of the
+        reading per unit of one coefficient.
         """
         reference_N = setting.reference_force_N
         require(
@@ -234,8 +234,8 @@ class Position(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns for the changes of compliance along the axes that the circles drive.
 
-        ``setting`` describes the test conditions. A column holds the change of the reading per unit
-        of one coefficient in every test.
+        ``setting`` describes the test conditions. A column holds, for every test, the change of the
+        reading per unit of one coefficient.
         """
         force = setting.force_N[:, None]
         columns = []
