@@ -115,8 +115,9 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is most similar to ``name``, a name that is probably misspelt.
 
     If several names are equally similar, a name with the same letters as ``name``, in any order, is
-    preferred. If there is no such name, the name with the longest first sequence of letters in
-    common with ``name`` is preferred. Capital and small letters are not distinguished.
+    preferred. If there is no such name, the first sequence of matching letters decides: the longer
+    this sequence, the better. For example, "forse" and "force" have "for" as the first sequence.
+    Capital and small letters are not distinguished.
     """
     lower_name = name.lower()
 

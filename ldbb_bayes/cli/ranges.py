@@ -17,7 +17,8 @@ _MOST_VALUES = 5000
 # 0:0.3:0.1, for example, must have three steps and end at 0.3, although a computer cannot store 0.1
 # exactly.
 _ROUNDING = 1e-8
-# Angles [deg] of work ball and tool ball, WORK/TOOL, as an example in messages.
+# Example, for error messages, of a list of angles [deg]. Each entry WORK/TOOL consists of the angle
+# of the work ball and the angle of the tool ball.
 _PAIRS = "0/0,45/90"
 
 
@@ -41,8 +42,8 @@ def _read_range(entry: str, flag: str, range_example: str, list_example: str) ->
     """Return the numbers that the user typed as the value of an option.
 
     The string ``entry`` is a range LO:HI:STEP, with both ends included, or a comma-separated list.
-    ``flag`` names the option in error messages. These messages contain one of the two examples, or
-    both.
+    ``flag`` names the option in error messages. ``range_example`` and ``list_example`` are examples
+    of a range and of a list; a message about a mistyped value shows one of them or both.
     """
     if ":" not in entry:
         return numbers_in(entry, flag, list_example)

@@ -45,11 +45,11 @@ def report(
 ) -> None:
     """Make a page, and a PDF for signing, from files of readings or from fits.
 
-    The command reads, checks and fits the files, compares models, and chooses the next tests. Only
-    at a terminal does it ask questions: for information that the files do not give, and at most
-    three about machine, mount and balls. It writes the page, the PDF, JSON, DCC, tables, campaign
-    and fit into the folder FILE_report beside the first file. It writes the report of a fit into
-    the folder of the fit.
+    The command reads, checks and fits the files, compares models, and chooses the next tests. If it
+    runs at a terminal, it asks for information that the files do not give, and asks at most three
+    questions about the machine, the mount and the balls. It writes the page, the PDF, a JSON file,
+    the digital calibration certificate (DCC), the tables, the campaign and the fit into the folder
+    FILE_report beside the first file. It writes the report of a fit into the folder of the fit.
 
     The exit code is 1 if the random draws of a fit did not reach the required effective sample
     size. The page then says so at its top.

@@ -60,7 +60,8 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
     """Return tables and sentences on the assumptions about imported files and about the balls.
 
     If the campaign states nothing about the form deviations of the two balls, one of the
-    assumptions says that they are "as the model assumes". The prior of the model is not stated.
+    assumptions says that the balls are "as the model assumes". It does not state the numbers of the
+    prior that the model uses for them.
 
     Parameters
     ----------
@@ -233,10 +234,11 @@ class ReportSource:
         return SourceCampaign(campaign, imported)
 
     def read_any(self) -> SourceCampaign:
-        """Return the campaign or plan in the folder, stored fit or tables that the user names.
+        """Return the campaign or plan that the user names.
 
-        At a terminal, the user is asked for information that is needed to read the tables, but not
-        about machine, mount and balls.
+        The user may name a folder of a campaign, a stored fit, or files with tables. If the tables
+        lack information that is needed to read them, the user is asked for it at a terminal. The
+        user is not asked about the machine, the mount or the balls.
 
         Returns
         -------

@@ -21,8 +21,8 @@ _LONGEST_LINE = 20_000
 _DEEP_KEY = re.compile(r"(?:[\w-]{1,200}[ \t]{0,9}\.[ \t]{0,9}){8}")
 # Regular expression for strings and comments in a TOML file. A string between triple quotes may end
 # with two more quotes. A string without a closing quote is matched up to the end of the line or, if
-# it began with triple quotes, up to the end of the file. No part of the file is therefore searched
-# twice. Files with such strings are refused later.
+# it began with triple quotes, up to the end of the file, so that no part of the file is searched
+# twice. A file with an unclosed string is refused later.
 _STRING_OR_COMMENT = re.compile(
     r'''
     """(?:[^\\]|\\(?:.|\Z))*?(?:"{3,5}|\Z)  # string between triple quotation marks

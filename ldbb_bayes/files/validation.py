@@ -22,9 +22,10 @@ _EXPECTATION = "Input should be "
 
 @cache
 def _adapter(model: type[Any]) -> TypeAdapter[Any]:
-    """Return the object of the library pydantic that checks values for a class.
+    """Return the pydantic object that checks whether the content of a file is valid.
 
-    It takes milliseconds to make the object, which is therefore kept for later calls.
+    ``model`` is the class that describes valid content. The object is kept for later calls with the
+    same class, because it takes milliseconds to make.
     """
     return TypeAdapter(model)
 
@@ -102,8 +103,8 @@ class _Location(NamedTuple):
     # keys of a TOML file that lead from the outermost table to an invalid entry; entries of lists
     # are numbered from 1
     keys: list[str]
-    # class, of the library pydantic, that describes valid content of one table of the file: the
-    # innermost table to which ``keys`` lead
+    # pydantic class that describes the valid content of one table of the file: of the innermost
+    # table that ``keys`` lead to
     owner: Any
 
 

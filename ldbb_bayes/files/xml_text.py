@@ -58,7 +58,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def enter_element(*_: object) -> None:
-        """Count one more level of nested XML elements; refuse a file with too many levels."""
+        """Increase the depth by one at the start of an XML element; refuse too great a depth."""
         nonlocal depth
         depth += 1
         require(
@@ -68,7 +68,7 @@ def _refuse_dangerous(content: bytes) -> None:
         )
 
     def leave_element(*_: object) -> None:
-        """Count one level of nested XML elements less, because an element ends."""
+        """Decrease the depth of nested XML elements by one at the end of an element."""
         nonlocal depth
         depth -= 1
 

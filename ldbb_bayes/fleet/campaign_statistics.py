@@ -45,7 +45,8 @@ class SufficientStatistics:
     """
 
     names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign's fit
-    #: internal units of the q parameters and instrument errors, made of mm, N and rad
+    #: internal units of all q quantities (parameters and instrument errors); each unit is a product
+    #: of powers of mm, N and rad, such as mm/N
     units: tuple[str, ...]
     mean: Array  #: posterior means of the q parameters and instrument errors, shape (q,)
     #: posterior covariance matrix of the q parameters and instrument errors, shape (q, q)
@@ -121,7 +122,8 @@ class _ChosenCoefficients(NamedTuple):
     #: common to the tests of a campaign
     places: list[int]
     names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign
-    #: internal units of the q parameters and instrument errors, made of mm, N and rad
+    #: internal units of all q quantities (parameters and instrument errors); each unit is a product
+    #: of powers of mm, N and rad, such as mm/N
     units: tuple[str, ...]
     #: prior means of the q parameters and instrument errors in mm, N and rad, shape (q,)
     prior_mean: Array

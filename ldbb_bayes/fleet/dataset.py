@@ -227,14 +227,16 @@ def read_batch(
     - ``campaign``, ``name``, ``sha256``, ``machine_id``, ``date``: which campaign this is.
     - ``status``: "done" or "failed". ``reason``: why the fit failed.
     - ``topology``, ``planes``, ``tests``, ``readings``, ``force_min_N``, ``force_max_N``,
-      ``reference_force_N``: the machine and its tests; ``tests`` and ``readings`` are numbers.
+      ``reference_force_N``: the machine and its tests. ``tests`` is the number of tests, and
+      ``readings`` the number of readings.
     - ``compliances``: JSON text that states the weighted sum of joint compliances for each fitted
       compliance. ``tolerances``: JSON text with the tolerances.
     - ``degree``, ``terms``, ``model_sha256``, ``sampler``, ``seed``, ``versions``: the model, the
       sampler and the versions of the software.
     - ``converged``: whether the sampler reached its target. ``state``: how far the fit can be
-      trusted. ``verdict``: a sentence on the fit. ``warnings``, ``misfits``: their texts.
-      ``kinds``: the kind of each warning and misfit.
+      trusted. ``verdict``: a sentence on the fit. ``warnings``, ``misfits``: the texts of the
+      warnings, and of the misfits (disagreements between readings and model). ``kinds``: the kind
+      of each warning and misfit.
     - ``log_prob_truncation``: log probability that no compliance is negative [nat].
     - ``rmse_um``: root mean square of the residuals [µm].
     - ``log_bayes_factor``, ``log_bayes_factor_error``: log Bayes factor of linear over constant
@@ -250,8 +252,8 @@ def read_batch(
       quantity with a tolerance.
     - ``gaussian_…``: posterior and prior moments of parameters and instrument errors, which
       `find_trend` and `fit_population` use. The posterior moments are computed without the
-      condition that no compliance is negative. The column of the covariance matrix lists its lower
-      triangle row by row.
+      condition that no compliance is negative. One column holds the covariance matrix, as a list of
+      the elements of its lower triangle, row by row.
 
     Parameters
     ----------

@@ -47,11 +47,13 @@ class DeviationFactors(NamedTuple):
     #: w / s, where w are the deviations of the c parameters from a common level. There is one L for
     #: each of k values of the standard deviations s and each of n campaigns or machines.
     diagonal: Array
-    #: products L⁻¹ s (Λ_c, η_c), shape (c, q + 1, k, n), for c parameters, k values of the standard
-    #: deviations s, and n campaigns or machines. L is the Cholesky factor of the precision matrix
-    #: of w / s, where w are the deviations of the parameters from a common level. The first q
-    #: columns belong to Λ_c, the rows of the likelihood's precision for the parameters; the last
-    #: column belongs to η_c, the shift (precision times estimate) for the parameters.
+    #: products L⁻¹ s (Λ_c, η_c), shape (c, q + 1, k, n). The first q columns are L⁻¹ s Λ_c, and the
+    #: last column is L⁻¹ s η_c. L is the Cholesky factor of the precision matrix of w / s, where w
+    #: are the deviations of the parameters from a common level. Λ_c are those rows of the
+    #: likelihood's precision matrix that belong to the parameters, and η_c are those elements of
+    #: precision matrix times estimate that belong to the parameters. The first axis is for the
+    #: parameters, k is the number of values of the standard deviations s, and n the number of
+    #: campaigns or machines.
     solved: Array
     #: inverses of the Cholesky factors L, shape (c, c, k, n); shape (c, 0, k, n) if the inverses
     #: were not requested. L Lᵀ is the precision matrix of w / s, where w are the deviations of the
@@ -138,9 +140,9 @@ class Estimates(NamedTuple):
     #: posterior covariances of the c parameters given each of n campaigns or machines alone, shape
     #: (n, c, c). The errors of the instrument are taken as known.
     covariance: Array
-    #: derivatives of estimates with respect to true values, shape (n, c, q): estimates of the c
-    #: parameters from each of n campaigns or machines alone, and true values of the q parameters
-    #: and instrument errors
+    #: derivatives of the estimates of the c parameters with respect to the true values of q
+    #: quantities (the parameters and the instrument errors), shape (n, c, q). There is one matrix
+    #: of derivatives for the estimates from each of n campaigns or machines alone.
     response: Array
     #: estimates of the c parameters from each of n campaigns or machines alone, computed as if the
     #: instrument had no errors, shape (n, c)

@@ -61,7 +61,9 @@ class FleetStatistics:
     machines: tuple[str, ...]  #: name of the machine of each of n campaigns
     dates: tuple[datetime | None, ...]  #: date of each of n campaigns; None if it is not stated
     parameters: tuple[str, ...]  #: names of the c parameters to analyse, such as C_XXX
-    units: tuple[str, ...]  #: internal units of the c parameters, made of mm, N and rad
+    #: internal units of the c parameters; each unit is a product of powers of mm, N and rad, such
+    #: as mm/N
+    units: tuple[str, ...]
     #: names of the s instrument errors whose values are the same in all campaigns; empty if the
     #: campaigns used different instruments
     instrument: tuple[str, ...]
@@ -73,8 +75,9 @@ class FleetStatistics:
     #: of ``prior_sd``, shape (n, c + s)
     likelihood: Gaussian
     reference_force_N: float  #: force for which the compliances of all campaigns are given [N]
-    #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
-    #: such range, the lowest force is above the highest force
+    #: lower and upper end of the range of forces that all campaigns have in common [N]: the largest
+    #: of the campaigns' lowest forces, and the smallest of their highest forces. If there is no
+    #: common range, the first number is larger than the second.
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: dictionary whose keys are the names of the fitted compliances. Each value is the weighted sum
@@ -111,7 +114,7 @@ def fleet_statistics(
 
     Parameters
     ----------
-    rows : rows of a batch's table for the campaigns to use; see `choose`.
+    rows : those rows of a batch's table whose campaigns are to be used; `choose` selects them.
     parameters : names of the parameters to analyse; default: all compliances at the reference
         force.
     reference_force_N : force for which the compliances are given [N]; default: the median of the
@@ -293,11 +296,11 @@ class _Likelihood(NamedTuple):
     The quantities are parameters of the machine and errors of the instrument.
     """
 
-    #: precision matrix (inverse covariance) of the likelihood of q parameters and instrument
-    #: errors, shape (q, q)
+    #: precision matrix (inverse covariance) of the likelihood of q quantities (parameters and
+    #: instrument errors), shape (q, q)
     precision: Array
-    #: shift of the likelihood of q parameters and instrument errors: the precision matrix times the
-    #: estimate, shape (q,)
+    #: precision matrix of the likelihood times the estimate of the q quantities (parameters and
+    #: instrument errors), shape (q,). The estimate is the maximum of the likelihood.
     shift: Array
     #: prior means, in the campaign's fit, of the q parameters and instrument errors, shape (q,)
     prior_mean: Array

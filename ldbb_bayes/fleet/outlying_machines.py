@@ -161,9 +161,10 @@ def _compare_each_with_others(
     population. ``shared`` is the posterior of the population's mean and the instrument's errors,
     given each draw of the spreads and all machines.
 
-    To leave machine m out, its contribution is subtracted from the precision and the shift of
-    ``shared``. Let y be all readings, y_m the readings of machine m, y_−m the readings of the other
-    machines, and s the spreads. Then ln p(y_m | y_−m, s) = ln p(y | s) − ln p(y_−m | s).
+    To leave machine m out, its contribution is subtracted from the precision matrix of ``shared``,
+    and from the product of precision matrix and mean. The result contains the log density
+    ln p(y_m | y_−m, s) = ln p(y | s) − ln p(y_−m | s). Here y are all readings, y_m the readings of
+    machine m, y_−m the readings of the other machines, and s the spreads.
     """
     k, c = spread.shape
     n, q = likelihood.shift.shape
@@ -239,10 +240,11 @@ class _Prediction(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: logarithms of integrals, up to a constant, shape (k, n): one integral for each of k random
-    #: draws of the spreads (standard deviations from machine to machine) and each of n machines
-    #: that is left out. The integrand is the Gaussian function of the population's mean and the
-    #: instrument's errors that the readings of all other machines give.
+    #: logarithms of the integrals ∫ exp(ηᵀ x − ½ xᵀ P x) dx, up to a constant, shape (k, n). There
+    #: is one integral for each of k random draws of the spreads (standard deviations from machine
+    #: to machine) and each of n machines, which is left out. x are the population's mean and the
+    #: instrument's errors. Given the spreads and the readings of all other machines, P is the
+    #: precision matrix (inverse covariance) of x, and η is P times the mean of x.
     log_integral: Array
     #: differences between the estimates of c parameters from one machine alone and the predictions
     #: from the other machines, divided by the standard deviations of these differences, shape (c,
@@ -257,17 +259,18 @@ def _predict_from_others(
     """Predict the parameters of each machine from the readings of the other machines.
 
     Each of the n machines is left out in turn. The spreads (standard deviations of the machines
-    about the population's mean μ) are taken from k random draws. For each draw, the readings of the
-    other machines give a Gaussian function of q quantities: μ and the instrument's errors b.
+    about the population's mean μ) are taken from k random draws. For each draw and each machine
+    left out, the posterior density of μ and of the instrument's errors b given the readings of the
+    other machines is a Gaussian. μ and b together have q elements.
 
     Parameters
     ----------
     separate
-        Estimates of the parameters of each machine left out, from this machine alone.
+        Estimates of the parameters of each machine, computed from its own readings alone.
     precision
-        Inverse covariances of the Gaussians, shape (q, q, k, n).
+        Inverse covariance matrices of the Gaussians, shape (q, q, k, n).
     shift
-        Products of precision and mean of the Gaussians, shape (q, k, n).
+        Products of inverse covariance matrix and mean of the Gaussians, shape (q, k, n).
     spread
         Random draws of the spreads of the c parameters, shape (k, c).
     """

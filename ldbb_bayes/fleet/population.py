@@ -429,8 +429,8 @@ def fit_population(
         Seed of the random draws.
     progress : callable, optional
         Function ``progress(done, total)`` that is called while machines are compared with one
-        another. New random draws are needed to compare ``total`` of the machines; ``done`` is the
-        number of these machines that are finished.
+        another. ``total`` is the number of machines whose comparison with the others needs new
+        random draws, and ``done`` is the number of these comparisons that are finished.
 
     Returns
     -------
@@ -739,10 +739,11 @@ def _estimate_machines_separately(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> _Moments:
-    """Estimate the c parameters of n machines, each machine from its own campaigns.
+    """Return the posterior means and sds of the c parameters of n machines, shape (n, c) each.
 
-    Only the errors of the instrument are estimated from the campaigns of all machines. The means
-    and sds have the shape (n, c). All values are in units of the prior sds.
+    Each machine is estimated from its own campaigns only. The errors of the instrument, however,
+    are estimated from the campaigns of all machines. The result also holds credible intervals. All
+    values are in units of the prior sds.
 
     Parameters
     ----------
@@ -805,7 +806,7 @@ def _instrument_caveat(
     """Return the caveat (limitation) that all campaigns used the same instrument.
 
     The caveat names the parameter whose population mean is most affected by the instrument's
-    errors. It also states how many per cent of the variance of this mean the errors cause.
+    errors. It also states the percentage of the variance of this mean that is due to these errors.
     ``parameters`` are the distributions of the parameters over the machines, and ``statistics``
     names the errors.
     """

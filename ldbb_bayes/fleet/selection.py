@@ -65,11 +65,11 @@ class Caveat(Result):
     #: names of the campaigns, machines or parameters that a limitation of a trend or a population
     #: concerns
     names: tuple[str, ...] = ()
-    #: numbers that a report states when it describes a limitation of a trend or a population, such
-    #: as a force in N
+    #: numbers that a report includes in its sentence on a limitation of a trend or a population. If
+    #: there are few machines, for example, these are their number and the number that is needed.
     values: tuple[float, ...] = ()
-    #: text that a report states when it describes a limitation of a trend or a population, such as
-    #: a date
+    #: detail that a report includes in its sentence on a limitation of a trend or a population. If
+    #: earlier campaigns are left out, for example, it is the date from which campaigns are used.
     text: str = ""
 
 

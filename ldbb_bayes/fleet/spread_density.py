@@ -55,9 +55,10 @@ _DIFFERENCE_STEP = 1e-4
 # The search for the mode of the density of ln s ends when a step increases the log density by less
 # than this number [nat]. s are the spreads (standard deviations between machines).
 _MODE_GAIN = 1e-10
-# Random draws of ln s are limited to the range from ln τ − ``_RANGE_BELOW`` to m +
-# ``_RANGE_ABOVE``. s are the spreads (standard deviations between machines), and τ is the scale of
-# their prior. m is the larger of two numbers: ln τ, and the largest element of the mode of ln s.
+# The spreads s are the standard deviations between machines, and τ is the scale of their prior.
+# Random draws of ln s are limited to a range. It begins ``_RANGE_BELOW`` below ln τ, and ends
+# ``_RANGE_ABOVE`` above the larger of two numbers: ln τ, and the largest element of the mode of
+# ln s.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
 # The random draws of the spreads (standard deviations between machines) have weights. A second set
@@ -98,10 +99,10 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Yield slices of k values of the spreads, each small enough to be processed at once.
+    """Divide the k values of the spreads into slices, and yield the slices one after another.
 
-    Spreads are standard deviations between machines. The arrays for all machines and the values of
-    one slice fit into the processor's cache.
+    Spreads are standard deviations between machines. A slice is so small that the arrays for its
+    values and for all machines fit into the processor's cache.
 
     Parameters
     ----------
@@ -145,11 +146,11 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class MachineEstimates(NamedTuple):
-    """Estimates of the parameters of n machines, for each of k values of the spreads s.
+    """Estimates of the parameters of n machines, for each of k values of the spreads.
 
-    Each machine has c parameters. The spread of a parameter is its standard deviation from machine
-    to machine; μ is the mean of the population. The vector c_m holds the parameters of machine m,
-    and z_m = (c_m − μ) / s their differences from μ, divided by the spreads.
+    The spreads s are the standard deviations of the parameters from machine to machine, and μ is
+    the mean of the population. The vector c_m holds the parameters of machine m. The vector
+    z_m = (c_m − μ) / s holds the distances of these parameters from μ in units of the spreads.
     """
 
     #: posterior means of the machines' parameters for each value of the spreads (standard
@@ -159,13 +160,14 @@ class MachineEstimates(NamedTuple):
     #: (standard deviations from machine to machine), in units of the parameters' prior sds, shape
     #: (k, n, c)
     sd: Array
-    #: posterior means of z_m = (c_m − μ) / s for k values of s, n machines and c parameters, shape
-    #: (k, n, c). c_m are the parameters of machine m, μ is the population's mean, and s are the
-    #: spreads (standard deviations of the machines about μ).
+    #: posterior means of the distances z_m = (c_m − μ) / s, shape (number of values of s, number of
+    #: machines, number of parameters). The vector c_m holds the parameters of machine m, μ is the
+    #: population's mean, and s are the spreads (standard deviations of the machines about μ).
     z_mean: Array
-    #: posterior variances of z_m = (c_m − μ) / s for k values of s, n machines and c parameters,
-    #: shape (k, n, c). c_m are the parameters of machine m, μ is the population's mean, and s are
-    #: the spreads (standard deviations of the machines about μ).
+    #: posterior variances of the distances z_m = (c_m − μ) / s, shape (number of values of s,
+    #: number of machines, number of parameters). The vector c_m holds the parameters of machine m,
+    #: μ is the population's mean, and s are the spreads (standard deviations of the machines
+    #: about μ).
     z_variance: Array
 
 
@@ -190,11 +192,11 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
         factors = factorize_deviations(likelihood, spread[rows], inverse=True)
         s = spread[rows].T[..., None]
         gain = np.einsum("ijkn,irkn->jrkn", factors.inverse, factors.solved)
-        # The parameters of a machine are c_m = μ + s z. Let the population's mean μ and the
-        # instrument's errors b be given. Then the posterior of z has the covariance
-        # (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹ and the mean ``gain[:, q]`` − ``z_response`` (μ, b). Λ_cc is
-        # the precision matrix of the parameters in the machine's likelihood. L is a Cholesky
-        # factor.
+        # The parameters of a machine are c_m = μ + s z, with the population's mean μ. If μ and the
+        # instrument's errors b are given, the posterior of z has the covariance
+        # (I + s Λ_cc s)⁻¹ = L⁻ᵀ L⁻¹, where L is a Cholesky factor and Λ_cc is the precision matrix
+        # of the parameters in the machine's likelihood. The mean of z is linear in the vector
+        # (μ, b): it is the last column of ``gain`` minus the matrix ``z_response`` times (μ, b).
         z_response = gain[:, :q]
         z_mean = gain[:, q] - np.einsum("jrkn,kr->jkn", z_response, shared.mean[rows])
         c_response = np.eye(c, q)[..., None, None] - s[:, None] * z_response

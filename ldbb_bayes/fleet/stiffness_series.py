@@ -1,8 +1,9 @@
-"""Stiffness by direction of one machine over time, from each campaign alone.
+"""Stiffness of one machine in several directions, as it changes over time.
 
-The stiffnesses are taken from a batch's table. No model of step changes is fitted to the
-stiffnesses, because `change_point` already models step changes of the compliances from which the
-stiffnesses are computed.
+The stiffness at each time is computed only from the campaign run at that time. The stiffnesses are
+taken from a batch's table. No model of step changes is fitted to the stiffnesses, because
+`change_point` already models step changes of the compliances from which the stiffnesses are
+computed.
 """
 
 from __future__ import annotations

@@ -6,11 +6,13 @@ expectation 1. The probability that B exceeds a number x is therefore at most 1 
 inequality). It follows that the probability of a false alarm is at most
 (1 − p*) / p* · p / (1 − p), where p is the prior probability of a change.
 
-A trend does not use the fact that compliances cannot be negative (truncation). Parameters that are
-not analysed, ball form and bar length are integrated out in each campaign separately, as if their
-values in different campaigns were independent. In fact, these values are the same in all campaigns
-with one machine and one bar. Treating them as independent overstates the uncertainty of changes,
-above all of changes of geometric errors, but understates the uncertainty of levels.
+A trend does not use the fact that compliances cannot be negative (truncation). Three kinds of
+unknowns are integrated out in each campaign separately: the form of the balls, the length of the
+bar, and the parameters that are not analysed. They are treated as if their values in different
+campaigns were independent. In fact, these values are the same in all campaigns with one machine and
+one bar. This treatment overstates the uncertainty of changes, above all of changes of geometric
+errors. It understates the uncertainty of levels, which are the values of a parameter before and
+after a change.
 """
 
 from __future__ import annotations
@@ -94,7 +96,8 @@ class ParameterChange(Result):
     and changes are in internal units (mm, N, rad).
     """
 
-    unit: str  #: unit of one parameter of the machine, made of mm, N and rad, such as mm/N
+    #: unit of one parameter of the machine, a product of powers of mm, N and rad, such as mm/N
+    unit: str
     #: posterior probability that this parameter of the machine has changed over time; the model
     #: allows a change of one parameter only
     probability: float
@@ -179,8 +182,8 @@ class Trend(Result):
     #: upper bound on the probability that a change of the machine is reported if none has occurred
     false_alarm: float
     campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
-    #: possible step and present level of each parameter of the machine; the keys are the names of
-    #: the parameters
+    #: for each parameter of the machine, the sudden change (step) that may have occurred, and the
+    #: level, which is the value at the last campaign; the keys are the names of the parameters
     parameters: Mapping[str, ParameterChange]
     #: name of the parameter that most probably changed, whether or not a change is reported
     most_probable: str
@@ -441,9 +444,10 @@ def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
 
 
 class _MachineCampaigns(NamedTuple):
-    """Rows of one machine's campaigns in a batch's table, and limitations of this selection.
+    """Rows of a batch's table that belong to the campaigns of one machine.
 
-    ``machine`` is the machine_id of the machine, or None if no campaign states a machine_id.
+    The object also holds the name of the machine, and caveats (limitations of the trend that is
+    computed from these rows).
     """
 
     rows: pd.DataFrame  #: rows of one machine's campaigns in the table of a batch
@@ -454,12 +458,13 @@ class _MachineCampaigns(NamedTuple):
 
 
 def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:
-    """Return the rows of one machine's campaigns, and caveats (limitations) of this selection.
+    """Return those rows of a batch's table that belong to the campaigns of one machine.
 
-    The machine_id of the machine is also returned. ``machine`` is the machine_id that the user
-    chose, or None. If some rows have a machine_id, rows without a machine_id are left out, and a
-    caveat names their campaigns. Raise an `InputError` if ``machine`` is unknown, or is None
-    although there are several machines.
+    The result also holds the machine_id of the machine and the caveats (limitations of the trend).
+    ``machine`` is the machine_id that the user chose, or None. If some rows have a machine_id, rows
+    without a machine_id are left out, and a caveat names their campaigns. If no row has a
+    machine_id, all rows are returned, with a caveat. Raise an `InputError` if ``machine`` is
+    unknown, or is None although there are several machines.
     """
     check_rows(rows)
     ids = rows["machine_id"]
@@ -521,10 +526,10 @@ def _visits(
     """Return the campaigns of a trend, with the probability of a change just before each campaign.
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
-    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds joint
-    posterior probabilities of the scatter, the time and the parameter: the machine's scatter from
-    campaign to campaign has one of r values, and just before one of the campaigns 2 to n one of p
-    parameters changed.
+    names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds the
+    posterior probabilities of hypotheses. A hypothesis states which of r values the machine's
+    scatter from campaign to campaign has, just before which of the campaigns 2 to n a parameter
+    changed, and which of p parameters it was.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -537,15 +542,15 @@ def _parameter_changes(
     chart: ChartPoints,
     prob: float,
 ) -> dict[str, ParameterChange]:
-    """Return the possible step and the present level of every parameter.
+    """Return the step that every parameter may have made, and its level at the last campaign.
 
-    The result is a dict; its keys are the names of the p parameters. ``posteriors`` are the
-    Gaussian distributions of levels, instrument errors and step under every hypothesis (see
-    `hypotheses`), and ``probabilities`` are the posterior probabilities of the hypotheses, shape
-    (r, n, p). A hypothesis assumes one of r values of the machine's scatter from campaign to
-    campaign. It also assumes either a step of one of the p parameters just before one of n
-    campaigns, or no step. ``chart`` holds the points and limits of the control chart. ``prob`` is
-    the probability of the credible intervals.
+    A step is a sudden change, and a level is a value of a parameter. The result is a dict; its keys
+    are the names of the p parameters. ``posteriors`` are the Gaussian distributions of levels,
+    instrument errors and step under every hypothesis (see `hypotheses`), and ``probabilities`` are
+    the posterior probabilities of the hypotheses, shape (r, n, p). A hypothesis assumes one of r
+    values of the machine's scatter from campaign to campaign. It also assumes either a step of one
+    of the p parameters just before one of n campaigns, or no step. ``chart`` holds the points and
+    limits of the control chart. ``prob`` is the probability of the credible intervals.
     """
     levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
@@ -565,7 +570,9 @@ def _parameter_change(
     chart: ChartPoints,
     prob: float,
 ) -> ParameterChange:
-    """Return the possible step and the present level of the parameter with the index j.
+    """Return the step that the parameter with the index j may have made, and its present level.
+
+    A step is a sudden change. The present level is the value at the last campaign.
 
     Parameters
     ----------
@@ -577,9 +584,9 @@ def _parameter_change(
         Gaussian distributions of levels, instrument errors and step under every hypothesis, see
         `hypotheses`.
     step_probabilities
-        Joint posterior probabilities of the scatter and the time, shape (r, n − 1): the machine's
-        scatter from campaign to campaign has one of r values, and the parameter changed just before
-        one of the campaigns 2 to n.
+        Posterior probabilities of hypotheses, shape (r, n − 1). A hypothesis states that the
+        parameter changed, just before which of the campaigns 2 to n it changed, and which of r
+        values the machine's scatter from campaign to campaign has.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -671,9 +678,9 @@ def _estimates_table(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Joint posterior probabilities of the scatter, the time and the parameter, shape (r, n − 1,
-        p): the machine's scatter from campaign to campaign has one of r values, and just before one
-        of the campaigns 2 to n one of the p parameters changed.
+        Posterior probabilities of hypotheses, shape (r, n − 1, p). A hypothesis states which of r
+        values the machine's scatter from campaign to campaign has, just before which of the
+        campaigns 2 to n a parameter changed, and which of the p parameters it was.
     prob
         Probability of the credible intervals.
     """
