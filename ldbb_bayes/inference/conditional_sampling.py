@@ -1,8 +1,9 @@
 """Exact random draws of the parameters β given the hyper-parameters φ and the readings y.
 
 β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, such as the standard deviation of the noise. Truncation restricts β to compliances
-that are not negative. Free coordinates are unbounded coordinates of the hyper-parameters φ, mostly
+hyper-parameters, such as the standard deviation of the noise. If the model forbids negative
+compliances, the draws are restricted to β without negative compliances; this restriction is called
+truncation. The functions take φ in unbounded coordinates, which are called free and are mostly
 ln(φ − lower bound).
 """
 
@@ -34,8 +35,8 @@ def conditional_draws(
 
     The parameters are compliances, their changes with force, and geometric errors. They are drawn
     from their density given the readings and the hyper-parameters, such as the standard deviation
-    of the noise. A second array, ``exact``, is False for a draw that does not follow this density
-    exactly.
+    of the noise. A second array, ``exact``, is False for a draw that does not come from this
+    density.
 
     Parameters
     ----------
@@ -94,7 +95,9 @@ def draw_parameters_given(
     The parameters are compliances, their changes with force, and geometric errors. ``free`` holds w
     values of the hyper-parameters (such as the standard deviation of the noise). For each value,
     the parameters are drawn conditional on this value and on the readings. The arguments are the
-    same as in `conditional_draws`. A draw is repeated if it does not follow the density exactly.
+    same as in `conditional_draws`. A draw is rejected and made again if `conditional_draws` states
+    that it is not exact: that it does not come from the density, or has a negative compliance
+    because of rounding.
 
     Raises
     ------

@@ -26,9 +26,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Dependence", "fit_dependence"]
 
-# Largest number k of coordinates on which the means and widths of later coordinates are assumed to
-# depend. These are the first k coordinates. They belong to the hyper-parameters that are common to
-# all circles, of which there are at most seven.
+# The mean and the width of a fitted density along a coordinate may depend on the first k
+# coordinates only; this number is the largest k. The first coordinates are those of the
+# hyper-parameters that are common to all circles, of which there are at most seven.
 _LEADING = 7
 # Largest absolute value of a coordinate at which the polynomials are evaluated. Coordinates beyond
 # this limit are replaced by the limit, so that the polynomials are not extrapolated. The
@@ -73,8 +73,8 @@ class Dependence:
     #: coefficients of polynomials, shape (1 + 2 k, h). They describe how the log width of a density
     #: along each of its h coordinates depends on the first k coordinates.
     log_width: Array
-    #: constants ``offset``, shape (h,), in the conversion z = (u − mean) / width − offset of the h
-    #: coordinates u of a point to nearly independent coordinates z
+    #: constants, shape (h,), that are subtracted when the h coordinates u of a point are converted
+    #: to nearly independent coordinates z = (u − mean) / width − offset
     offset: Array
 
     @property
@@ -89,9 +89,10 @@ class Dependence:
         """Convert the coordinates u of n points to nearly independent coordinates z.
 
         z and ``u`` have the shape (n, h), with h coordinates of each point. The mean and the width
-        of a coordinate u depend on coordinates that come before it. The conversion z = (u − mean) /
-        width − offset removes this dependence. The result also holds the sum of the logarithms of
-        all widths at each point.
+        of a coordinate are functions of the coordinates with a smaller index, but at most of the
+        first ``leading`` coordinates. The conversion z = (u − mean) / width − offset removes this
+        dependence; the offset is a constant for each coordinate. The result also holds the sum of
+        the logarithms of all widths at each point.
         """
         terms = _polynomial_terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)
@@ -101,11 +102,12 @@ class Dependence:
     def restore(self, z: Array) -> Array:
         """Return the coordinates u of n points from their nearly independent coordinates z.
 
-        u and ``z`` have the shape (n, h), with h coordinates of each point. The method solves z =
-        (u − mean) / width − offset for u and is thus the inverse of `remove`. ``offset`` is a
-        constant. The mean and the width depend on the coordinates that come before u; of these,
-        only the first ``leading`` coordinates matter. The first ``leading`` coordinates are
-        therefore computed one after the other, and then all remaining coordinates at once.
+        u and ``z`` have the shape (n, h), with h coordinates of each point. The method solves
+        z = (u − mean) / width − offset for u and is thus the inverse of `remove`. The mean and the
+        width of a coordinate are functions of the coordinates with a smaller index, but at most of
+        the first ``leading`` coordinates. The first ``leading`` coordinates are therefore computed
+        one after the other, and then all remaining coordinates at once. The offset is a constant
+        for each coordinate.
         """
         standard = z + self.offset
         u = standard.copy()
@@ -238,7 +240,7 @@ def _fit_widths(
 ) -> Array:
     """Fit the widths of h coordinates as functions of the first k coordinates.
 
-    The logarithm of a width is a sum of polynomials in the first k coordinates. The result, shape
+    The width of a coordinate is its standard deviation about its mean. The logarithm of a width is a sum of polynomials in the first k coordinates. The result, shape
     (2 k, h), holds the coefficients of the ``polynomials``. The first k rows belong to the
     polynomials of degree one, the other k rows to those of degree two. ``deviation``, shape (n, h),
     holds the deviations of h coordinates from their means at n points. ``weight``, shape (n,),

@@ -59,9 +59,9 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     posterior : DataTree
         Posterior from `sample` or `load`.
     draws : int
-        Largest number of draws used, in all chains together. The draws used are evenly spaced in
-        each chain. The groups posterior, sample_stats and log_prior of the result hold only these
-        draws.
+        Largest number of draws used, in all chains together. They are taken at equal intervals
+        along each chain. The groups posterior, sample_stats and log_prior of the result hold only
+        these draws.
     seed : int
         Seed of the random draws of new circles.
 
@@ -73,7 +73,8 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     Raises
     ------
     InputError
-        For an average over models, flat priors, a single test, or fewer draws than chains.
+        If the posterior is an average over models, if its priors are flat, if the campaign has a
+        single test, or if ``draws`` is less than the number of chains.
 
     Notes
     -----
@@ -87,16 +88,16 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     ``log_likelihood.per_test``, with the dimensions (chain, draw, test), is ln p(y_r | y_−r, φ). It
     is the log density of the readings of test r, given the readings of all other tests and the
     hyper-parameters φ (such as the standard deviation of the noise). All unknowns on which the
-    readings depend linearly are integrated out. If the model forbids negative compliances, they are
-    left out of the integral. If the model has a factor λ_r, this factor is integrated out as well.
-    If circle r is left out, the predictive density of its readings is the harmonic mean, over the
-    draws, of p(y_r | y_−r, φ) (Bürkner, Gabry and Vehtari 2021). For this reason ``arviz.loo``
-    estimates the same quantity that `compare` computes.
+    readings depend linearly are integrated out. If the model forbids negative compliances, the
+    integral is over compliances that are not negative. If the model has a factor λ_r, this factor
+    is integrated out as well. If circle r is left out, the predictive density of its readings is
+    the harmonic mean, over the draws, of p(y_r | y_−r, φ) (Bürkner, Gabry and Vehtari 2021). For
+    this reason ``arviz.loo`` estimates the same quantity that `compare` computes.
 
     The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,
     because leaving out circle r changes the density of the hyper-parameters other than λ_r only
-    little. If k̂ exceeds 0.4, p(y_r | y_−r, φ) is raised to a power below one and scaled so that its
-    harmonic mean is the exact density. The sum of ``per_test`` over the tests is not the log
+    little. If k̂ exceeds 0.4, p(y_r | y_−r, φ) is raised to a power below one and then scaled. Its
+    harmonic mean is then the predictive density of circle r, which is computed exactly. The sum of ``per_test`` over the tests is not the log
     likelihood of all readings; ``Fit.sensitivity`` states how sensitive the posterior is to the log
     likelihood of all readings.
 
@@ -152,7 +153,10 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
 
 def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
-    """Return a posterior with at most ``draws`` random draws of each chain, evenly spaced."""
+    """Return a copy of a posterior with at most ``draws`` draws of each chain.
+
+    The draws are taken at equal intervals along the chain.
+    """
     indices = evenly_spaced(int(posterior["posterior"].sizes["draw"]), draws)
     thinned = posterior.copy()
     for group in ("posterior", "sample_stats", "log_prior"):

@@ -103,7 +103,7 @@ class LogDensity(Shown):
     [False, True, True]
     """
 
-    bound: BoundModel  #: the model applied to the campaign with its readings
+    bound: BoundModel  #: the model of one campaign, with the tests and the readings of the campaign
 
     @property
     def names(self) -> tuple[str, ...]:

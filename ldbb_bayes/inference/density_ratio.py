@@ -77,8 +77,9 @@ class LogValues(NamedTuple):
     """Logarithm of a density at k nodes (points) and its numerical error [nat], each of shape (k,).
 
     The values of the density may also have noise: random errors of mean zero that are independent
-    between nodes. Noise is not part of ``error``, because it is already contained in the scatter
-    from which the error of a mean ratio of two densities is computed.
+    between nodes. ``error`` does not include this noise. The noise makes the ratios of two
+    densities scatter from node to node. The error of the mean ratio is computed from this scatter,
+    and thus already takes the noise into account.
     """
 
     log_density: Array  #: logarithm of a density at k nodes (points), shape (k,)
@@ -245,20 +246,24 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
 
 
 class RatioSampler:
-    """Integrals of densities g, computed from the ratios g / f to one similar density f.
+    """Method that computes the integral of a density g from the known integral of a density f.
+
+    The two densities are similar, so that the ratio g / f at a few points suffices. The same f can
+    serve for several densities g.
 
     Parameters
     ----------
     integral : Integral
         Integral of the density f, with its n nodes (weighted points).
     seed : int
-        Seed of the sample of nodes.
+        Seed of the random selection of nodes at which g is evaluated.
     """
 
     def __init__(self, integral: Integral, *, seed: int = 0) -> None:
-        """Keep the known integral ∫ f of a density f, and the seed with which nodes are sampled.
+        """Store the known integral ∫ f of a density f, and a seed of random numbers.
 
-        The nodes are the weighted points from which the integral ∫ f was computed.
+        ``integral`` also holds the nodes, the weighted points from which ∫ f was computed. ``seed``
+        is the seed of the random selection of some of these nodes.
         """
         self._integral = integral
         self._seed = seed

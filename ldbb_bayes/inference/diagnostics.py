@@ -1,4 +1,4 @@
-"""Diagnostics of random draws by ArviZ: convergence, importance weights and sensitivity.
+"""Diagnostics of random draws, computed with ArviZ: convergence, weights and sensitivity.
 
 ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
 to the largest weights; if k̂ is large, averages with these weights cannot be trusted. ArviZ is

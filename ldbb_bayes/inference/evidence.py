@@ -201,9 +201,9 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 
 
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
-    """Return the log posterior probability P that no compliance is negative, and its error [nat].
+    """Return ln P and its error [nat]; P is the probability that no compliance is negative.
 
-    P is computed under the posterior that allows negative compliances. It is first computed for
+    P is the posterior probability. It is computed under the posterior that allows negative compliances. It is first computed for
     each of at least 256 values of the hyper-parameters (such as the standard deviation of the
     noise), and averaged over these values. The average is used if its error is at most
     ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
@@ -215,7 +215,7 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     truncated : HyperPosterior
         Posterior density of the hyper-parameters with the condition that no compliance is negative.
     tolerance : float
-        Error allowed in the log probability, or in each of the two log integrals [nat].
+        Error allowed in ln P, or in the logarithm of each of the two integrals [nat].
     """
     if truncated.plain.proposal.trusted:
         coarse = truncated.coarse_probability

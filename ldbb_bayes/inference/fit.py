@@ -1,9 +1,7 @@
-"""How well a model fits, and warnings to consider before its results are used.
+"""Measures of how well a model fits the readings, and warnings about the results of the fit.
 
-β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
-hyper-parameters, such as the standard deviation of the noise. y are the readings. Truncation T
-restricts β to compliances that are not negative. u is the standard uncertainty of a parameter, the
-standard deviation of its posterior. Draws are random draws from the posterior.
+The warnings should be considered before the results are used. A warning states, for example, that
+the readings contradict the condition that no compliance is negative.
 """
 
 from __future__ import annotations

@@ -261,7 +261,8 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
     ``log_density`` at ``mode``.
     """
     # Use the symmetric square root of the covariance. Of all square roots, it changes the
-    # directions of the coordinate axes least: independent coordinates stay independent.
+    # directions of the coordinate axes least. In particular, it does not mix a coordinate with
+    # others if the coordinate is not correlated with them.
     variance, vectors = np.linalg.eigh(root @ root.T)
     root = vectors * np.sqrt(variance) @ vectors.T
     z = np.concatenate([-_ALONG_AXIS[::-1], [0.0], _ALONG_AXIS])

@@ -29,8 +29,8 @@ _MOST_ROUNDS = 50
 # would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
 # density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# For each value of the hyper-parameters, several draws of the parameters are made. The number of
-# draws is chosen so that, on average, this number of them have no negative compliance.
+# Expected number of draws of the parameters without a negative compliance, for each value of the
+# hyper-parameters. So many draws are made for each value that this expectation is reached.
 _EXPECTED_INSIDE = 4.0
 # Height of the envelope in rejection sampling. The envelope is the density from which draws are
 # proposed, scaled to the same integral as the posterior density and multiplied by this number. A

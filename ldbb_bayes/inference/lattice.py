@@ -112,7 +112,7 @@ def _first_step(h: int, tolerance: float) -> float:
     The step is in units of the standard deviation of the Gaussian fitted to the density at its
     highest mode. The step is 2 if ``tolerance``, the error allowed in the log integral [nat], is
     0.01 or more. For a smaller tolerance, the step is a little shorter than the step with which the
-    integral of a Gaussian density would just reach the tolerance.
+    error of the log integral of a Gaussian density would equal the tolerance.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP
@@ -223,13 +223,13 @@ def _grow_grid(
 
 
 def _nearest_grid_points(starts: Sequence[Array], offset: float) -> Array:
-    """Return the first points of a grid: the grid points nearest to given points.
+    """Return the n grid points nearest to given points in h dimensions, shape (n, h).
 
-    ``starts`` holds the given points in h dimensions. These points, and the n grid points returned,
-    shape (n, h), are in multiples of the grid's steps. ``offset`` is the fraction of a step by
-    which the grid is moved; the positions returned do not include ``offset``. If ``offset`` is
-    zero, the grid point nearest to each given point is returned. If ``offset`` is 0.5, the 2^h grid
-    points around each given point are returned.
+    The growth of a grid begins at these grid points. ``starts`` holds the given points. All points
+    are stated in multiples of the grid's steps. The grid is moved by the fraction ``offset`` of a
+    step, but the positions returned are those before the move. If ``offset`` is zero, the grid
+    point nearest to each given point is returned. If ``offset`` is 0.5, the 2^h grid points around
+    each given point are returned.
     """
     along_axis = [0.0]
     if offset:

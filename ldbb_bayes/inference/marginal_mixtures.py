@@ -59,20 +59,22 @@ class _Truncation(NamedTuple):
     #: accurate: far above the mean, cumulative probabilities are so close to one that rounding
     #: would spoil their difference.
     sign: Array
-    #: probability, before truncation, that a Gaussian variable is below the interval to which it is
-    #: truncated. If ``sign`` is −1, it is the probability that the variable is above the lower
-    #: bound of the interval.
+    #: probability, before truncation, that a Gaussian variable is below the lower bound of the
+    #: interval to which it is truncated. If ``sign`` is −1 (an interval above the mean), it is the
+    #: complement: the probability that the variable is above the lower bound.
     below: Array
     #: probability, before truncation, that a Gaussian variable is in the interval to which it is
-    #: truncated. If ``sign`` is −1, this probability is stored with a minus sign.
+    #: truncated. If ``sign`` is −1 (an interval above the mean), this probability is stored with a
+    #: minus sign.
     inside: Array
 
 
 class MarginalMixtures(NamedTuple):
     """Marginal densities of p parameters, each a mixture of n truncated Gaussians of equal weight.
 
-    A Gaussian that is not truncated has infinite bounds. If the standard deviation of a Gaussian is
-    zero, its only value is that of the draw in ``beta``.
+    Each Gaussian belongs to one posterior draw of the parameters. A Gaussian that is not truncated
+    has infinite bounds. A Gaussian whose standard deviation is zero has a single value, the value
+    of the parameter in this draw; ``beta`` holds these values.
     """
 
     beta: Array  #: n posterior draws of the p parameters, shape (n, p)

@@ -45,8 +45,9 @@ _DOUBLINGS_STORED = 2
 # between the points of two other walkers. In this share of such moves, the factor is one, so that
 # walkers can jump between modes.
 _JUMP_SHARE = 0.1
-# Fraction of the moves that propose a point independent of the walker's present point, if there is
-# a source of such points. The points are drawn from a density similar to the posterior.
+# This fraction of all moves proposes a new point that does not depend on the walker's present
+# point. The new point is drawn from a density similar to the posterior. If no such density is
+# available, there are no such moves.
 _REDRAW_SHARE = 0.9
 # Largest number of draws kept from each ensemble of walkers, unless the required effective sample
 # size needs more.
@@ -57,7 +58,11 @@ _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """How many draws a block of the sampler's steps stores, and how many steps lie between them."""
+    """Plan of one block of the sampler's steps.
+
+    It states the number of draws to store for each walker, and the number of steps from one stored
+    draw to the next.
+    """
 
     draws: int  #: number of draws that one block of the sampler's steps stores for each walker
     #: number of steps from one stored draw to the next, in one block of the sampler's steps

@@ -30,9 +30,9 @@ _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # freedom) are not fitted. They would improve the fit little, and too few points would be drawn in
 # the tails of the density to be integrated.
 _FEW_DIMENSIONS = 5
-# ``_FREEDOMS`` lists the degrees of freedom that are tried when a Student-t distribution is fitted
-# to points. In at most ``_FEW_DIMENSIONS`` dimensions, only this number of values from the
-# beginning of the list is tried: those that give the heaviest tails.
+# Number of values of the degrees of freedom that are tried when a Student-t distribution is fitted
+# in at most ``_FEW_DIMENSIONS`` dimensions. They are the first values in the list ``_FREEDOMS``,
+# which give the heaviest tails. In more dimensions, all values in the list are tried.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
@@ -360,8 +360,10 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
     for side in (0, 1):
         log_tail = _log_tail(square, scale[side], freedom[side])
         tails = tails + (side_weights[side] * log_tail).sum(axis=0)
-    # The split density is f / ∫ f. The function f is one at ``offset``, and ∫ f is the sum of the
-    # integrals over the two sides. ``tails`` is the weighted mean of −ln f over the points.
+    # The fitted density is f / ∫ f. The function f is one at ``offset``, and has different scales
+    # below and above ``offset``; ∫ f is the sum of the integrals below and above. The mean log
+    # likelihood is −``tails`` − ln ∫ f, where ``tails`` is the weighted mean of −ln f over the
+    # points.
     log_likelihood = -np.log(_side_masses(scale, freedom).sum(axis=0)) - tails
     return _AxisFit(np.full(h, offset), scale, freedom, log_likelihood)
 

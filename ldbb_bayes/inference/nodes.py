@@ -84,8 +84,8 @@ _COARSE_STEP = 1.25
 # is at most the tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
 # The nodes (values of the hyper-parameters) of smallest weight are skipped when the probability
-# that no compliance is negative is computed. These nodes hold at most this share of the integral,
-# however large the tolerance is.
+# that no compliance is negative is computed. With a larger tolerance, more nodes are skipped, but
+# together the skipped nodes never hold more than this share of the integral.
 _LARGEST_LEFT_OUT = 5e-4
 # Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
 # a quarter of that of the log evidence, but at least this value.
@@ -108,11 +108,11 @@ _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the rough posterior probability that no compliance is negative
 # [nat], see `coarse_probability`.
 _PROBABILITY_TOLERANCE = 0.02
-# Limits that keep the logarithm of a mean finite. For each of many values of the hyper-parameters
-# there is a probability that no compliance is negative, and these probabilities are averaged.
-# Before the mean is computed, they are divided by the largest probability. The logarithm of the
-# largest probability is taken to be at least ``_LEAST_LOG_PROBABILITY``; the mean of the quotients
-# is taken to be at least ``_LEAST_SHARE_INSIDE``.
+# The probabilities that no compliance is negative are averaged over many values of the
+# hyper-parameters. To avoid underflow, they are first divided by the largest of them. Two limits
+# keep the logarithm of the mean finite. If the logarithm of the largest probability is below
+# ``_LEAST_LOG_PROBABILITY``, this limit is used instead. If the mean of the quotients is below
+# ``_LEAST_SHARE_INSIDE``, that limit is used instead.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # The nodes (weighted values of the hyper-parameters) of smallest weight are left out of averages,
@@ -269,12 +269,12 @@ class HyperPosterior:
         the error allowed in the logarithm of the integral of the density [nat], which is the log
         evidence. If the nodes do not reach this tolerance, their ``error`` is larger.
 
-        If ``truncated`` of this object is True, a factor of the density is the probability, given
-        φ, that no compliance is negative. First, nodes for the density that allows negative
-        compliances are computed, and their weights are multiplied by this probability. If these
-        nodes miss the tolerance, a second set of nodes is computed, for a density with an upper
-        bound of the probability as its factor. In the weights of this set, the bound is then
-        replaced by the probability. The set with the smaller error is returned.
+        If the attribute ``truncated`` is True, the posterior density of φ has the factor P(φ): the
+        probability, given φ and the readings, that no compliance is negative. First, nodes are
+        computed for the density without this factor, and their weights are multiplied by P(φ). If
+        the error of the integral over these nodes exceeds the tolerance, a second set of nodes is
+        computed, for the density with an upper bound B(φ) in place of P(φ). The weights of this set
+        are multiplied by P(φ) / B(φ). The set with the smaller error is returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -291,9 +291,9 @@ class HyperPosterior:
     def _integral(self, tolerance: float) -> Integral:
         """Return the integral of the smooth posterior density, computed once for each tolerance.
 
-        The posterior density may include, as a factor, the probability that no compliance is
-        negative. In the smooth density, this factor is replaced by an upper bound of the
-        probability. ``tolerance`` is the error allowed in the log integral [nat].
+        The posterior density may have the probability that no compliance is negative as a factor;
+        in the smooth density, this factor is replaced by a smooth upper bound. ``tolerance`` is the
+        error allowed in the log integral [nat].
         """
         if tolerance not in self._integrals:
             self._integrals[tolerance] = self._integrate(tolerance)
@@ -302,7 +302,8 @@ class HyperPosterior:
     def _integrate(self, tolerance: float, *, step: float | None = None) -> Integral:
         """Return the integral of the smooth posterior density, with nodes in unbounded coordinates.
 
-        If the probability that no compliance is negative is a factor of the posterior density, it
+        Nodes are weighted values of the hyper-parameters. The posterior density may have the
+        probability that no compliance is negative as a factor; in the smooth density, this factor
         is replaced by a smooth upper bound. ``tolerance`` is the error allowed in the log integral
         [nat]. ``step`` is the first spacing of the nodes if they form a lattice, in standard
         deviations of the Gaussian fitted at the highest mode; by default, it is computed from the
@@ -488,8 +489,8 @@ class HyperPosterior:
         """Coarse nodes of the posterior density: weighted values of the hyper-parameters.
 
         The error allowed in the log integral from coarse nodes is 0.2 nat. If ``truncated`` is
-        true, a factor of the density is an upper bound of the probability that no compliance is
-        negative.
+        true, the posterior density has the probability that no compliance is negative as a factor.
+        Here, an upper bound of this probability is used in its place.
         """
         return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
@@ -497,9 +498,9 @@ class HyperPosterior:
     def coarse_truncated(self) -> Integral:
         """Coarse nodes (weighted values of the hyper-parameters) of the posterior density.
 
-        They are the nodes of `coarse` with more accurate weights. If ``truncated`` is true, the
-        weights in `coarse` contain an upper bound of the probability that no compliance is
-        negative. Here, the bound is replaced by the probability.
+        They are the nodes of `coarse` with more accurate weights. If ``truncated`` is true, each
+        weight in `coarse` has as a factor an upper bound of the probability that no compliance is
+        negative. Here, the factor is the probability itself.
         """
         return self._replace_bound(self.coarse)
 
@@ -507,18 +508,19 @@ class HyperPosterior:
     def sample_nodes(self) -> Integral:
         """Random values of the hyper-parameters, weighted to represent their posterior density.
 
-        The values are those in `proposal`. If ``truncated`` is true, the weights in `proposal`
-        contain an upper bound of the probability that no compliance is negative. Here, the bound is
-        replaced by the probability.
+        The values are those in `proposal`. If ``truncated`` is true, each weight in `proposal` has
+        as a factor an upper bound of the probability that no compliance is negative. Here, the
+        factor is the probability itself.
         """
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
-        """Return an integral whose weights contain the probability that no compliance is negative.
+        """Return an integral with more accurate weights of its nodes.
 
-        The weights of the given ``integral`` contain an upper bound of this probability, which is
-        replaced by the probability itself. If ``truncated`` is false, the posterior density does
-        not contain the probability, and the integral is returned unchanged.
+        Nodes are values of the hyper-parameters. Each weight in the given ``integral`` has as a
+        factor an upper bound of the probability that no compliance is negative. In the result, the
+        factor is the probability itself. If ``truncated`` is false, the weights have no such
+        factor, and the integral is returned unchanged.
         """
         if not self.truncated:
             return integral
@@ -605,8 +607,9 @@ class HyperPosterior:
         """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
 
         ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters, coordinates in
-        which most of the priors are standard normal. If the probability that no compliance is
-        negative is a factor of the density, an upper bound of this probability is used instead.
+        which most of the priors are standard normal. The posterior density may have the probability
+        that no compliance is negative as a factor; in the smooth density, this factor is replaced
+        by a smooth upper bound.
         """
         log_density = self.log_density(self._scores.free(scores), smooth=True)
         return np.asarray(log_density + self._scores.log_jacobian(scores))
@@ -616,10 +619,10 @@ class HyperPosterior:
 
         The results have the shapes (h,) and (h, h).
 
-        ``point``, shape (h,), holds the normal scores of the h hyper-parameters, coordinates in
-        which most of the priors are standard normal. The density is their posterior density. If the
-        probability that no compliance is negative is a factor of this density, it is replaced by a
-        smooth upper bound. Some hyper-parameters are noise factors, each of which multiplies the
+        ``point``, shape (h,), holds the normal scores of the h hyper-parameters. Normal scores are
+        coordinates in which most of the priors are standard normal. The density is the posterior
+        density of the normal scores. It may have the probability that no compliance is negative as
+        a factor; in the smooth density, this factor is replaced by a smooth upper bound. Some hyper-parameters are noise factors, each of which multiplies the
         noise of one circle. The noise factors of two circles hardly depend on each other. If
         ``exact`` is False, mixed second derivatives with respect to two noise factors are therefore
         taken to be zero. The work then grows only in proportion to the number of circles.
@@ -659,10 +662,10 @@ def _is_separate(point: Array, points: list[Array]) -> bool:
 
 
 def _inverse_root(hessian: Array) -> Array:
-    """Return a square root, shape (h, h), of the inverse of minus the Hessian of a log density.
+    """Return a square root of the matrix (−H)⁻¹, shape (h, h), for the Hessian H of a log density.
 
-    ``hessian``, shape (h, h), is the Hessian with respect to h coordinates. Eigenvalues of minus
-    the Hessian that are below 0.3 are first raised to 0.3.
+    ``hessian``, shape (h, h), is the Hessian with respect to h coordinates. Eigenvalues of −H that
+    are below 0.3 are first replaced by 0.3.
     """
     curvature, vectors = np.linalg.eigh(-hessian)
     return np.asarray(vectors / np.sqrt(np.maximum(curvature, _LEAST_CURVATURE)))
@@ -738,7 +741,7 @@ class Nodes:
 
     @property
     def bound(self) -> BoundModel:
-        """The model whose posterior the nodes represent, applied to its campaign.
+        """The model of one campaign whose posterior the nodes represent.
 
         Nodes are weighted values of the hyper-parameters.
         """
@@ -763,9 +766,10 @@ class Nodes:
 
         The error of the log evidence has two parts: the error of the integral over the nodes
         (weighted values of the hyper-parameters), and the truncation error, which is that of the
-        log probability that no compliance is negative. Their sum must not exceed the tolerance. If
-        the truncation error is half the tolerance or more, finer nodes would hardly help; the error
-        of the integral may then be as large as the tolerance itself.
+        log probability that no compliance is negative. In general, the sum of the two parts must
+        not exceed the tolerance. If the truncation error alone is half the tolerance or more, more
+        nodes would hardly reduce the sum. In this case, only the error of the integral is compared
+        with the tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -842,11 +846,11 @@ class Nodes:
 
         ``levels``, shape (n,), holds the probabilities. The quantiles are computed from a mixture
         of Gaussians. Each Gaussian is the density of a parameter given one value of the
-        hyper-parameters. The values are picked from the nodes (weighted values) in proportion to
-        the weights; ``components`` is the number of values to pick. If no compliance may be
-        negative, a few linear combinations of the parameters are restricted. These combinations
-        are drawn at random, and each Gaussian is the density given the combinations too. ``seed``
-        is the seed of all random numbers.
+        hyper-parameters. ``components`` such values are picked from the nodes (weighted values) in
+        proportion to the weights. The condition that no compliance is negative restricts only a few
+        linear combinations of the parameters. Under this condition, values of these combinations
+        are drawn at random, and each Gaussian is the density of a parameter given both the
+        hyper-parameters and these values. ``seed`` is the seed of all random numbers.
         """
         rng = np.random.default_rng(seed)
 
