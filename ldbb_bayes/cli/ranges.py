@@ -17,8 +17,8 @@ _MOST_VALUES = 5000
 # 0:0.3:0.1, for example, must have three steps and end at 0.3, although a computer cannot store 0.1
 # exactly.
 _ROUNDING = 1e-8
-# Example, for error messages, of a list of angles [deg]. Each entry WORK/TOOL consists of the angle
-# of the work ball and the angle of the tool ball.
+# Example of a list of angles [deg] that error messages show. Each entry WORK/TOOL consists of the
+# angle of the work ball and the angle of the tool ball.
 _PAIRS = "0/0,45/90"
 
 

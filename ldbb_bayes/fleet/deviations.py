@@ -50,10 +50,10 @@ class DeviationFactors(NamedTuple):
     #: products L⁻¹ s (Λ_c, η_c), shape (c, q + 1, k, n). The first q columns are L⁻¹ s Λ_c, and the
     #: last column is L⁻¹ s η_c. L is the Cholesky factor of the precision matrix of w / s, where w
     #: are the deviations of the parameters from a common level. Λ_c are those rows of the
-    #: likelihood's precision matrix that belong to the parameters, and η_c are those elements of
-    #: precision matrix times estimate that belong to the parameters. The first axis is for the
-    #: parameters, k is the number of values of the standard deviations s, and n the number of
-    #: campaigns or machines.
+    #: likelihood's precision matrix that belong to the parameters. η is the precision matrix times
+    #: the estimate, and η_c are those elements of η that belong to the parameters. The first axis
+    #: is for the parameters, k is the number of values of the standard deviations s, and n is the
+    #: number of campaigns or machines.
     solved: Array
     #: inverses of the Cholesky factors L, shape (c, c, k, n); shape (c, 0, k, n) if the inverses
     #: were not requested. L Lᵀ is the precision matrix of w / s, where w are the deviations of the

@@ -240,11 +240,12 @@ class _Prediction(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: logarithms of the integrals ∫ exp(ηᵀ x − ½ xᵀ P x) dx, up to a constant, shape (k, n). There
-    #: is one integral for each of k random draws of the spreads (standard deviations from machine
-    #: to machine) and each of n machines, which is left out. x are the population's mean and the
-    #: instrument's errors. Given the spreads and the readings of all other machines, P is the
-    #: precision matrix (inverse covariance) of x, and η is P times the mean of x.
+    #: logarithms of the integrals ∫ exp(ηᵀ x − ½ xᵀ P x) dx, up to a constant, shape (k, n). Each
+    #: of n machines is left out in turn. There is one integral for each machine left out and each
+    #: of k random draws of the spreads (standard deviations from machine to machine). x are the
+    #: population's mean and the instrument's errors. P is the precision matrix (inverse covariance)
+    #: of x given the spreads and the readings of all other machines, and η is P times the mean
+    #: of x.
     log_integral: Array
     #: differences between the estimates of c parameters from one machine alone and the predictions
     #: from the other machines, divided by the standard deviations of these differences, shape (c,

@@ -183,7 +183,7 @@ class Trend(Result):
     false_alarm: float
     campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
     #: for each parameter of the machine, the sudden change (step) that may have occurred, and the
-    #: level, which is the value at the last campaign; the keys are the names of the parameters
+    #: value (level) at the last campaign; the keys are the names of the parameters
     parameters: Mapping[str, ParameterChange]
     #: name of the parameter that most probably changed, whether or not a change is reported
     most_probable: str

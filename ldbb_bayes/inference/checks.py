@@ -455,9 +455,9 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     The Fourier orders 0 to 12 are fitted to the readings in order of angle; the residuals are the
     readings minus this fit. The p-value is that of a two-sided test of the hypothesis that the
     noise is white. For n readings of white noise, the autocorrelation has the mean tr(M S) / tr(M)
-    and a variance of about 1/n. The matrix M, shape (n, n), removes the Fourier orders 0 to 12 from the
-    readings; the matrix S, shape (n, n), shifts the readings by one reading. Only the first 100 000
-    readings in order of angle are used. If the residuals are only rounding errors, the
+    and a variance of about 1/n. The matrix M, shape (n, n), removes the Fourier orders 0 to 12 from
+    the readings; the matrix S, shape (n, n), shifts the readings by one reading. Only the first
+    100 000 readings in order of angle are used. If the residuals are only rounding errors, the
     autocorrelation is 0 and its p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]

@@ -240,15 +240,16 @@ def _fit_widths(
 ) -> Array:
     """Fit the widths of h coordinates as functions of the first k coordinates.
 
-    The width of a coordinate is its standard deviation about its mean. The logarithm of a width is a sum of polynomials in the first k coordinates. The result, shape
-    (2 k, h), holds the coefficients of the ``polynomials``. The first k rows belong to the
-    polynomials of degree one, the other k rows to those of degree two. ``deviation``, shape (n, h),
-    holds the deviations of h coordinates from their means at n points. ``weight``, shape (n,),
-    holds the weights of the points. ``is_before``, shape (k, h), is True where the coordinate of
-    the row comes before the coordinate of the column. Only where it is True can a coefficient
-    differ from zero. Coefficients that are not significant are zero, too. The coefficients maximise
-    the likelihood of the deviations under normal distributions. They are computed with Fisher's
-    method of scoring (Harvey, Econometrica 44 (1976) 461).
+    The width of a coordinate is its standard deviation about its mean. The logarithm of a width is
+    a sum of polynomials in the first k coordinates. The result, shape (2 k, h), holds the
+    coefficients of the ``polynomials``. The first k rows belong to the polynomials of degree one,
+    the other k rows to those of degree two. ``deviation``, shape (n, h), holds the deviations of h
+    coordinates from their means at n points. ``weight``, shape (n,), holds the weights of the
+    points. ``is_before``, shape (k, h), is True where the coordinate of the row comes before the
+    coordinate of the column. Only where it is True can a coefficient differ from zero. Coefficients
+    that are not significant are zero, too. The coefficients maximise the likelihood of the
+    deviations under normal distributions. They are computed with Fisher's method of scoring
+    (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     is_fitted = np.concatenate([is_before, is_before])

@@ -97,9 +97,9 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,
     because leaving out circle r changes the density of the hyper-parameters other than λ_r only
     little. If k̂ exceeds 0.4, p(y_r | y_−r, φ) is raised to a power below one and then scaled. Its
-    harmonic mean is then the predictive density of circle r, which is computed exactly. The sum of ``per_test`` over the tests is not the log
-    likelihood of all readings; ``Fit.sensitivity`` states how sensitive the posterior is to the log
-    likelihood of all readings.
+    harmonic mean is then the predictive density of circle r, which is computed exactly. The sum of
+    ``per_test`` over the tests is not the log likelihood of all readings; ``Fit.sensitivity``
+    states how sensitive the posterior is to the log likelihood of all readings.
 
     Examples
     --------

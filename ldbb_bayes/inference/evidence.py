@@ -203,8 +203,8 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return ln P and its error [nat]; P is the probability that no compliance is negative.
 
-    P is the posterior probability. It is computed under the posterior that allows negative compliances. It is first computed for
-    each of at least 256 values of the hyper-parameters (such as the standard deviation of the
+    P is the probability under the posterior that allows negative compliances. It is first computed
+    for each of at least 256 values of the hyper-parameters (such as the standard deviation of the
     noise), and averaged over these values. The average is used if its error is at most
     ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
     the average. P is then computed as a ratio of two integrals of the posterior density over the

@@ -622,10 +622,11 @@ class HyperPosterior:
         ``point``, shape (h,), holds the normal scores of the h hyper-parameters. Normal scores are
         coordinates in which most of the priors are standard normal. The density is the posterior
         density of the normal scores. It may have the probability that no compliance is negative as
-        a factor; in the smooth density, this factor is replaced by a smooth upper bound. Some hyper-parameters are noise factors, each of which multiplies the
-        noise of one circle. The noise factors of two circles hardly depend on each other. If
-        ``exact`` is False, mixed second derivatives with respect to two noise factors are therefore
-        taken to be zero. The work then grows only in proportion to the number of circles.
+        a factor; in the smooth density, this factor is replaced by a smooth upper bound. Some
+        hyper-parameters are noise factors, each of which multiplies the noise of one circle. The
+        noise factors of two circles hardly depend on each other. If ``exact`` is False, mixed
+        second derivatives with respect to two noise factors are therefore taken to be zero. The
+        work then grows only in proportion to the number of circles.
         """
         is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -848,9 +849,9 @@ class Nodes:
         of Gaussians. Each Gaussian is the density of a parameter given one value of the
         hyper-parameters. ``components`` such values are picked from the nodes (weighted values) in
         proportion to the weights. The condition that no compliance is negative restricts only a few
-        linear combinations of the parameters. Under this condition, values of these combinations
-        are drawn at random, and each Gaussian is the density of a parameter given both the
-        hyper-parameters and these values. ``seed`` is the seed of all random numbers.
+        linear combinations of the parameters. If the model has this condition, values of these
+        combinations are drawn at random, and each Gaussian is the density of a parameter given both
+        the hyper-parameters and these values. ``seed`` is the seed of all random numbers.
         """
         rng = np.random.default_rng(seed)
 
