@@ -59,7 +59,7 @@ class JointDifference(NamedTuple):
     #: standard uncertainties of the differences of n parameters between two campaigns, shape (n,)
     sd: Array
     #: the error of the common instrument whose estimates from the two campaigns differ most; None
-    #: if there is no error of the instrument about which the readings of both are informative
+    #: if there is no error of the instrument about which both campaigns give information
     conflict: Conflict | None
 
 

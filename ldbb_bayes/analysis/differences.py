@@ -47,9 +47,9 @@ class _Differences(NamedTuple):
     #: for each of n parameters, the probability that the parameter is larger in the second campaign
     #: than in the first, shape (n,)
     increase: Array
-    #: error of the common instrument about which the two campaigns disagree most. None if the
-    #: instruments are different, or if the readings of both campaigns do not help to determine any
-    #: error of the instrument.
+    #: error of the common instrument about which the readings of the two campaigns disagree most.
+    #: None if the instruments are different, or if there is no error of the instrument about which
+    #: both campaigns give information.
     conflict: Conflict | None = None
 
 
@@ -94,15 +94,17 @@ def compare_posteriors(
           campaign.
 
         If the instrument was the same, ``attrs["conflict"]`` names the error of the instrument
-        about which the campaigns disagree most, and states the p-value of the disagreement (with
-        Bonferroni correction). If the instruments were different, or if no error of the instrument
-        is determined by the readings of both campaigns, ``attrs["conflict"]`` is None.
+        about which the readings of the two campaigns disagree most, and states the p-value of the
+        disagreement (with Bonferroni correction). If the instruments were different, or if there is
+        no error of the instrument about which both campaigns give information,
+        ``attrs["conflict"]`` is None.
 
     Raises
     ------
     InputError
-        If the probability is not between 0 and 1, if a prior is flat with ``same_instrument``, or
-        if the posteriors are of the same readings, of different machines or of different planes.
+        If the probability is not between 0 and 1, if ``same_instrument`` is true and a prior is
+        flat, if both posteriors come from the same readings, or if they belong to different
+        machines or different planes.
 
     Examples
     --------

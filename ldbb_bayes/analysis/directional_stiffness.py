@@ -164,8 +164,10 @@ class PlaneStiffness(Result):
     #: upper end of the credible interval of the compliance along the bar, at each of the n angles,
     #: shape (n,) [mm/N]
     compliance_high: Numbers
-    least: StatedValue  #: least stiffness along the bar on the circle, k_min
-    greatest: StatedValue  #: greatest stiffness along the bar on the circle, k_max
+    #: least value k_min of the stiffness along the bar, over all angles of the circle
+    least: StatedValue
+    #: greatest value k_max of the stiffness along the bar, over all angles of the circle
+    greatest: StatedValue
     ratio: StatedValue  #: greatest stiffness divided by least stiffness, k_max / k_min
     softest: AxialDirection  #: direction in the plane in which the stiffness is least
     stiffest: AxialDirection  #: direction in the plane in which the stiffness is greatest
@@ -657,7 +659,7 @@ def _above_zero(compliance: Array) -> Array:
 
 
 def _hardly_positive(compliance: Array, prob: float) -> bool:
-    """Return whether the readings hardly show that a compliance is positive.
+    """Return whether the readings leave it doubtful that a compliance is above zero.
 
     This is the case if the lower end of its credible interval is at most a small share of its
     median. ``compliance``, shape (draws,), are posterior draws, and ``prob`` is the probability of

@@ -86,19 +86,20 @@ class GumComparison(Result):
     #: computed from random draws; the error is twice the larger of their two standard errors.
     error: float
     #: numerical tolerance δ of JCGM 101, computed from ``GumValidation.digits`` and ``sd``. The two
-    #: coverage intervals (by the GUM and by the posterior) agree if their endpoints differ by at
-    #: most this value.
+    #: coverage intervals (computed with the GUM's law of propagation and from the posterior) agree
+    #: if their endpoints differ by at most this value.
     tolerance: float
-    #: largest number of significant digits, from 0 to 2, for which the coverage intervals by the
-    #: GUM and by the posterior agree. The digits are those of the standard uncertainty ``sd``.
+    #: largest number of significant digits, from 0 to 2, for which the two coverage intervals
+    #: (computed with the GUM's law of propagation and from the posterior) agree. The digits are
+    #: those of the standard uncertainty ``sd``.
     digits: int
 
     @property
     def d_low(self) -> float:
         """Distance between the lower endpoints of the parameter's two coverage intervals.
 
-        ``gum_low`` is the lower endpoint by the GUM's law of propagation, and ``low`` the lower
-        endpoint by the posterior.
+        ``gum_low`` is the lower endpoint computed with the GUM's law of propagation of uncertainty,
+        and ``low`` is the lower endpoint computed from the posterior.
         """
         return abs(self.gum_low - self.low)
 
@@ -106,17 +107,19 @@ class GumComparison(Result):
     def d_high(self) -> float:
         """Distance between the upper endpoints of the parameter's two coverage intervals.
 
-        ``gum_high`` is the upper endpoint by the GUM's law of propagation, and ``high`` the upper
-        endpoint by the posterior.
+        ``gum_high`` is the upper endpoint computed with the GUM's law of propagation of
+        uncertainty, and ``high`` is the upper endpoint computed from the posterior.
         """
         return abs(self.gum_high - self.high)
 
     @property
     def validated(self) -> bool:
-        """Whether the parameter's coverage intervals by the GUM and by the posterior agree.
+        """Whether the parameter's two coverage intervals agree.
 
-        They agree if their endpoints differ by at most the numerical ``tolerance``. The differences
-        are ``d_low`` and ``d_high``. If the intervals agree, the GUM's interval may be used.
+        One interval is computed with the GUM's law of propagation of uncertainty, the other from
+        the posterior. They agree if their endpoints differ by at most the numerical ``tolerance``.
+        The differences are ``d_low`` and ``d_high``. If the intervals agree, the GUM's interval may
+        be used.
         """
         return max(self.d_low, self.d_high) <= self.tolerance
 
@@ -124,10 +127,11 @@ class GumComparison(Result):
     def decided(self) -> bool:
         """Whether the numerical error is small enough to decide whether the two intervals agree.
 
-        The intervals are the coverage intervals by the GUM and by the posterior. The error is small
-        enough if it is at most a fifth of the tolerance, as JCGM 101, 8.2, requires. A larger error
-        is accepted if it cannot change ``validated``. This is the case if the error is at most the
-        difference between the tolerance and the larger of ``d_low`` and ``d_high``.
+        The intervals are the coverage intervals computed with the GUM's law of propagation and from
+        the posterior. The error is small enough if it is at most a fifth of the tolerance, as JCGM
+        101, 8.2, requires. A larger error is accepted if it cannot change ``validated``. This is
+        the case if the error is at most the difference between the tolerance and the larger of
+        ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
         return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)
@@ -152,8 +156,8 @@ class GumValidation(Result):
     #: posterior probability of the model to which the law of propagation is applied; 1 unless the
     #: posterior is an average over models
     probability_of_model: float
-    #: comparison of two coverage intervals for each parameter: one by the law of propagation, and
-    #: one by the posterior. The keys are the names of the parameters.
+    #: comparison of two coverage intervals for each parameter: one computed with the law of
+    #: propagation, and one computed from the posterior. The keys are the names of the parameters.
     parameters: dict[str, GumComparison]
 
     @property

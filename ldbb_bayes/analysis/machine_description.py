@@ -286,14 +286,14 @@ def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[
 
 
 def _monomials(values: Array, degree: int) -> list[_Monomial]:
-    """Return the terms of a formula that reproduces sampled values of a parameter's effect.
+    """Return the terms of a formula for the effect of one parameter on the readings.
 
-    The formula contains the radius R, c = cos θ and s = sin θ, for the angle θ of the circle.
+    The formula contains the radius R, c = cos θ and s = sin θ, for the angle θ of the circle. The
+    term with the factor R^k is a product of ``degree`` + k factors c or s. With ``degree`` 2, for
+    example, the terms without R contain c², c s and s².
 
-    ``values``, shape (radii, angles), are the sampled values at the radii ``_RADII_MM`` and the
-    angles ``_ANGLES_RAD``. ``degree`` is the number of factors c and s in each term without R; it
-    is 2, for example, if these terms are c², c s and s². Terms with R have one more factor c or s
-    for each factor R.
+    ``values``, shape (radii, angles), holds the effect, computed at the radii ``_RADII_MM`` and the
+    angles ``_ANGLES_RAD``. The formula reproduces these values.
     """
     by_radius_power = np.linalg.solve(np.vander(_RADII_MM, increasing=True), values)
     threshold = _ROUNDING * max(np.abs(values).max(), 1.0)

@@ -19,9 +19,9 @@ __all__ = ["EXACT_SHARE", "NullSpace"]
 # pivot. The effects of the coefficients count as cancelling only if the combination changes no
 # reading by more than this share of the largest change that the pivot alone would cause.
 EXACT_SHARE = 0.05
-# Limits that decide which coefficients of the model are dropped from a combination whose effects
-# cancel. A coefficient is dropped if its effect on the readings is at most this share of the
-# largest effect of any coefficient in the combination. The limits are tried in this order, until
+# Limits for leaving out coefficients from a combination of coefficients whose effects on the
+# readings cancel. A coefficient is left out if its effect, divided by the largest effect of any
+# coefficient in the combination, is at most the limit. The limits are tried in this order, until
 # the remaining combination changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # Coefficients with small effects are dropped from a combination only if the remaining combination
@@ -35,9 +35,10 @@ _LEAST_PIVOT_LENGTH = 0.05
 # The effect of one coefficient of the model on the readings is fitted by the effects of others. In
 # this fit, singular values below this share of the largest singular value count as zero.
 _RANK_TOLERANCE = 1e-12
-# Rows of the null space's basis are compared by their lengths, rounded to this number of decimals.
-# Rounding errors then do not decide which coefficient becomes a pivot (a coefficient whose effect
-# others cancel).
+# Number of decimals to which the lengths of a matrix's rows are rounded before they are compared.
+# Each row belongs to a coefficient; the coefficient with the longest row becomes the next pivot
+# (see ``EXACT_SHARE``). Without rounding, numerical errors would decide between rows of equal
+# length.
 _LENGTH_DECIMALS = 6
 
 
@@ -78,15 +79,15 @@ class NullSpace:
         self._triangle = np.asarray(np.linalg.qr(scaled, mode="r"))
 
     def sparse_basis(self) -> list[tuple[int, Array]]:
-        """Return a basis of the combinations that change no reading.
+        """Return a basis of the combinations of coefficients that change no reading.
 
         The result is a list of pairs (pivot, vector), one for each combination. The vector, shape
-        (m,), holds the values of the m coefficients. The pivot is the index of a coefficient with
-        the value one, whose effect the other coefficients cancel. The search first finds
-        combinations of parameters alone, then combinations of one nuisance coefficient with
-        parameters that are not pivots yet, and finally all other combinations. A nuisance
-        coefficient is left out if its effect alone changes no reading noticeably. In the result,
-        combinations with a nuisance coefficient as pivot come first.
+        (m,), holds the values of the m coefficients. The pivot is the index of one coefficient,
+        whose value is one; the other coefficients cancel its effect on the readings. The search
+        first finds combinations of parameters alone, then combinations of one nuisance coefficient
+        with parameters that are not pivots yet, and finally all other combinations. Nuisance
+        coefficients that alone change no reading noticeably are left out of the search. In the
+        result, combinations with a nuisance coefficient as pivot come first.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters
@@ -141,13 +142,13 @@ class NullSpace:
     def _imitations(
         self, targets: NDArray[np.intp], imitators: NDArray[np.intp]
     ) -> dict[int, Array]:
-        """Return, for each target coefficient, a combination in which others cancel its effect.
+        """Return, for each target coefficient, values of other coefficients that cancel its effect.
 
-        ``targets`` are the indices of the target coefficients, and ``imitators`` are the indices of
-        the coefficients that may cancel the effect of a target on the readings. The keys of the
-        result are the indices of the targets. Each combination holds the values of the m
-        coefficients, shape (m,): one for the target, and for the imitators the values that cancel
-        its effect. A target is left out if the imitators cannot cancel its effect.
+        ``targets`` are the indices of the target coefficients. ``imitators`` are the indices of the
+        coefficients that may cancel the effect of a target on the readings. The keys of the result
+        are the indices of the targets. Each value is an array, shape (m,), with the values of all m
+        coefficients: one for the target, and for the imitators the values that cancel its effect. A
+        target is left out if the imitators cannot cancel its effect.
         """
         # For each target coefficient of the model, a least-squares problem finds how other
         # coefficients, the imitators, can cancel its effect on the readings. The problems of all

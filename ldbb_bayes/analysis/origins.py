@@ -243,7 +243,11 @@ def term_named(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
-    """Return the origin of the standard deviation of scatter, such as the reading noise.
+    """Return where the standard deviation of scatter, such as the reading noise, comes from.
+
+    The result is ``MEASURED`` if the readings determine the standard deviation, ``STATED`` if a
+    certificate or the user states it, and otherwise ``ASSUMED``. ``name`` is the class name of the
+    model term that causes the scatter, or the name of the reading noise.
 
     The origin is measured if the readings determine the standard deviation, and stated if a
     certificate or the user states it. Otherwise, the origin is assumed. ``name`` is the class name

@@ -70,8 +70,9 @@ class JudgedTest:
     flagged, because nothing shows which test is wrong.
     """
 
-    #: probability that another circle of the same machine would deviate from the prediction by the
-    #: other tests at least as much as the test, in any Fourier order
+    #: probability that another circle of the same machine would deviate from the prediction at
+    #: least as much as the test does, in at least one Fourier order. The prediction is made from
+    #: the other tests.
     p_value: float
     family_wise_p_value: float  #: p-value of the test, adjusted for the number of tests (Holm)
     #: p-value of the test's deviation from the prediction in each single Fourier order, 0 … 12
@@ -99,8 +100,9 @@ def find_outlying_tests(
 
     Each test is compared with circles that are simulated from the posterior given the other tests.
     The p-value of the test is the probability that another circle of the same machine would deviate
-    from the prediction, in any Fourier order, at least as much as the test. A test is flagged if
-    its family-wise p-value (Holm) is below 2 % and more than half of the tests remain unflagged.
+    from the prediction at least as much as the test does, in at least one Fourier order. A test is
+    flagged if its family-wise p-value (Holm) is below 2 % and more than half of the tests remain
+    unflagged.
 
     Parameters
     ----------

@@ -105,9 +105,9 @@ def _best_pair(
 
     A remedy for a large uncertainty is a certificate or a change of the plan. The second remedy is
     the one that, together with ``first``, minimises the parameter's standard uncertainty. Return
-    None if this standard uncertainty is at least 90 % of the standard uncertainty after ``first``
-    alone. ``tried`` computes the standard uncertainties after remedies for the campaign. ``name``
-    is the name of the parameter, and ``sd`` its standard uncertainty without any remedy.
+    None if this standard uncertainty is at least 90 % of the standard uncertainty with ``first``
+    alone. ``tried`` computes the standard uncertainties of the parameters with any set of remedies.
+    ``name`` is the name of the parameter, and ``sd`` its standard uncertainty without any remedy.
     """
     before = tried.sd_with()[name]
     ratio_of: dict[RemedyStep, float] = {}

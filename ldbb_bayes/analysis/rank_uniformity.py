@@ -21,10 +21,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# The empirical distribution of ranks must stay inside a band. For each k, the band limits the
-# number of ranks that are at most k. A search by bisection finds the probability with which a
-# single one of these numbers may be outside its limits. After this number of bisections, the error
-# of the probability is below 1e-12.
+# Number of bisections in the search for the width of the band that contains the empirical
+# distribution of ranks. For each k, the band has limits for the number of ranks that are at most k.
+# The search finds the largest probability with which the number for a single k may be outside its
+# limits, so that the numbers for all k are inside with the required probability. The error of the
+# result is then below 1e-12.
 _BISECTIONS = 40
 
 

@@ -165,13 +165,13 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
 def _compare_slopes(
     label: str, pair: Mapping[str, HybridModel], log_evidence_by_slopes: Array, error: float
 ) -> Assumed:
-    """Return the log Bayes factor of a model with slopes over a model without slopes.
+    """Return the log Bayes factor of slopes over no slopes, with the two log evidences.
 
-    Slopes are changes of compliance with force. The result also holds the two log evidences.
-    ``label`` states whether alternative explanations are left out or averaged over. ``error`` is
-    the numerical error of the log Bayes factor [nat]. ``log_evidence_by_slopes`` holds two numbers:
-    the log evidence with slopes, and the log evidence without slopes. In ``pair``, the model
-    without slopes comes first.
+    Slopes are changes of compliance with force. ``label`` states whether alternative explanations
+    are left out or averaged over. ``pair`` holds the model without slopes, then the model with
+    slopes; the keys are their names. ``log_evidence_by_slopes`` has the reverse order: it holds the
+    log evidence with slopes, then the log evidence without slopes. ``error`` is the numerical error
+    of the log Bayes factor [nat].
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

@@ -104,7 +104,11 @@ def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
 
 
 def _leave_unchanged(model: HybridModel) -> HybridModel:
-    """Return ``model`` unchanged, with its assumption about random differences between circles."""
+    """Return ``model`` as it is.
+
+    Other functions of the same kind change a model's assumption about random differences between
+    circles. This function stands for the case in which the assumption is kept.
+    """
     return model
 
 

@@ -171,11 +171,11 @@ class TriedRemedies:
         return len(changed.campaign.tests) - len(self.bound.campaign.tests)
 
     def _information(self, changed: BoundModel) -> Information:
-        """Return the linear model of the readings with the remedies in ``changed``.
+        """Return the linear model of the readings after some remedies.
 
         A remedy is a certificate of the instrument or a change of the plan. ``changed`` is the
-        model, applied to the campaign or plan that results from the remedies. The hyper-parameters
-        keep the values that they have without the remedies.
+        model of the campaign or plan that results from the remedies. The hyper-parameters keep the
+        values that they have without the remedies.
         """
         carried = changed.hyper_prior.carried(self.bound.hyper_prior, self.phi)
         return information_of(changed, carried)

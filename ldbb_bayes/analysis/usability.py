@@ -34,7 +34,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Kinds of reasons against the values on a test certificate, or for caution with them."""
+    """Kinds of reasons why values on a test certificate cannot be used, or only with caution."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"

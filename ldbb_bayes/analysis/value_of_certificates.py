@@ -22,9 +22,10 @@ __all__ = [
     "worth_of_certificates",
 ]
 
-# Certificates that the instrument could have. The keys are names of certificates. Each value holds
-# the fields of the instrument that the certificate states, and what it states for them. A
-# certificate for a single ball is meant for instruments whose other ball already has a certificate.
+# Certificates that the instrument could have. The keys are names of certificates. Each value is a
+# dictionary: its keys are the fields of the instrument to which the certificate gives a value, and
+# its values are what the certificate states, such as an expanded uncertainty of 1 µm. A certificate
+# for a single ball is meant for instruments whose other ball already has a certificate.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "work ball of grade G10": {"work": Ball(grade="G10")},
@@ -49,8 +50,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     The hyper-parameters φ are, for example, the standard deviations of the noise and of random
     effects. The results account for the uncertainty of φ. The variance of each parameter is the
     mean of its variances given the values of φ, plus the variance of its means given these values.
-    ``phi`` holds values for the present instrument, which are also used for the model with
-    ``instrument`` (`HyperPrior.carried`).
+    The values ``phi`` belong to the model with the instrument that the campaign has. They are also
+    used for the model with ``instrument``, whose certificates may differ; see `HyperPrior.carried`.
 
     Parameters
     ----------

@@ -39,8 +39,8 @@ __all__ = [
     "weights_of_parameters",
 ]
 
-# Name of one source of variance in an average over models: each model gives another mean of a
-# quantity, and these means scatter.
+# Name of the source of variance that arises when results are averaged over several models. The
+# models give different means of a quantity; the scatter of these means is a part of the variance.
 MODEL_CHOICE = "ModelChoice"
 
 
@@ -159,14 +159,18 @@ class ModelVariance:
         return self._scaled(self._variance(self.information, names))
 
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the variances that q quantities would have if some coefficients were known.
+        """Return the variances that q quantities would have if assumed effects were known exactly.
 
-        ``partners`` are names of effects. An effect is a model term, identified by its class name,
-        or the prior of a parameter, identified by the name of the parameter. If the standard
-        uncertainty of a coefficient of these effects is assumed, the coefficient is taken to be
-        known. All other coefficients stay uncertain. For example, if a certificate states the
-        mount's deflection, only the curvature of the deflection is assumed and taken to be known.
-        The quantities are parameters, and changes of compliances with force. The result has the
+        An effect is a model term, identified by its class name, or a parameter, identified by its
+        name. ``partners`` are the names of effects. Three things are taken to be known exactly: the
+        named parameters, those coefficients of the named model terms whose prior standard deviation
+        is assumed (neither measured nor stated), and the scatter caused by the named terms if its
+        standard deviation is assumed. All other coefficients stay uncertain. For example, a
+        certificate may state the deflection of the mount, but not how the deflection bends with
+        force. Of the term ``Mount``, only the coefficient of this curvature is then taken to be
+        known.
+
+        The q quantities are parameters, and changes of compliances with force. The result has the
         shape (q,).
         """
         information = self.information
@@ -192,9 +196,9 @@ class ModelVariance:
 
         ``variance`` holds one variance for each of q quantities (parameters, and changes of
         compliances with force), computed from the linear model with some effects taken to be known.
-        Each variance is multiplied by the quantity's posterior variance ``sd``², and divided by its
-        variance in the linear model if no effect is known (`gaussian_variance`). The result is at
-        most ``sd``².
+        Each variance is multiplied by ``sd``² and divided by `gaussian_variance`. Here ``sd``² is
+        the posterior variance of the quantity, and `gaussian_variance` is its variance in the
+        linear model in which no effect is taken to be known. The result is at most ``sd``².
         """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
@@ -260,17 +264,17 @@ class AveragedVariance:
 
         The quantities are parameters, and changes of compliances with force. The variances are Σ
         p_m (var_m + (mean_m − mean)²). Here p_m is the probability of model m, var_m and mean_m are
-        the variances and means under model m, and mean are the averaged means.
+        the variances and means under model m, and mean = Σ p_m mean_m is the average of the means.
         """
         return np.diag(sum(self.errors.values(), np.zeros(self.spread.shape)))
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of q quantities, with one in the place of a variance of zero, shape (q,).
+        """Variances of q quantities, shape (q,); a variance of zero is replaced by 1.
 
         The quantities are parameters, and changes of compliances with force. A source of
         uncertainty causes a part of the variance of a quantity. This part, divided by the variance,
-        is the source's share. The one prevents a division by zero.
+        is the source's share. The replacement prevents a division by zero.
         """
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
@@ -312,10 +316,10 @@ class AveragedVariance:
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return standard uncertainties that q quantities would have if some effects were known.
 
-        ``partners`` are names of effects: model terms or parameters. Of the coefficients of these
-        effects, only those whose standard uncertainty is assumed (neither measured nor stated) are
-        taken to be known exactly; see `ModelVariance.variance_without_assumed`. The result has the
-        shape (q,).
+        ``partners`` are names of effects: model terms or parameters. The named parameters are taken
+        to be known exactly. Of the coefficients of the named model terms, only those whose standard
+        uncertainty is assumed (neither measured nor stated) are taken to be known exactly; see
+        `ModelVariance.variance_without_assumed`. The result has the shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:

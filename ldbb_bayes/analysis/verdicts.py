@@ -335,9 +335,10 @@ def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
 def _scaled_to_forecast(
     expected: SampledSd, bound: BoundModel, certificates: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties with further certificates, made consistent with a forecast.
+    """Return standard uncertainties with further certificates, scaled to agree with a forecast.
 
-    ``certificates`` holds, for each certificate, the standard uncertainty of every parameter. The
+    The keys of ``certificates`` are certificates that the instrument could have in addition. Each
+    value holds the standard uncertainty that every parameter would have with this certificate. The
     first entry holds the standard uncertainties without a further certificate. For each parameter,
     all standard uncertainties are multiplied by the same factor. The factor is chosen so that the
     standard uncertainty without a further certificate is equal to the forecast ``expected``.
@@ -466,12 +467,14 @@ def _averaged_over_scales(
     weight: Array,
     phi: Array,
 ) -> AveragedVariance:
-    """Return the posterior variances of quantities under one model, with the sources of variance.
+    """Return the posterior variance of each quantity under one model, and what causes it.
 
     The quantities are the parameters of ``bound``, and the changes of compliances with force
-    (``changes``). The shares of the sources in the variances are computed from ``information``, at
-    the mean of the hyper-parameters. The variances are averaged over the w values ``phi`` of the h
-    hyper-parameters, shape (w, h), with the weights ``weight``, shape (w,).
+    (``changes``). Each variance is a weighted mean of variances at w values of the
+    hyper-parameters, plus the variance of the means at these values. ``phi``, shape (w, h), holds
+    the w values of the h hyper-parameters, and ``weight``, shape (w,), their weights. The shares of
+    the sources in the variances are computed from ``information``, the linear model at the mean of
+    the hyper-parameters.
     """
     weights = _weights_of_quantities(information, changes)
     moments = averaged_moments(bound, weights / information.scale, weight, phi)
@@ -595,12 +598,13 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 
 
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
-    """Return the variances of the parameters, and of the changes of compliances, in one model.
+    """Return the variances of parameters and of compliances' changes with force in one model.
 
-    A change is the change of a compliance with force. ``model`` is one of several models whose
-    results are averaged. ``changes`` holds the changes that occur in any of these models; the keys
-    are names of compliances. In the result, the parameters come first, then the changes. If a
-    change does not occur in ``model``, its weights in the field ``ModelVariance.weights`` are zero.
+    ``model`` is one of several models whose results are averaged. ``changes`` holds the changes of
+    compliances with force that occur in any of these models; the keys are names of compliances. In
+    the result, the parameters come first, then the changes. If a change does not occur in
+    ``model``, its row of ``ModelVariance.weights`` is zero. This row states how much the change
+    depends on each coefficient of the model.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))
@@ -914,10 +918,11 @@ def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
 
 
 def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
-    """Return, for each origin, the share of a quantity's variance that its sources cause together.
+    """Return the share of a quantity's variance that comes from each origin, as a dict.
 
-    A source of uncertainty has one of three origins: its standard uncertainty is measured in this
-    campaign, stated or assumed. These origins are the keys of the result.
+    The standard uncertainty of a source of uncertainty has one of three origins, which are the keys
+    of the result: it is measured in this campaign, stated or assumed. Each value is the sum of the
+    shares of all sources with this origin.
     """
     shares = dict.fromkeys(Origin, 0.0)
     for source in sources:

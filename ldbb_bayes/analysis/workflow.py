@@ -287,7 +287,7 @@ def check_workflow(
 
 
 def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
-    """Return ``model`` with constant compliance and, if it has slopes, ``model`` itself, too.
+    """Return one or two models: ``model`` without slopes, and ``model`` itself if it has slopes.
 
     Slopes are changes of compliance with force. The keys of the result say how compliance depends
     on force in the model, for example "constant".

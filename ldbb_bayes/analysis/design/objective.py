@@ -1,7 +1,7 @@
 """Objective of the search for a design: a criterion averaged over the hyper-parameters.
 
 Hyper-parameters are quantities such as the standard deviation of the noise. A candidate is a test
-that could be run, once or several times. A design consists of n_i tests of each candidate i. Let
+that could be run, once or several times. A design consists of n_i runs of each candidate i. Let
 G_i be the derivatives of the readings of candidate i with respect to the parameters, divided by the
 standard deviation of the noise. Each test of candidate i adds the information G_iᵀG_i. The
 precision (inverse covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision
@@ -33,7 +33,7 @@ class Objective(Shown):
     """Criterion Φ as a function of a design, averaged over K values of the hyper-parameters.
 
     The criterion is the figure of merit that the search for a design maximises. A candidate is a
-    test that could be run. A design is described by the number of tests of each candidate,
+    test that could be run. A design is described by the number of runs of each candidate,
     ``counts``, shape (candidates,).
     """
 
@@ -78,7 +78,7 @@ class Objective(Shown):
     def value(self, counts: Array) -> float:
         """Return the criterion Φ of a design; −inf if the design does not determine all parameters.
 
-        ``counts`` is the number of tests of each candidate (test that could be run), shape
+        ``counts`` is the number of runs of each candidate (test that could be run), shape
         (candidates,).
         """
         return float(self._values(self._precision(counts)).mean())
@@ -86,7 +86,7 @@ class Objective(Shown):
     def after_adding(self, counts: Array, chosen: Array) -> Array:
         """Return the criterion Φ of a design with one more test, for each of several candidates.
 
-        ``counts`` holds the number of tests of each candidate in the design. ``chosen`` holds the
+        ``counts`` holds the number of runs of each candidate in the design. ``chosen`` holds the
         indices of the candidates that are tried. For each of them, one test is added to the same
         design. The result has the shape (chosen,).
         """
@@ -103,7 +103,7 @@ class Objective(Shown):
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
         """Return the criterion Φ of a design, and its derivatives with respect to the counts n_i.
 
-        ``counts`` holds the number n_i of tests of each candidate i, shape (candidates,); the
+        ``counts`` holds the number n_i of runs of each candidate i, shape (candidates,); the
         derivatives ∂Φ/∂n_i have the same shape. They are the means of ‖G_ki D_k‖² over the values k
         of the hyper-parameters. Here G_ki are the derivatives of candidate i's readings with
         respect to the parameters, and D_k is defined by ∂Φ/∂M = D_k D_kᵀ, where M is the precision
@@ -130,7 +130,7 @@ class Objective(Shown):
         """Return the precision matrices of all p parameters after the tests of a design.
 
         The matrices have the shape (K, p, p), for K values of the hyper-parameters. ``counts`` is
-        the number of tests of each candidate (test that could be run), shape (candidates,).
+        the number of runs of each candidate (test that could be run), shape (candidates,).
         """
         support = np.flatnonzero(counts)
         scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]

@@ -1,10 +1,10 @@
 """Search for the design with the best whole numbers of tests (an exact design).
 
-A candidate is a test that could be run; a design has a number of tests of each candidate. The
-criterion Φ is the figure of merit that the search maximises. The search starts from several
-designs: the best fractions of the tests, rounded to whole numbers, and random designs. In each
-design, the search replaces one test at a time by a better candidate, until none of the replacements
-that are tried improves the design (coordinate exchange).
+A candidate is a test that could be run, once or several times. A design states the number of runs
+of each candidate. The criterion Φ is the figure of merit that the search maximises. The search
+starts from several designs: the best fractions of the tests, rounded to whole numbers, and random
+designs. In each design, the search replaces one test at a time by a better candidate, until none of
+the replacements that are tried improves the design (coordinate exchange).
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ _RESTART_COST = 4_000_000
 # designs.
 _FEW_DESIGNS = 1000
 # Two forces of a design are close if they differ by at most ``_CLOSE_FORCES`` times the range of
-# force. If two candidates have close forces, all tests of one candidate are replaced by tests of
-# the other, unless the relative loss of efficiency exceeds ``_MERGING_LOSS``.
+# force. If two candidates have close forces, all runs of one candidate are replaced by runs of the
+# other, unless the relative loss of efficiency exceeds ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 
@@ -93,7 +93,7 @@ def efficient_rounding(share: Array, tests: int) -> Array:
     Returns
     -------
     Array
-        Number of tests of each candidate, shape (candidates,); the sum is ``tests``.
+        Number of runs of each candidate, shape (candidates,); the sum is ``tests``.
     """
     share = share / share.sum()
     support = np.flatnonzero(share)
@@ -125,17 +125,17 @@ def exchange(
 ) -> tuple[Array, float]:
     """Return a design improved by exchanging one test at a time, and its criterion.
 
-    A candidate is a test that could be run; a design has a number of tests of each candidate. A
-    test is exchanged for another candidate if this improves the design. The function ends when none
-    of the exchanges that are tried improves the design, or after it has gone through all tests 50
-    times.
+    A candidate is a test that could be run, once or several times. A design states the number of
+    runs of each candidate. A test is exchanged for another candidate if this improves the design.
+    The function ends when none of the exchanges that are tried improves the design, or after it has
+    gone through all tests 50 times.
 
     Parameters
     ----------
     objective
-        Criterion as a function of the number of tests of each candidate.
+        Criterion as a function of the number of runs of each candidate.
     start
-        Number of tests of each candidate in the design to start from, shape (candidates,). The
+        Number of runs of each candidate in the design to start from, shape (candidates,). The
         design must be allowed by ``feasible``.
     rng
         Random generator for the order in which tests are replaced, and for the candidates that are
@@ -151,7 +151,7 @@ def exchange(
     Returns
     -------
     counts : Array
-        Number of tests of each candidate in the design, shape (candidates,).
+        Number of runs of each candidate in the design, shape (candidates,).
     value : float
         Value Φ of the criterion for the design.
     """
@@ -183,9 +183,9 @@ def exchange(
 
 
 def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
-    """Return the numbers of tests of a design after ``number`` tests of one candidate are added.
+    """Return the numbers of runs in a design after ``number`` runs of one candidate are added.
 
-    ``candidate`` is the index of this candidate. ``counts`` holds the number of tests of each
+    ``candidate`` is the index of this candidate. ``counts`` holds the number of runs of each
     candidate before the addition, shape (candidates,).
     """
     changed = counts.copy()
@@ -200,8 +200,8 @@ def _likely_candidates(
 
     The result holds the ``size`` candidates with the largest sensitivities, and ``size`` random
     candidates. The sensitivity is the derivative of the criterion with respect to the number of
-    tests of the candidate. If there are at most ``size`` candidates, all are returned. ``base``
-    holds the number of tests of each candidate in the design, shape (candidates,).
+    runs of the candidate. If there are at most ``size`` candidates, all are returned. ``base``
+    holds the number of runs of each candidate in the design, shape (candidates,).
     """
     n = objective.candidates
     if size >= n:
@@ -221,7 +221,7 @@ def _likely_candidates(
 class ExactDesign:
     """A design with whole numbers of tests, and the best design with fractions of tests."""
 
-    #: whole number of tests of each candidate in the design, shape (candidates,)
+    #: number of runs of each candidate in the design, as an integer, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
     #: best design with the same total number of tests, if fractions of tests are permitted
@@ -235,9 +235,9 @@ class ExactDesign:
 class Search:
     """Search for the best design among candidate tests.
 
-    A candidate is a test that could be run; a design has a number of tests of each candidate. The
-    objective is a function that measures how good a design is. ``seed`` is the seed of the random
-    numbers.
+    A candidate is a test that could be run, once or several times. A design states the number of
+    runs of each candidate. The objective is a function that measures how good a design is. ``seed``
+    is the seed of the random numbers.
     """
 
     objective: Objective
@@ -299,7 +299,7 @@ class Search:
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
         """Return the designs from which the search starts, as arrays of shape (candidates,).
 
-        A design holds the number of tests of each candidate. ``share``, shape (candidates,), holds
+        A design holds the number of runs of each candidate. ``share``, shape (candidates,), holds
         the best fraction of all ``tests`` for each candidate. The first design is found by rounding
         these fractions to whole tests; the other designs are random.
         """
@@ -313,17 +313,18 @@ class Search:
     def _is_feasible(self, counts: Array) -> bool:
         """Return whether a design has tests at ``levels`` different forces or more.
 
-        ``counts`` holds the number of tests of each candidate in the design.
+        ``counts`` holds the number of runs of each candidate in the design.
         """
         return len(distinct_forces(self.forces_N[counts > 0])) >= self.levels
 
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
-        """Return the design with close forces merged, and the value of its criterion.
+        """Return a design in which close forces are merged, and the value of its criterion.
 
-        If two candidates have close forces, all tests of one are replaced by tests of the other.
-        The tests are replaced only if this reduces the efficiency by at most 0.01 %, and if enough
-        different forces remain. ``counts`` is the number of tests of each candidate before merging,
-        and ``value`` is the criterion of the design before merging.
+        Two forces are close if they are nearly equal. If two candidate tests have close forces, all
+        runs of one are replaced by runs of the other. The replacement is made only if it reduces
+        the efficiency by at most 0.01 %, and if enough different forces remain. ``counts`` states
+        how often each candidate is run before merging, shape (candidates,), and ``value`` is the
+        criterion of the design before merging.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -341,13 +342,14 @@ class Search:
         return counts, value
 
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
-        """Return a design with tests at no fewer than ``levels`` different forces.
+        """Return a design with tests at ``levels`` different forces or more.
 
-        ``levels`` is one or two. ``counts`` holds the number of tests of each candidate in the
+        ``levels`` is one or two. ``counts`` holds the number of runs of each candidate in the
         original design. This design is returned unchanged if it has enough different forces.
         Otherwise, one of its tests is replaced by a candidate at another force, drawn at random
-        with ``rng``. If no candidate gives the design enough different forces, all tests that are
-        not replaced are first moved to the lowest force.
+        with ``rng``. Forces that are nearly equal do not count as different. If no candidate
+        therefore has a force that differs enough from that of the other tests, the other tests are
+        moved to the lowest force, and the candidate is then drawn again.
         """
         if self._is_feasible(counts):
             return counts
@@ -362,8 +364,8 @@ class Search:
     def _completing_candidates(self, counts: Array) -> list[int]:
         """Return the indices of candidates that can give a design enough different forces.
 
-        With one more test of any of these candidates, the design has tests at ``levels`` different
-        forces or more. ``counts`` holds the number of tests of each candidate in the design.
+        With one more run of any of these candidates, the design has tests at ``levels`` different
+        forces or more. ``counts`` holds the number of runs of each candidate in the design.
         """
         n = self.objective.candidates
         return [j for j in range(n) if self._is_feasible(_with_tests(counts, j))]
@@ -386,10 +388,11 @@ class Search:
 
 
 def _merge_tests(counts: Array, source: int, target: int) -> Array:
-    """Return the numbers of tests in a design after one candidate replaces another.
+    """Return a design in which all runs of candidate ``source`` are replaced by runs of ``target``.
 
-    ``source`` and ``target`` are the indices of the two candidates. ``counts`` are the numbers of
-    tests of each candidate before the replacement, shape (candidates,).
+    ``source`` and ``target`` are the indices of two candidate tests. ``counts`` states how often
+    each candidate is run before the replacement, and the result how often it is run afterwards;
+    both have the shape (candidates,).
     """
     number = int(counts[source])
     return _with_tests(_with_tests(counts, source, -number), target, number)
@@ -398,9 +401,9 @@ def _merge_tests(counts: Array, source: int, target: int) -> Array:
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
     """Return a design in which a third of the tests are replaced by random tests.
 
-    Designs are described by the number of tests of each candidate, shape (candidates,); ``counts``
-    is the original design. At least one test is replaced. Every replacement is drawn from all
-    candidates.
+    A design is described by an array, shape (candidates,), that states how often each candidate
+    test is run; ``counts`` is the original design. At least one test is replaced. Every replacement
+    is drawn from all candidates.
     """
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)

@@ -48,8 +48,9 @@ _ZERO_SHARE = 1e-10
 # solver starts, each share is raised to at least this number divided by the number of candidates
 # whose shares are optimized. All shares are then divided by their sum.
 _STARTING_SHARE = 0.02
-# If the candidate tests, run in the given shares, do not determine all parameters, the solver SLSQP
-# gets this value in place of the negative design criterion.
+# The solver SLSQP minimises minus the design criterion. If a design with the shares of the
+# candidate tests that the solver tries does not determine all parameters, the criterion cannot be
+# computed, and the solver gets this large value instead.
 _UNDETERMINED_LOSS = 1e6
 # Tolerances of the solver SLSQP, which computes the best shares of the candidate tests in rounds.
 # The first round uses ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most
@@ -162,7 +163,7 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     Parameters
     ----------
     objective
-        Criterion as a function of the number of tests of each candidate.
+        Criterion as a function of the number of runs of each candidate.
     tests
         Number N of tests. If the prior is flat, the best shares do not depend on N.
     tolerance

@@ -1,7 +1,7 @@
-"""Space of a design: tests to choose from, criterion of the choice, and parameters of interest.
+"""Choices from which a design is made: candidate tests, criterion and parameters of interest.
 
 The pilot is the campaign or plan that a design starts from. Candidates are tests that could be run,
-once or several times.
+once or several times. The criterion measures how good a design is.
 """
 
 from __future__ import annotations
@@ -57,13 +57,16 @@ _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Candidate tests, criterion and parameters of interest of a design.
+    """Candidate tests of a design, criterion by which they are chosen, and parameters of interest.
 
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
-    values are removed. The pilot is the campaign or plan that the design starts from. Its foreseen
-    tests are tests that may be run later, and whose effects the model includes. Tests are of the
-    same kind if they agree in plane, set-up, centre, radius and direction. For each kind of
-    candidate test of which the pilot has no test, one candidate is added to the foreseen tests.
+    values are removed.
+
+    The pilot is the campaign or plan that the design starts from. It may list foreseen tests, that
+    is, tests that may be run later; the model includes every effect that these tests can reveal.
+    Two tests are of the same kind if they agree in plane, set-up, centre, radius and direction. If
+    the candidates include a kind of test that the pilot does not have, one candidate of this kind
+    is added to the foreseen tests.
     """
 
     model: HybridModel
@@ -95,14 +98,13 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # The candidate tests depend on the pilot (the campaign or plan that the design starts from)
-        # as the user gave it. They must therefore be made before foreseen tests are added to the
-        # pilot.
+        # The candidate tests are derived from the pilot (the campaign or plan that the design
+        # starts from). They must be made from the pilot that the user gave, before tests that may
+        # be run later are added to its field ``foreseen``.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
-        # Check the parameters of interest last. The check applies the model to the pilot (the
-        # campaign or plan that the design starts from), to which the foreseen tests must already
-        # have been added.
+        # Check the parameters of interest last. The check applies the model to the pilot, whose
+        # field ``foreseen`` must already contain the added tests.
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
@@ -215,12 +217,12 @@ class Space:
         return tuple(self.tests[i] for i in positions)
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Return ``number`` tests at the force levels nearest to equal steps of force.
+        """Return ``number`` tests at forces in equal steps, as nearly as the force levels allow.
 
-        Evenly spaced forces are computed first. Each is then replaced by the nearest force level.
-        All tests have the first clocking (pair of angles of the balls) and the first radius in the
-        lists to choose from. Planes and directions of travel alternate from one force step to the
-        next.
+        Forces in equal steps are computed first. Each is then replaced by the nearest force level.
+        All tests have the first clocking (pair of angles of the balls) in ``clockings_deg`` and the
+        first radius in ``radii_mm``. Planes and directions of travel alternate from one force step
+        to the next.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []

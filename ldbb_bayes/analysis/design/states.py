@@ -107,8 +107,9 @@ def extend_hyper_parameters(
         pilot_bound = _hyper_posterior(bound.model, pilot).bound
     pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
     # Each circle that has already been run has a factor λ, by which its noise is multiplied.
-    # ``circles_run`` holds the names of these factors. A factor may have another name in ``bound``
-    # than in the model of the pilot alone. The pilot is the campaign that the design starts from.
+    # ``circles_run`` holds the names of these factors in ``bound``, the model of the circles run
+    # and the new circles. The same factor may have a different name in the model of the pilot, the
+    # campaign that the design starts from.
     circles_run = bound.setting.circle[:run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
