@@ -44,7 +44,10 @@ _PROBABILITY = "probability"
 
 
 class SearchField(NamedTuple):
-    """One entry field of the page's search, which sets one option of ``ldbb-bayes design``."""
+    """An entry field of the browser page; it sets an option of the search for cheap campaigns.
+
+    The option is one of the command ``ldbb-bayes design``.
+    """
 
     name: str  #: Name of the command-line option, such as ``minutes_per_circle``.
     default: str  #: Default of the command-line option as text; empty if there is none.

@@ -1,4 +1,8 @@
-"""A fit or a search for one browser tab, which runs in a separate process and can be stopped."""
+"""Computations (fits and searches) that run in separate processes and can be stopped.
+
+Each computation belongs to one browser tab. A search finds the cheapest campaigns that reach goals
+for uncertainties.
+"""
 
 from __future__ import annotations
 

@@ -83,10 +83,11 @@ def with_goals(
 def _goal_row(
     row: Mapping[str, Any], text: str, bound: BoundModel, estimates: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return texts on the goal for one parameter, which states the largest permitted U.
+    """Return texts about the goal for one parameter, as a dict.
 
-    U is the expanded uncertainty (k = 2). `with_goals` describes the texts: ``wanted`` and
-    ``reached``, or only ``refused`` if the goal cannot be read.
+    The goal is the largest permitted expanded uncertainty U (k = 2) of the parameter. The keys of
+    the dict are ``wanted`` and ``reached``, or only ``refused`` if the goal cannot be read;
+    `with_goals` describes the texts.
     """
     name = row["key"]
     try:

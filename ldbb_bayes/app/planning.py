@@ -33,15 +33,16 @@ _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60  # largest number of tests in a plan
-# Largest number of candidate tests from which the best tests are chosen. To keep this limit, the
-# number of forces is reduced, but not below ``_FEWEST_LEVELS``. With very many combinations of ball
-# angles, radii and directions, there may therefore be more candidate tests.
+# Limit on the number of candidate tests from which the best tests are chosen. If there are more
+# candidates, fewer forces are used, but the limit does not make the number of forces smaller than
+# ``_FEWEST_LEVELS``. With very many combinations of ball angles, radii and directions, the number
+# of candidates therefore exceeds the limit.
 _MOST_CANDIDATES = 180
 # Largest number of circles for which the search for the best tests is started several times, each
 # time from another design.
 _MOST_SEARCHED_CIRCLES = 12
-# Smallest number of forces from which the best tests are chosen: the lowest, the middle and the
-# highest force.
+# Number of forces that the limit ``_MOST_CANDIDATES`` always permits: the lowest, the middle and
+# the highest force.
 _FEWEST_LEVELS = 3
 # Number of possible machines over which a forecast is averaged while the user moves a slider.
 # Possible machines are machines that are likely given the readings so far. The number is smaller
@@ -128,7 +129,7 @@ class _Report(NamedTuple):
     therefore computed again after a new report has been written.
     """
 
-    folder: Path  #: Folder of the session (one browser tab).
+    folder: Path  #: Folder of the files of the session. A session belongs to one browser tab.
     #: Time at which the report was written [ns].
     time_ns: int
 
@@ -456,13 +457,13 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=128)
 def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
-    """Return the uncertainties, and the choice between models, to expect from planned tests.
+    """Return what to expect from planned tests: uncertainties, and the choice between two models.
 
     Entry ``rows`` of the result holds two expanded uncertainties U (k = 2) of every parameter: U
     from the fit, and U expected after the planned tests. Slopes (changes of compliance with force)
-    are left out. Entry ``settle`` holds two probabilities: that the evidence will decide for linear
-    compliance, and that it will decide for constant compliance. The entry is None if these
-    probabilities cannot be forecast.
+    are left out. Entry ``settle`` holds two probabilities: that the evidence will decide for the
+    model with compliance linear in force, and that it will decide for the model with constant
+    compliance. The entry is None if these probabilities cannot be forecast.
 
     Parameters
     ----------
@@ -508,8 +509,8 @@ def changes_between(tests: Sequence[lb.CircularTest]) -> dict[str, int]:
     Returns
     -------
     dict
-        ``turns`` is the number of turns of both balls together. ``changes`` is the number of
-        changes of the radius.
+        The key ``turns`` holds the number of turns of the work ball plus the number of turns of the
+        tool ball. The key ``changes`` holds the number of changes of the radius.
     """
     turns = 0
     radius_changes = 0
@@ -583,7 +584,9 @@ def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
 
 
 def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the tests that the page's sliders describe as a plan: a campaign without readings.
+    """Write a plan with the tests that the page's sliders describe, and return its forecast.
+
+    A plan is a campaign without readings.
 
     Parameters
     ----------

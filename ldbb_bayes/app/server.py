@@ -178,9 +178,10 @@ def _delete_folders_of_dead_servers() -> None:
 
 
 def _is_running(process: int) -> bool:
-    """Return whether a process is running; always true on Windows, which cannot be asked safely.
+    """Return whether a process is running; on Windows, the result is always true.
 
-    ``process`` is the id of the process.
+    ``process`` is the id of the process. On Windows, the function has no safe way to find out
+    whether the process runs.
     """
     if os.name != "posix":
         # On Windows, ``os.kill(process, 0)`` would end the process instead of asking whether it

@@ -40,8 +40,8 @@ class Session:
     wrong: list[str] = field(default_factory=list)
     #: Number of changes that the user has made so far to files, entries and language.
     edition: int = 0
-    #: Value of ``edition``, the number of changes by the user, for which the report was made; -1 if
-    #: there is no report.
+    #: Value that ``edition`` (the number of changes by the user) had when the computation of the
+    #: report was started; -1 if there is no report.
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)

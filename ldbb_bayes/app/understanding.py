@@ -152,10 +152,11 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
 
 
 def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of the page's table of tests; each row is a dict.
+    """Return the rows of the page's table of tests, as dicts.
 
-    Under the name of each column, a row holds what the column shows. It also holds the hue in which
-    the polar plot shows the test, and the list of remarks on the test.
+    The keys of a row are the names of the columns, and the values are the contents of the cells.
+    Two further keys are ``hue``, the hue in which the polar plot shows the test, and ``remarks``,
+    the list of remarks on the test.
     """
     hues = {}
     for trace in traces:

@@ -98,10 +98,12 @@ def _end_after_parent(parent: int) -> None:
 
 
 def _write_report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Fit the files of a browser tab, write the report, and return the report's main statements.
+    """Fit a model to the user's readings, write the report, and return its warnings and verdict.
 
-    ``folder`` holds a copy of the files. ``choices`` are the texts typed on the page; the keys are
-    the names of the entry fields.
+    ``folder`` holds a copy of the files that the user added in one browser tab. ``choices`` are the
+    texts typed on the page; the keys are the names of the entry fields. In the result,
+    ``converged`` says whether the fit converged, ``alerts`` are the warnings, and ``state`` is the
+    sentence on whether the results can be used.
     """
     settings = report_settings(folder, choices)
     output = Output(folder / RESULT, force=True)

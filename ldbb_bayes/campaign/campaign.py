@@ -314,7 +314,7 @@ class Campaign(CampaignFields):
 
     @property
     def scope(self) -> tuple[CircularTest, ...]:
-        """Tests of the campaign, followed by the foreseen tests, which may be run later.
+        """Tests of the campaign, followed by the tests in ``foreseen``, which may be run later.
 
         The model of the campaign includes every effect that at least one of these tests can reveal.
         """

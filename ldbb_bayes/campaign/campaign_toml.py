@@ -103,7 +103,10 @@ class _Angle:
 
 @dataclass(frozen=True, kw_only=True, config=_STRICT)
 class _CampaignFile(CampaignFields):
-    """Content of a campaign.toml, as the library pydantic checks it."""
+    """Fields that a file campaign.toml may contain.
+
+    The library pydantic checks the content of a file against the types of these fields.
+    """
 
     schema: Literal[1]
     topology: str
@@ -290,10 +293,10 @@ def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
 
 
 def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
-    """Return the test without readings that a table of campaign.toml describes.
+    """Return the planned test that a table of campaign.toml describes; it has no readings.
 
-    The table is [[test]] or [[foreseen]]. ``place`` names the table in error messages; ``entry``
-    is the validated content of the table.
+    The table is [[test]] or [[foreseen]]. ``place`` names the table in error messages; ``entry`` is
+    the validated content of the table.
     """
     stated = _stated_values(entry)
     plan = {key: stated.pop(key) for key in _PLAN_KEYS if key in stated}

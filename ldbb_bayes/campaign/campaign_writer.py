@@ -1,4 +1,8 @@
-"""Writing of campaign folders: a file campaign.toml, and one CSV file of readings per test."""
+"""Functions that write a campaign to a folder.
+
+The folder holds the file campaign.toml and, for each test with readings, a CSV file of the
+readings.
+"""
 
 from __future__ import annotations
 

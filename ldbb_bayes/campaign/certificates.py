@@ -247,7 +247,8 @@ class CalibrationCertificate(Shown):
         The result has these keys:
 
         - U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain. If the
-          certificate states no gain, the largest certified force takes its place.
+          certificate states no gain, U_percent is the expanded uncertainty of the largest certified
+          force, in percent of this force.
         - linearity_percent is the largest deviation from a straight line, in percent of the largest
           force.
         - certificate is the name of the certificate.

@@ -154,7 +154,7 @@ class Instrument(Shown):
     force_certificate: Label | None = None
 
     def __post_init__(self) -> None:
-        """Raise an `InputError` for an error of the bar's length without its uncertainty."""
+        """Raise an `InputError` if the bar's length error is given without its uncertainty."""
         require(
             self.bar_U_um or not self.bar_length_error_um,
             "the bar's length error must come with its U_um, got it alone. Give the U of its"

@@ -99,8 +99,8 @@ class TestFields(Shown):
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# If a table has no column with the name of one of these fields of a test, an import can take the
-# value of the field from elsewhere, for example from the name of the file.
+# Fields of a test for which an imported table needs no column. If the column is missing, the import
+# can take the value of the field from elsewhere, for example from the name of the file.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
 # Fields of a test that an import can fill only from a column with the name of the field.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)

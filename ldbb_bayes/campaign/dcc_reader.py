@@ -38,9 +38,9 @@ _NO_RESULTS = (
 # Names of the XML elements of a digital calibration certificate that hold one number or a list of
 # numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList")
-# XML elements of the D-SI (Digital SI) that state an expanded uncertainty, first in version 2 and
-# then in version 1. Each key is the name of such an element; the value of the dict is the name of
-# the inner element that holds the number.
+# XML elements of the D-SI (Digital SI) that state an expanded uncertainty. Each key is the name of
+# such an element; the value of the dict is the name of the inner element that holds the number. The
+# element of version 2 of the D-SI comes first, then the element of version 1.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
 # XML elements of the D-SI (Digital SI) that state a standard uncertainty. Each key is the name of
 # such an element; the value of the dict is the name of the inner element that holds the number.

@@ -28,7 +28,8 @@ _FACTOR = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?")
 class UnitSize(NamedTuple):
     """Size and dimension of a unit in which a certificate states a number."""
 
-    #: size of a certificate's unit in SI units, such as 1e-6 for µm; pressures are in bar
+    #: size of a certificate's unit, such as 1e-6 for µm, in SI units; for a unit of pressure, the
+    #: size in bar instead
     factor: float
     #: dimension of a certificate's unit, written as a string of SI units, with bar for pressure,
     #: such as m, N or N/bar. The string is empty for a ratio.

@@ -63,7 +63,7 @@ def _iso_date(when: Any) -> str:
 
 
 def _require_file_name(name: str) -> str:
-    """Raise a ValueError if a test's name cannot name a file; otherwise return the name."""
+    """Return the name of a test; raise a ValueError if no file can have this name."""
     if name and not re.fullmatch(r"[\w+\-][\w+\-. ]{0,99}", name):
         raise ValueError(
             "it names a file: letters, digits, spaces, '_', '-', '+' or '.', not starting with"

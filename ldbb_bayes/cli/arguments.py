@@ -1,4 +1,7 @@
-"""Campaign, instrument and model as arguments of several commands, made from typed options."""
+"""Functions that make a campaign, an instrument and a model from options that the user typed.
+
+Several commands share these functions.
+"""
 
 from __future__ import annotations
 

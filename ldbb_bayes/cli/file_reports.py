@@ -413,7 +413,10 @@ def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
 
 
 def _next_tests(plan: lb.Campaign) -> str:
-    """Return sentences that list the forces of a plan's tests in their order, and say why."""
+    """Return sentences that list the forces of a plan's tests, and say why these were chosen.
+
+    The forces are listed in the order in which the tests are to be run.
+    """
     several_planes = len({test.plane for test in plan.tests}) > 1
     labels = []
     for test in plan.tests:

@@ -1,4 +1,8 @@
-"""Commands ``batch``, ``trend`` and ``population`` of ``ldbb-bayes``: many campaigns."""
+"""Commands ``batch``, ``trend`` and ``population`` of ``ldbb-bayes``.
+
+The command ``batch`` fits many campaigns. The other two commands evaluate the results of many
+campaigns: ``trend`` follows one machine over time, and ``population`` compares machines.
+"""
 
 from __future__ import annotations
 

@@ -59,8 +59,8 @@ _OPTIONS = options_of(
     columns=Kind(list[str], _read_columns),
     sheets=Kind(str, _read_sheets),
 )
-# Dictionary of the flags of these options, such as --unit. The keys are the names of the keyword
-# arguments to which the values of the options are passed, such as reading_unit. Most of these names
-# are names of fields of the layout.
+# Flags, such as --unit, of the options that say how tables are to be read. The keys are the names
+# of the keyword arguments that take the values of the options, such as reading_unit. Most of these
+# keyword arguments are fields of the layout.
 LAYOUT_FLAGS = {option.to or name: option.flag(name) for name, option in _OPTIONS.items()}
 LAYOUT_OPTIONS = group(_layout, **_OPTIONS)

@@ -76,8 +76,8 @@ class Kind(NamedTuple):
 class Option:
     """One option of a command, such as ``--radius-mm``.
 
-    If the user does not type an option that has no default, no value is passed to the function that
-    the command calls. This function then uses its own default.
+    An option may have no default. Its value is then passed to the function that the command calls
+    only if the user types the option. Otherwise, the function uses its own default.
     """
 
     #: Python type to which Typer, the library that reads the command line, converts the typed
@@ -90,8 +90,9 @@ class Option:
     #: name of the command's keyword argument to which the option's value is passed; if empty, the
     #: argument has the same name as the option
     to: str
-    #: further arguments of `typer.Option`; the key ``name`` gives the flag of the option, if the
-    #: flag does not follow from the name of the option
+    #: further arguments of `typer.Option`. The key ``name`` holds the flag that the user types,
+    #: such as ``--goal`` for the option ``goals``. It is not needed if the option has the usual
+    #: flag, such as ``--radius-mm`` for the option ``radius_mm``.
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
@@ -195,8 +196,9 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     to
         Name of the keyword argument to which the value is passed. Default: the name of the option.
     **settings
-        Further arguments of `typer.Option`. The argument ``name`` gives the flag of the option, if
-        the flag does not follow from the name of the option.
+        Further arguments of `typer.Option`. The argument ``name`` is the flag that the user types,
+        such as ``--goal`` for the option ``goals``. It is not needed if the option has the usual
+        flag, such as ``--radius-mm`` for the option ``radius_mm``.
 
     Returns
     -------

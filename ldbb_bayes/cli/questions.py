@@ -1,7 +1,8 @@
 """Questions that ``ldbb-bayes`` asks at a terminal, about files, machine, mount and balls.
 
-Files of readings, for example, may not show in which of two units the readings are. The mount holds
-the work ball; the force of the bar deflects the mount.
+A question is asked if files and options leave something open. For example, the files may not show
+which of two units the readings have, or whether the readings are compensated for the deflection of
+the mount, the part that holds the work ball.
 """
 
 from __future__ import annotations
