@@ -56,9 +56,10 @@ def with_index_names(sheet: Sheet) -> Sheet:
 
 
 def _with_unit_of_loads(row: Row) -> Row:
-    """Return a row of loads, such as ``Force_N,36,36,238,238``, with the unit behind each number.
+    """Return a row of loads, with the unit of the loads appended to each number.
 
-    Any other row is returned unchanged.
+    For example, ``Force_N,36,238`` becomes ``Force_N,36 N,238 N``. Any other row is returned
+    unchanged.
     """
     label = unit_of(row.cells[0]) if row.cells else None
     loads = row.cells[1:]
@@ -70,11 +71,11 @@ def _with_unit_of_loads(row: Row) -> Row:
 
 
 def _count_index_names(row: Row, above: Row, below: Row) -> int:
-    """Return the number of columns of a table's index that a row names.
+    """Return how many columns of a table's index a row names, such as 1 for ``angle_deg,,``.
 
-    The index consists of the first column or columns of the table, such as the angles. The row must
-    hold nothing but names of these columns. The row ``above`` it must have names in all other
-    columns, and the row ``below`` it must have numbers. The result is zero for any other row.
+    The index consists of the first column or columns of the table, such as the angles. The result
+    is zero unless three conditions hold: the row has names of index columns and nothing else, the
+    row ``above`` has names in all other columns, and the row ``below`` has numbers.
     """
     width = len(below.cells)
     n_index = sum(bool(cell) for cell in row.cells)
@@ -96,11 +97,12 @@ def _hold_units(cells: Sequence[str]) -> bool:
 
 
 def _may_be_index(names: Sequence[str], above: Sequence[str]) -> bool:
-    """Return whether texts may be the names of a table's index, and not units below names.
+    """Return whether the texts in a row may name the columns of a table's index.
 
-    The index consists of the first column or columns of the table, such as the angles. ``above``
-    are the cells above the texts. If one of these cells is not empty, one of the texts must name
-    angles or times.
+    The index consists of the first column or columns of the table, such as the angles. The texts do
+    not name them if one of the texts is a unit, because the row then holds the units of a header.
+    ``above`` are the cells above the texts. If one of these cells is not empty, one of the texts
+    must name angles or times.
     """
     if any(unit_named(name) for name in names):
         return False
@@ -112,9 +114,9 @@ def _is_level(row: Row, n_index: int, width: int) -> bool:
     """Return whether a row is one of several rows of names (levels) that form a header.
 
     The first ``n_index`` columns of the table are its index, such as the angles. The row must have
-    a name for the first column after the index, and no numbers. A text in the columns of the index
-    is the name of the level; the row must then have names for at least two other columns. ``width``
-    is the number of all columns.
+    a name for the first column after the index, and no numbers. If a cell in the columns of the
+    index holds a text, this text is taken to be the name of the level. The row must then have names
+    for at least two of the columns after the index. ``width`` is the number of all columns.
     """
     cells = row.cells
     n_names = sum(bool(cell) for cell in cells[n_index:])

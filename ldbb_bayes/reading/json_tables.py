@@ -21,14 +21,15 @@ _FEWEST_ROWS = 9
 _BEGINNING = re.compile(r'\{"|\[\{"|\[\[[-"\d]')
 # Characters with which a line in JSON begins.
 _MARKS = '{["]},'
-# Keys of JSON, in small letters, whose value is the name of a table, as in "label": "run 1".
+# JSON keys, in lower case, under which a file gives the name of a table, as in "label": "run 1".
 _KEYS_OF_NAME = ("name", "label", "test", "id", "title")
-# Keys of JSON, in small letters, under which a dict holds the list of the numbers of a column.
-# Other keys of the same dict hold further properties of the column, such as its unit.
+# JSON keys, in lower case, under which a dict holds the list of the numbers of a column. Other keys
+# of the same dict hold further properties of the column, such as its unit.
 _KEYS_OF_NUMBERS = ("values", "data", "value", "samples")
-# Keys of JSON, in small letters, whose value is the unit of the numbers under a neighbouring key.
+# JSON keys, in lower case, under which a dict gives the unit of its numbers, as in {"value": 150,
+# "unit": "mm"}.
 _KEYS_OF_UNIT = ("unit", "units", "einheit")
-# Keys of JSON, in small letters, whose value is the list of the names of a table's columns.
+# JSON keys, in lower case, under which a file lists the names of a table's columns.
 _KEYS_OF_HEADER = ("columns", "header", "headers", "fields", "names")
 
 
@@ -79,7 +80,12 @@ def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:
 
 
 def _content_of_json(sheet: Sheet, text: str) -> Any:
-    """Return the content of a text in JSON. One record in each line gives a list of records."""
+    """Return the content of a text in JSON, which consists of lists, dicts and single values.
+
+    If each line of the text is a JSON record of its own, the result is the list of these records.
+    Raise an `InputError` for any other text that is not valid JSON. ``sheet`` names the file in the
+    message.
+    """
     decoder = json.JSONDecoder(
         parse_float=_Number, parse_int=_Number, object_pairs_hook=_with_different_keys
     )
@@ -103,7 +109,7 @@ def _error_at(sheet: Sheet, line: int) -> InputError:
 
 
 def _with_different_keys(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the keys and values of an object in JSON as a dict.
+    """Return the keys and values of a JSON object as a dict.
 
     Raise an `InputError` if a key occurs twice.
     """
@@ -141,7 +147,7 @@ def _tables_in(content: Any, name: str) -> Iterator[EntryTable]:
 
 
 def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTable]:
-    """Yield the tables in an object of JSON, which consists of keys and values.
+    """Yield the tables in a JSON object, which consists of keys and values.
 
     ``content`` is the object as a dict, and ``name`` is its name.
     """
@@ -171,11 +177,11 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
 
 
 def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
-    """Return a name for the part of a JSON file that the dict ``content`` holds under ``key``.
+    """Return a name for a part of a JSON file: the value of the dict ``content`` under ``key``.
 
-    The result begins with the name of ``content``. This is the text under a key such as "name" of
-    ``content``, or else the argument ``name``. If ``content`` holds several dicts or lists, ``key``
-    is added. If ``content`` has no name, the result is ``key`` alone.
+    The name of the part begins with the name of ``content``. This is the text in ``content`` under
+    a key such as "name", or else the argument ``name``. If ``content`` holds several dicts or
+    lists, ``key`` is appended. If ``content`` has no name, the result is ``key`` alone.
     """
     outer_name = _name_in(content) or name
     inner_parts = [value for value in content.values() if isinstance(value, dict | list)]
@@ -185,7 +191,10 @@ def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
 
 
 def _name_in(content: Mapping[str, Any]) -> str:
-    """Return the text under a key such as "name" in an object of JSON; empty without such a key."""
+    """Return the text under a key such as "name" in a JSON object.
+
+    ``content`` is the object as a dict. The result is an empty text if there is no such key.
+    """
     for key, value in content.items():
         if key.casefold() in _KEYS_OF_NAME and isinstance(value, str):
             return value
@@ -193,7 +202,7 @@ def _name_in(content: Mapping[str, Any]) -> str:
 
 
 def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return a dict with the columns of numbers in an object of a JSON file.
+    """Return a dict with the columns of numbers in a JSON object.
 
     The keys are keys of the object. Each value is a column, as the list of its cells. If the
     columns differ in length, only those with the most frequent length are returned. ``content`` is
@@ -226,11 +235,11 @@ def _column_of_numbers(value: Any) -> list[str]:
 
 
 def _cells_of_dict(content: Mapping[str, Any]) -> list[Any]:
-    """Return the cells of a column that JSON writes as a dict.
+    """Return the cells of a column that is stored as a dict in a JSON file.
 
-    The dict may hold a list under a key such as "data", as in ``{"data": [1.2, 1.4]}``, or it may
-    hold the cells under the numbers of their rows, as in ``{"0": 1.2, "1": 1.4}``. The result is an
-    empty list for any other dict.
+    The dict holds a list under a key such as "data", as in ``{"data": [1.2, 1.4]}``, or its keys
+    are the numbers of the rows, as in ``{"0": 1.2, "1": 1.4}``. For any other dict, the result is
+    an empty list.
     """
     if content and all(key.isdigit() for key in content):
         return list(content.values())
@@ -248,7 +257,10 @@ def _header_of(key: str, value: Any) -> str:
 
 
 def _unit_beside(value: Mapping[str, Any]) -> str:
-    """Return the unit in a dict such as ``{"value": 150, "unit": "mm"}``; empty without a unit."""
+    """Return the unit in a dict such as ``{"value": 150, "unit": "mm"}``.
+
+    The result is an empty text if the dict holds no unit.
+    """
     for key, unit in value.items():
         if key.casefold() in _KEYS_OF_UNIT and isinstance(unit, str):
             return unit
@@ -256,11 +268,12 @@ def _unit_beside(value: Mapping[str, Any]) -> str:
 
 
 def _statements_beside(content: Mapping[str, Any], columns: Mapping[str, Any]) -> list[str]:
-    """Return lines of text that state properties of the columns in a JSON file, other than units.
+    """Return lines of text that state properties of columns, except their units.
 
-    An example is ``radius: 150 mm``. The file stores such a column as a dict that holds a list of
-    numbers and the properties of the column. ``content`` is the dict that holds all columns, and
-    the keys of ``columns`` are the keys of the columns in it.
+    An example is ``dev radius: 150 mm`` for a column with the key ``dev``. A JSON file may store a
+    column as a dict that holds a list of numbers and the properties of the column. ``content`` is
+    the dict that holds all columns. The keys of ``columns`` are those keys of ``content`` under
+    which it holds columns.
     """
     statements = []
     for key in columns:

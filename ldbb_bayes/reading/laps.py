@@ -138,8 +138,10 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     )
     travelled = np.abs(angle_deg - angle_deg[0])
     step = float(np.median(np.abs(steps)))
-    # The last reading of a lap is usually one step before the angle at which the lap began. The
-    # factor 1.01 allows for rounding.
+    # The readings of n laps usually cover n turns less one step, because the last reading of a lap
+    # is one step before the angle at which the lap began. One step is therefore added before the
+    # laps are counted. The factor 1.01 makes this step a little longer, so that no lap is lost to
+    # rounding.
     n_laps = int((travelled[-1] + 1.01 * step) // TURN_DEG)
     require(
         n_laps >= 2,

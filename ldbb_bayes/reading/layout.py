@@ -137,10 +137,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: listed, each is a separate test
     columns: dict[str, _Column] = Field(default_factory=dict)
     #: forces of all tests, in the order of files, sheets and rows; they replace the forces in the
-    #: tables [[test]] of the layout
+    #: entries [[test]] of the layout
     forces_N: list[Number] = Field(default_factory=list)
     #: pressures of all tests, in the order of files, sheets and rows; they replace the pressures in
-    #: the tables [[test]] of the layout
+    #: the entries [[test]] of the layout
     pressures_bar: list[Number] = Field(default_factory=list)
     #: unit of the readings, such as um or mm. If the readings are counts (digital steps) of an
     #: instrument, this is the size of one count, such as 0.1 um
@@ -149,7 +149,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     time_unit: str | None = None  #: unit of the times in the files, such as s or ms
     force_unit: str | None = None  #: unit of the forces in the files, such as N or kN
     pressure_unit: str | None = None  #: unit of the pressures in the files, such as bar
-    #: what readings are: deviations from the nominal radius, or distances between the two balls
+    #: what readings are measured from: the nominal radius (``deviation``), or zero distance between
+    #: the two balls (``distance``)
     zero: Literal["deviation", "distance"] | None = None
     #: whether readings measure the radius or the diameter of the circle; readings of the diameter
     #: are halved
@@ -167,7 +168,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     angle_zero: Annotated[str, AfterValidator(_axis_with_sign)] | None = None
     #: sense in which the file counts angles, CW or CCW
     angle_sense: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
-    #: what the machine did when the times of a table have a gap: it stood still, or it moved on
+    #: what the machine did when the times of a table have a gap: it stood still (``still``), or it
+    #: continued to move (``moving``)
     gaps: Literal["still", "moving"] | None = None
     #: angle at which the circle begins [deg], for tables with times instead of angles
     start_deg: float | None = None
@@ -180,8 +182,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     direction: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
     #: whether the laps (turns) of a test with several laps are kept or averaged
     laps: Literal["keep", "average"] | None = None
-    #: entries [[test]], each of which states fields of one test that the tables do not state;
-    #: ``file`` in an entry names the test
+    #: entries [[test]] of the layout. Each entry states values for one test, such as its force,
+    #: that the table of this test does not state; the field ``file`` of the entry names the test
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
@@ -243,8 +245,9 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
         if _LOAD_LISTS.keys() & stated.keys():
             keys_of_tests |= set(_LOAD_LISTS.values())
-            # A list of forces that the options state also empties the list of pressures in the
-            # layout. In the same way, a list of pressures empties the list of forces.
+            # If the options list forces, these replace the forces of the layout, and the pressures
+            # of the layout are deleted. If the options list pressures, the forces of the layout are
+            # deleted.
             stated = {key: [] for key in _LOAD_LISTS} | stated
         if keys_of_tests and "test" not in options:
             stated["test"] = [_without(entry.stated(), keys_of_tests) for entry in self.test]

@@ -61,11 +61,12 @@ class LineStatement:
     #: read in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the stated value as the line writes it; empty if the line states none
-    #: number of the line in its file. If the line is in another sheet than the test, it is a text
-    #: with the number of the line and the name of the sheet, as in "3 of notes.txt"
+    #: number of the line in its file. If the line and the test are on different sheets, this is a
+    #: text that also names the sheet of the line, as in "3 of notes.txt"
     line: int | str
-    #: reason why the stated value is NaN; empty if the value is a number. The reason is also left
-    #: empty if a comma or point in the number may separate thousands, as in 1,000
+    #: reason why the stated value is NaN, such as "several numbers"; empty if the value is certain.
+    #: It is also empty if the value is NaN because a comma or point in the number may separate
+    #: thousands, as in 1,000
     doubt: str = ""
 
 
@@ -108,9 +109,9 @@ def _quantities() -> dict[str, _Quantity]:
         # units. It stands for all units of force.
         if isinstance(units, str):
             units = UNITS[units]
-        # The table of units states the sizes of units of length in µm. If a quantity is stored in
-        # another unit, such as mm, its entry in ``words.toml`` has a key ``one``: the factor that
-        # converts µm to this unit. For a diameter, the factor includes 1/2.
+        # ``UNITS`` states the sizes of units of length in µm, but a radius is stored in mm. The key
+        # ``one`` of an entry in ``words.toml`` is the factor that converts these sizes, here 0.001.
+        # For a diameter, it is 0.0005, because half the diameter is stored as the radius.
         factor = entry.get("one", 1.0)
         sizes = {unit: factor * size for unit, size in units.items()}
         quantities[key] = _Quantity(
@@ -175,8 +176,9 @@ _LENGTH = re.compile(
 )
 # Regular expression for a unit in brackets, followed by a number.
 _UNIT_AND_NUMBER = re.compile(rf"[\[(]([^\W\d]+)[\])]\s*[:=]?\s*({NUMBER_IN_TEXT})")
-# Regular expression for a letter for radius or diameter and the number that follows the letter,
-# such as D200. A word for nominal may stand between letter and number, as in Rnom: 100.
+# Regular expression for a letter that means a radius or a diameter, followed by a number, as in
+# D200. An abbreviation of the word "nominal" may stand between the letter and the number, as in
+# Rnom: 100.
 _LETTER_AND_NUMBER = re.compile(
     r"(?<![\w.])(?:CR|[RrDØø](?:[_ ]?(?:nom\w*|soll|0(?=\W)))?)\s?[:=]?\s?"
     r"(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?(?![\w.,])"
@@ -436,10 +438,11 @@ def _is_in_title(match: re.Match[str]) -> bool:
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return the words that precede the number of a matched statement in the same cell.
+    """Return the words that stand before the number of a quantity, in the same cell.
 
-    The name of the quantity and any unit are left out, because words in them could be mistaken for
-    another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``.
+    ``match`` is the match of the regular expression for the quantity, its number and its unit, as
+    in ``Feed [mm/min]: 2000``. The name of the quantity and its unit are left out, because words in
+    them could be mistaken for another quantity: "ball" in "ball bar", or "min" in "mm/min".
     """
     before_match = match.string[: match.start()]
     cell = _PER_MINUTE.sub("", re.split(r"[;,|\t]", before_match)[-1])
@@ -506,11 +509,11 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 
 
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
-    """Return whether the text after a label is not its value, but another label or a header.
+    """Return whether the text after a label is another label or a header, and not a value.
 
     In ``Operator;Date``, for example, both words are labels. ``key`` is the field that the first
-    label names, and ``value`` is the text after this label. ``matched`` is the whole passage: the
-    label and the text after it.
+    label names, and ``value`` is the text after the first label, here ``Date``. ``matched`` is the
+    whole passage, here ``Operator;Date``.
     """
     if key == "ball_bar" and _PRODUCT.fullmatch(value):
         return False
@@ -609,9 +612,11 @@ def not_understood(lines: Lines) -> dict[str, CitedLine]:
 
 
 def _is_understood(line: int | str, text: str) -> bool:
-    """Return whether a line states a field or one direction of travel, or names another quantity.
+    """Return whether it is known what a line is about.
 
-    Another quantity is, for example, a maximum or an ambient pressure.
+    This is so if the line states a field of a test or campaign, or exactly one direction of travel.
+    It is also so if the line names a quantity that is not a field, such as a maximum or an ambient
+    pressure.
     """
     if statements_in([(line, text)]) or OTHER_QUANTITY.search(text):
         return True

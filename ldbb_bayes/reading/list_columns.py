@@ -46,9 +46,9 @@ def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def unread_headers(cells: Iterable[tuple[str, str]], names: Collection[str]) -> list[str]:
-    """Return the headers of the columns from which nothing is read for a test.
+    """Return the headers of the columns of a list of tests that are not used for a given test.
 
-    The columns belong to a list of tests, in which each row is about one test.
+    Each row of the list describes one test; ``cells`` are those of the given test.
 
     Parameters
     ----------

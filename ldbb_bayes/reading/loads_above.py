@@ -101,10 +101,10 @@ def _lines_of_columns(
     The result holds a list for each line, with one text for each column except the first. The texts
     are loads, names, planes or directions. The lines stand directly above the header, and one of
     them must state loads; if none does, the result is empty. The line of loads is the first in the
-    result, because the texts of a column are later joined in this order: after a name, ``Run 2 100
-    N`` could be read as a load of 2100 N. ``rows`` are the rows above the header, and ``width`` is
-    the number of cells of the header. ``merged_lines`` are the numbers of the lines with merged
-    cells.
+    result, because the caller joins the texts of a column in this order. If a line of names came
+    first, the joined text could be ``Run 2 100 N``, and its load could be read as 2100 N. ``rows``
+    are the rows above the header, and ``width`` is the number of cells of the header.
+    ``merged_lines`` are the numbers of the lines with merged cells.
     """
     lines: list[list[str]] = []
     line_of_loads: list[str] = []

@@ -36,12 +36,12 @@ class _RowBlock:
 
 
 def with_loads_between(sheet: Sheet) -> Sheet:
-    """Return a sheet in which every table with a load has a header, and states its load above it.
+    """Return a sheet in which tables with a load have a header and a line with the load above them.
 
-    A load is a force or pressure. The sheet is changed only if the first table and at least one
-    other table each have a line of their own with a load, such as ``Load step 2 of 5: 200 N``. A
-    text such as ``Force: 200 N`` is added to each of these lines. If the table below such a line
-    has no header, the header of the first table is inserted.
+    A load is a force or pressure. The sheet is changed only if a separate line with a load, such as
+    ``Load step 2 of 5: 200 N``, stands above the first table, and another such line above at least
+    one other table. A text such as ``Force: 200 N`` is appended to each of these lines. If the
+    table below such a line has no header, the header of the first table is inserted.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -89,11 +89,12 @@ def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
 
 
 def _store_numbers(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
-    """Store successive rows of numbers as a table, if they are enough for a table.
+    """Store successive rows of numbers as a table, if there are enough of them.
 
-    Each block is a table with the rows above it. If the rows in ``successive`` are enough for a
-    table, they become the table of the last block, and a new block is begun. If they are too few,
-    they are added to the rows above the table of the last block.
+    A sheet is divided into blocks; each block consists of a table and the rows above it. The last
+    block in ``blocks`` has no table yet. If ``successive`` holds enough rows for a table, these
+    rows become the table of the last block, and a new, empty block is appended. Otherwise, they are
+    added to the rows above the table of the last block.
     """
     if len(successive) < _FEWEST_ROWS:
         blocks[-1].heading += successive
@@ -144,10 +145,10 @@ def _heading_with_loads(
 
 
 def _with_load_in_words(sheet: Sheet, row: Row, load: NamedLoad) -> Row:
-    """Join the cells of ``row`` to one cell, and add its load in a form such as ``Force: 200 N``.
+    """Return a row with its cells joined into one, and its load appended, as in ``Force: 200 N``.
 
-    Nothing is added if the row already states the load in a form that this package reads. ``load``
-    is the load that ``row`` states.
+    ``load`` is the load of the row. It is not appended if the row already states the load in a form
+    that this package reads in lines above a table.
     """
     text = sheet.text_of(sheet.cells_as_written(row))
     if load.key in statements_in([(row.line, text)]):

@@ -19,10 +19,10 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS
 
 __all__ = ["LoadInLine", "load_of_lines", "loads_in_lines"]
 
-# Regular expression for words, such as "run", that may stand beside a load in a line. A line with a
-# load and only such words is about the load of a test.
+# Regular expression for words, such as "run", that may stand beside a load in a line. A line that
+# contains only a load and such words is taken to state the load of a test.
 _BESIDE = re.compile(WORDS["loads"]["beside"], re.IGNORECASE)
-# Regular expression for a comma between a word and a number. Such a comma is no decimal mark.
+# Regular expression for a comma between a word and a number. Such a comma is not a decimal mark.
 _COMMA_BEFORE_NUMBER = re.compile(r"(?<=[^\W\d]),(?=\d)")
 _WORD = re.compile(r"[^\W\d_]+")
 
@@ -31,7 +31,7 @@ class LoadInLine(NamedTuple):
     """Load in a line such as ``238 N``, which has no word for force or pressure."""
 
     key: str  #: kind of load that a line states: force_N or pressure_bar
-    value: float  #: load in N for a force or bar for a pressure; NaN if the load is uncertain
+    value: float  #: force in N or pressure in bar; NaN if the load is uncertain
     line: int | str  #: number of the line that states the load
     text: str  #: text of the line that states the load
     #: whether no other text in the line can change the meaning of the load; see `_is_clear`

@@ -1,7 +1,7 @@
-"""Start of the circle, and check of the feed, for tables with times instead of angles.
+"""Functions that find the start of a circle and check the feed, for tables without angles.
 
-The lines above such a table may state where the circle starts. They may also state a feed override,
-which reduces or increases the programmed feed.
+Such a table holds times instead of angles. The lines above it may state where the circle starts.
+They may also state a feed override, which reduces or increases the programmed feed.
 """
 
 from __future__ import annotations

@@ -35,11 +35,12 @@ _ROWS_SHOWN = 5
 
 
 def times_of_log(recording: Recording) -> Array:
-    """Return the times of the readings in a table with times instead of angles, shape (n,) [s].
+    """Return the times of the readings in a log over time, shape (n,) [s].
 
-    The times increase from reading to reading. If the clock was set back and all other time steps
-    are nearly equal, the times are corrected and the correction is noted. If there are gaps between
-    the times, the user must state whether the machine stood still or moved on in them.
+    A log over time is a table that holds times instead of angles. The returned times increase from
+    reading to reading. If the clock was set back and all other time steps are nearly equal, the
+    times are corrected and the correction is noted. If there are gaps between the times, the user
+    must state whether the machine stood still or continued to move during the gaps.
 
     Raises
     ------
@@ -110,10 +111,10 @@ def _without_gaps(recording: Recording, steps: Array, usual: float) -> Array:
     """Return the time steps [s], with a usual step in place of each gap without motion.
 
     A gap is a step much longer than the usual step. If the user states that the machine stood still
-    in gaps, each gap is replaced by the usual step. If the user states that the machine moved on,
-    the steps are returned unchanged. If the user states neither, an error is raised for a gap.
-    ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the median
-    of their absolute values [s].
+    in gaps, each gap is replaced by the usual step. If the user states that the machine continued
+    to move, the steps are returned unchanged. If the user states neither, an error is raised for a
+    gap. ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the
+    median of their absolute values [s].
     """
     is_gap = steps > _LARGEST_GAP_STEPS * usual
     if not is_gap.any():

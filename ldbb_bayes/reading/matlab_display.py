@@ -276,7 +276,7 @@ def _line_of_command(line: int, content: str) -> list[Row]:
 
 
 def _with_values_joined(lines: Sequence[Row]) -> list[Row]:
-    """Join each name and the number in the line below it to one line, such as ``R0 = 150``.
+    """Put each name and the number in the line below it together in one line, such as ``R0 = 150``.
 
     A name without a number below it is left out. Lines with other contents are kept. ``lines`` are
     lines of MATLAB's command window that hold no matrix.
