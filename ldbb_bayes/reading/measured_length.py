@@ -71,12 +71,13 @@ def _without_denied_lengths(words: str) -> str:
 
 
 def measured_length_stated(text: str) -> dict[str, str]:
-    """Return a dict that says, if a line does, whether readings measure the radius or the diameter.
+    """Return the length that readings measure according to a line, as {"measured": "diameter"}.
 
-    For the line ``Values: diameter deviation``, the dict is {"measured": "diameter"}. It is empty
-    if the line is not about readings, or if it contains a number other than a load or the number of
-    a column. If the line as a whole does not name one length, its segments are tried. In ``Force
-    238 N; diameter deviation``, the last segment names the diameter.
+    This is the dict for the line ``Values: diameter deviation``; the other possible length is
+    "radius". The dict is empty if the line does not name exactly one of the two lengths, if it is
+    not about readings, or if it contains a number other than a load or the number of a column. If
+    the line as a whole states no length, each of its segments is examined by itself: in ``Run 3;
+    diameter deviation``, the last segment states the diameter.
     """
     lengths = {_length_of_readings(text)}
     if lengths == {""}:
@@ -96,7 +97,10 @@ def _length_of_readings(text: str) -> str:
 
 
 def _without_numbers_of_others(text: str) -> str:
-    """Return a text in lower case, without numbers that are loads or the numbers of columns."""
+    """Return a text in lower case, without loads and without words such as ``column 2``.
+
+    A load is a number with a unit of force or pressure, such as ``36 N``.
+    """
     return _NUMBER_OF_COLUMN.sub("", LOAD_IN_NAME.sub("", comparable(text[:LONGEST_TEXT])))
 
 
@@ -118,16 +122,18 @@ def may_be_diameter(header: str) -> bool:
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether a line names a diameter that may be the length that the readings measure.
+    """Return whether a line names a diameter that the readings may measure.
 
-    Examples are ``Mode: diameter``, and a title such as ``Table 3: diameter deviation``. If the
-    line as a whole names no such diameter, its segments are tried.
+    The line need not say clearly that they measure it. Examples are ``Mode: diameter``, and a title
+    such as ``Table 3: diameter deviation``. The result is False if the line states the value of the
+    diameter, or is about another subject. If the result is False for the line as a whole, each of
+    its segments is examined by itself.
     """
     return any(_may_be_measured_diameter(passage) for passage in (text, *segments_of_line(text)))
 
 
 def _may_be_measured_diameter(text: str) -> bool:
-    """Return whether a text names a diameter that may be what the readings measure.
+    """Return whether a text names a diameter that the readings may measure.
 
     The result is False if the text states the value of a diameter, or is about another subject.
     """

@@ -14,14 +14,14 @@ __all__ = ["with_merged_cells_filled"]
 
 
 def with_merged_cells_filled(row: Row, names: Sequence[str]) -> Row:
-    """Return a row above the header with the text of merged cells repeated in all their columns.
+    """Return a row above the header with the text of each merged cell in all columns that it spans.
 
-    The columns form several groups, for example one for each force, and the row must have one text
-    for each group. A group begins at each column of angles. Columns before the first column of
-    angles, such as the numbers of the rows, belong to no group. If only the first column holds
-    angles, each filled cell after the first cell of the row begins a group, and all groups must
-    have the same number of columns. The first cell of the row may also be a label, such as ``Force
-    [N]``. Any other row is returned unchanged.
+    The columns form groups, for example one for each force. The row is changed only if it has
+    exactly one text for each group; its first cell may also be a label, such as ``Force [N]``. Any
+    other row is returned unchanged. A group begins at each column of angles. Columns before the
+    first column of angles, such as the numbers of the rows, belong to no group. If only the first
+    column holds angles, a group begins at each filled cell after the first cell of the row, and all
+    groups must have the same number of columns.
 
     Parameters
     ----------

@@ -76,10 +76,12 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
 
 
 def _names_of_most_lines(parts: Sequence[_NamedNumbers]) -> tuple[str, ...]:
-    """Return the names before the numbers in those lines that have the most frequent set of names.
+    """Return the names of the most frequent kind of line: ang and dev for ``ang=12.5 dev=3.1``.
 
-    Only lines with at least two names are counted. The result is an empty tuple if fewer than nine
-    lines have the same names. ``parts`` holds the names and numbers of each line.
+    Two lines are of the same kind if they have the same names before their numbers, in the same
+    order. Only lines with at least two names are counted. The result is an empty tuple if there are
+    fewer than nine lines of the most frequent kind. ``parts`` holds the names and numbers of each
+    line.
     """
     n_lines = Counter(part.names for part in parts if len(part.names) >= 2)
     if not n_lines:

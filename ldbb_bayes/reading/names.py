@@ -180,9 +180,9 @@ def plane_in_name(names: Sequence[str]) -> str | None:
 
 
 def plane_word_in_name(names: Sequence[str]) -> str | None:
-    """Return the word, such as ZX, XZ or G18, with which a name states its plane.
+    """Return the word, such as ZX, XZ or G18, with which one of several names states a plane.
 
-    The first name that contains exactly one plane is used. Return None if there is no such name.
+    The first name that states exactly one plane is used. Return None if there is no such name.
     """
     for name in names:
         words = _PLANE.findall(name[:LONGEST_TEXT])

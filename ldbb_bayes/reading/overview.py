@@ -36,12 +36,12 @@ _FEWEST_READINGS = 9
 
 @dataclass
 class OverviewLines:
-    """Texts in sheets without a table of readings: lines on all tests, and cells on one test."""
+    """Texts from sheets without a table of readings, as far as they apply to a given test."""
 
     #: place (line number and sheet) and text of each line that applies to all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: place (line number and sheet) and text of each cell that describes this test in a list of
-    #: tests; the text is "header: cell"
+    #: place (line number and sheet) and text of each cell that describes the given test in a list
+    #: of tests; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
@@ -78,12 +78,13 @@ def _names_tests(rows: Sequence[Sequence[str]], column: int, wanted: set[str]) -
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
-    """Return the lines that apply to all tests, and the cells that describe one test.
+    """Return the lines that apply to all tests, and the cells that describe a given test.
 
     The lines and cells are searched for in ``sheets``, which have no table of readings. Such a
     sheet may hold a list of tests: a table with one row for each test. A row of the list describes
-    the test if one of its cells is among ``names``, the possible spellings of the test's name. Each
-    cell of this row is returned as ``header: cell``. Lines outside such lists apply to all tests.
+    the given test if one of its cells is among ``names``, the possible spellings of the test's
+    name. Each cell of this row is returned as ``header: cell``. Lines outside such lists apply to
+    all tests.
     """
     lines = OverviewLines()
     wanted = {_without_blanks(name) for name in names}
@@ -93,11 +94,11 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 
 
 def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLines) -> None:
-    """Add to ``lines`` what a sheet without a table of readings states about tests.
+    """Add to ``lines`` what a sheet without a table of readings states about a given test.
 
-    These statements are lines that apply to all tests, and those cells of a list of tests that
-    describe one test. ``wanted`` are the possible spellings of the name of this test, without
-    blanks.
+    These statements are the lines that apply to all tests and, if the sheet holds a list of tests,
+    the cells that describe the given test. ``wanted`` holds the possible spellings of the name of
+    this test, without blanks.
     """
     header: list[str] = []
     # cells of the last row that names columns; this row may be the header of a list of tests

@@ -1,4 +1,7 @@
-"""Removal of the headers of printed pages between rows, such as ``Lab 3   Page 2 of 3``."""
+"""Removal of page headers, such as ``Lab 3 Page 2 of 3``, from the text of printed pages.
+
+Such headers stand between the rows of a table that is longer than one page.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +35,12 @@ class TextOfPages(NamedTuple):
 
 
 def without_page_marks(text: str, separator: str) -> TextOfPages:
-    """Return a text in which page numbers, and lines that repeat a title near them, are removed.
+    """Return a text without page numbers, and without the titles that are repeated next to them.
 
     A removed line becomes an empty line. Between rows of numbers, the whole line with a page number
     is removed, unless it names columns or states a value, such as a force. Lines next to it are
-    also removed if they repeat an earlier line, such as a title. If the cells are separated by
-    another character than a blank, a page number is removed only if it stands alone in its line.
+    also removed if they repeat an earlier line, such as a title. If a character other than a blank
+    separates the cells, a page number is removed only if it is alone on its line.
 
     Parameters
     ----------
@@ -107,11 +110,11 @@ def _states_something(line: str) -> bool:
 
 
 def _remove_titles(lines: list[str], marked: int, separator: str) -> int:
-    """Empty lines next to a page number if they repeat an earlier line, such as a title.
+    """Replace lines next to a page number by empty lines if they repeat an earlier line.
 
-    Return how many lines were emptied. Above and below the page number, the search ends at the
-    first line that repeats no earlier line, holds numbers or names columns. ``marked`` is the index
-    of the line with the page number.
+    Such a line may be a title. Return how many lines were replaced. Above and below the page
+    number, the search ends at the first line that repeats no earlier line, holds numbers or names
+    columns. ``marked`` is the index of the line with the page number.
     """
     earlier = {line.strip() for line in lines[:marked]}
     n_removed = 0

@@ -154,11 +154,11 @@ def _width_of_tables(names: Sequence[str]) -> int:
 def _table_in_columns(
     sheet: Sheet, header: int, columns: range, numbering: range, title: str
 ) -> Sheet:
-    """Return the table in the given columns of a sheet as a separate sheet named ``title``.
+    """Return one of the tables that stand beside each other in a sheet, as a separate sheet.
 
-    ``header`` is the index of the row of headers. The rows above this row are kept in every table.
-    ``numbering`` are the columns with the numbers of the rows; in the separate sheet, they follow
-    the columns of the table.
+    The table is in the given ``columns``, and ``title`` is the name of the separate sheet. The rows
+    above the row of headers, whose index is ``header``, are copied too. The columns ``numbering``,
+    which hold the numbers of the rows, are appended to the right of the table.
     """
     rows = list(sheet.rows[:header])
     for row in sheet.rows[header:]:

@@ -30,8 +30,8 @@ _ARC = re.compile(
 _WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 # Regular expression for a coordinate of the centre of an arc, relative to the arc's starting point.
 _CENTRE = re.compile(rf"(?<![A-Za-z])(?P<letter>[IJK])\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Axes along which the coordinates of the centre of an arc are counted. The keys are the letters of
-# these coordinates in G-code: for example, the number after I is counted along X.
+# Axes to which the coordinates of an arc's centre belong. The keys are the letters of these
+# coordinates in G-code: for example, the number after I is the coordinate along X.
 _AXIS_OF_CENTRE = {"I": "X", "J": "Y", "K": "Z"}
 # Regular expression for a coordinate, such as X100, of the point to which a block (line) of an NC
 # programme moves the machine.
@@ -47,7 +47,7 @@ _FEED = re.compile(r"(?<![A-Za-z])F\s?=?\s?(?P<number>\d+\.?\d*)", re.IGNORECASE
 _FEED_IS_NO_SPEED = re.compile(r"(?<![A-Za-z\d])G9[35](?![\d.])", re.IGNORECASE)
 # Regular expression for the radius of an arc in a block of an NC programme, such as R100 or CR=100.
 _RADIUS = re.compile(rf"(?<![A-Za-z])C?R\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
-# Regular expression for the word G90.1, after which the coordinates of centres are counted from the
+# Regular expression for the word G90.1, after which the coordinates of centres are relative to the
 # zero point of the programme.
 _ABSOLUTE_CENTRE = re.compile(r"(?<![A-Za-z\d])G90\.1(?!\d)", re.IGNORECASE)
 # Regular expression for the words G20 and G70, after which lengths are in inches.
@@ -93,8 +93,8 @@ class _Programme:
 
     #: size of the unit of length in the NC programme [mm]: 1 for millimetres, 25.4 for inches
     unit_mm: float
-    #: whether the coordinates of arc centres are counted from the zero point of the NC programme;
-    #: if not, they are counted from the start of the arc
+    #: whether the coordinates of arc centres are relative to the zero point of the NC programme; if
+    #: not, they are relative to the start of the arc
     has_absolute_centres: bool
     #: whether the word F of the G-code states a feed rate, and not a feed per revolution or an
     #: inverse time
@@ -196,11 +196,12 @@ def _coordinates(programme: _Programme, block: str) -> dict[str, float]:
 def _start_of_arc(programme: _Programme, block: str) -> dict[str, float] | None:
     """Return the start of an arc relative to its centre [mm]; None if it is not known.
 
-    The keys are the axes. ``block`` is the line of the programme that describes the arc. In most
-    programmes, it states the centre relative to the start. If the centre is stated relative to the
-    zero point of the programme instead, the arc starts at the end of the last motion. If this point
-    is not known, the end of the arc is used, because a full circle ends where it starts.
-    ``programme`` holds the end of the last motion and the pole.
+    The result is a dict of coordinates; the keys are the axes, such as X. ``block`` is the line of
+    the programme that describes the arc. In most programmes, it states the centre relative to the
+    start. In other programmes, the centre is stated relative to the zero point, either in the block
+    or, for a Heidenhain control, as the pole in an earlier block. The arc then starts at the end of
+    the last motion. If this point is not known, the end of the arc is used, because a full circle
+    ends where it starts. ``programme`` holds the end of the last motion and the pole.
     """
     centre = {}
     for match in _CENTRE.finditer(block):

@@ -21,7 +21,8 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 __all__ = ["is_about_sign", "leaves_difference_unread", "sign_of_readings"]
 
 _WORDS = WORDS["reading_sign"]
-# Regular expression for a word for the sign of a reading, or a word for a shorter or longer bar.
+# Regular expression for a word about the sign of a reading, such as "positive", or a word which
+# says that the bar is longer or shorter, such as "elongated".
 _WORD = re.compile(
     rf"(?P<shorter>{_WORDS['shorter']})|(?P<longer>{_WORDS['longer']})"
     rf"|(?P<positive>{_WORDS['positive']})|(?P<negative>{_WORDS['negative']})",
@@ -126,11 +127,11 @@ def sign_of_readings(recording: Recording) -> int:
 
 
 def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
-    """Return the signs of readings that the header or lines state, and the places that state them.
+    """Return the signs that the file states for the readings, and the places that state them.
 
-    The signs, 1 and −1, are the keys of the returned dict; each value is the first place that
-    states the sign. The header is that of the column of readings. The lines are those outside the
-    table. Raise an `OpenQuestionError` if the user states no sign and a text states the sign in
+    The result is a dict: the keys are the signs, 1 and −1, and each value is the first place that
+    states the sign. The header of the column of readings and the lines outside the table are
+    searched. Raise an `OpenQuestionError` if the user states no sign and a text states the sign in
     ambiguous words.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
@@ -161,8 +162,9 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
                 "sign",
                 ("1", "-1"),
             )
-    # A note on a text that is not understood says that a longer bar is taken to give a positive
-    # reading. The note is left out if another text states the opposite.
+    # If a text about the sign is not understood, a note says so, and says that positive readings
+    # are assumed to mean a longer bar. The note is left out if another text states the opposite
+    # sign.
     if -1 not in sources:
         for source, text in unread:
             _note_unread(recording, source, text)
@@ -172,8 +174,9 @@ def _stated_signs(recording: Recording) -> dict[int, str | CitedLine]:
 def _words_on_sign(text: str) -> str:
     """Return a text about the sign of readings, shortened for a message if it is long.
 
-    The shortened text begins at the first word for a sign or for a shorter or longer bar, or
-    earlier if this word is near the end of the text.
+    The shortened text begins at the first word that is about the sign or about the length of the
+    bar, such as "positive" or "longer". If this word is near the end of the text, the end of the
+    text is returned instead.
     """
     text = text.strip()
     first = _WORD.search(text)
@@ -325,7 +328,7 @@ def _explains_sign_unclearly(source: str | CitedLine, text: str) -> bool:
 def _words_of_header(header: str) -> str:
     """Return the words of a header or line in a form in which words for signs can be found.
 
-    Capitals become small letters, and underscores become blanks. A unit in brackets in front of the
+    The words are in lower case, and underscores become blanks. A unit in brackets in front of the
     name is left out. So is a load in front of a minus sign, as in ``36 N -dR``. Very long texts are
     cut off.
     """
@@ -406,9 +409,9 @@ def _meanings_of_sign_words(text: str) -> list[str]:
 
 
 def _meanings_of_words(text: str) -> list[str]:
-    """Return what each word about the sign of readings in a text means.
+    """Return the meanings of those words in a text that are about the sign of readings.
 
-    The meanings are positive, negative, shorter and longer; all other words are left out.
+    Each meaning is "positive", "negative", "shorter" or "longer". All other words are skipped.
     """
     text = _IN_OR_OUT_FIRST.sub(r"\g<sign> \g<way>ward", text)
     text = _IN_OR_OUT.sub(r"\g<sign> = \g<way>ward", text)

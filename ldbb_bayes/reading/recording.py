@@ -55,11 +55,14 @@ def option_for(key: str) -> str:
 
 
 class RowUnits(NamedTuple):
-    """Units of the numbers in a column, row by row, from one place in the file that states them."""
+    """Units that one place in a file states for a column of numbers, one unit for each row.
+
+    A place is, for example, a column of units beside the column of numbers.
+    """
 
     #: unit of the column's number in each row, as the file writes it; empty if a row has no unit
     units: Sequence[str]
-    source: str  #: place that states the units, as messages name it, such as "a column of units"
+    source: str  #: place that states the units, in words for a message, such as "a column of units"
 
 
 class AssumedUnit(NamedTuple):
@@ -112,8 +115,8 @@ class Recording:
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
-    #: headers of two columns that identify the tests together, but not alone; empty if there are
-    #: none
+    #: headers of two columns that together identify the tests, although neither column does so
+    #: alone; empty if there are none
     numbering_headers: Sequence[str] = ()
     #: headers of the columns of the sheet that are not used; start times of tests may be read from
     #: some of these columns later

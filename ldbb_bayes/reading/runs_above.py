@@ -76,12 +76,13 @@ def _with_run(name: str, run: str) -> str:
 
 
 def _names_with_units(above: Row, header: Sequence[str]) -> list[str]:
-    """Return the headers of a table whose header names only the loads or runs of the readings.
+    """Return the headers of a table, with the unit of the readings from the row above its header.
 
-    The row ``above`` names the angle in its first cell. A merged cell beside it names the readings
-    and their unit. For example, ``Deviation [um]`` stands above the cells ``100 N`` and ``300 N``;
-    the headers are then ``100 N [um]`` and ``300 N [um]``. The result is an empty list if ``above``
-    names something else, or if a header is missing.
+    The header names only the loads or runs, such as ``100 N`` and ``300 N``. The row ``above``
+    names the angle in its first cell. A merged cell beside it names the readings and their unit,
+    such as ``Deviation [um]``. The returned headers of the readings are then ``100 N [um]`` and
+    ``300 N [um]``. The result is an empty list if ``above`` names something else, or if a header is
+    missing.
     """
     texts = [cell for cell in above.cells[1:] if cell]
     names = [above.cells[0], *header[1:]]

@@ -201,10 +201,12 @@ def _files_of_text_only(
 
 
 def _heading_of(sheet: Sheet, layout: Layout, is_optional: bool) -> Heading:
-    """Return the heading of a sheet's table: its header, and what its columns hold.
+    """Return the header of a sheet's table and the content of each of its columns.
 
-    Raise an `InputError` if the sheet has no table. If ``is_optional`` is false, the sheet must
-    have readings, and the error is also raised if its angles stand in a row instead of a column.
+    Raise an `InputError` if the sheet has no table, or if the header of its table cannot be read.
+    If ``is_optional`` is false, the error is also raised if the angles stand in a row, and the
+    table therefore lacks a column of angles or readings. ``is_optional`` says whether the file need
+    not hold a table of readings.
     """
     try:
         heading = find_heading(sheet, layout)

@@ -59,9 +59,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Roles of columns; a role says what a column holds. Columns with these roles hold words (test,
-# direction), or may hold the numbers of just one test (reading). Columns with any other role hold
-# numbers for all tests of a sheet.
+# Roles of columns that are not shared by all tests of a sheet; a role says what a column holds.
+# Columns with the roles test and direction hold words. A column with the role reading may hold the
+# numbers of just one test. Columns with any other role hold numbers for all tests.
 _NOT_SHARED = ("test", "direction", "reading")
 # Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
@@ -78,16 +78,18 @@ _CONTACT = re.compile(
 # If the name of a test stands only in its first row, the test must have at least this number of
 # rows.
 _FEWEST_ROWS = 9
-# Fields of a test that may also stand in a column of the table, with the same value in all rows of
-# the test.
+# Fields of a test that a column of the table may also state, with the same value in all rows of the
+# test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Regular expression for a number that may be a result of a measurement, such as 12 µm. It does not
 # match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
-# Lines below a table may state only whether readings measure the radius or the diameter, and
-# whether they contain the deflection of the mount. Other values in these lines may be results.
+# Fields for which the lines below a table are searched: whether readings measure the radius or the
+# diameter, and whether they contain the deflection of the mount. Values of other fields are not
+# taken from these lines, because they may be results.
 _STATED_BELOW = ("measured", "mount")
-# Fields of a test or campaign that lines in a sheet without a table may state for all tests.
+# Fields of a test or of the campaign. If a sheet has no table, its lines may state values of these
+# fields. Such a value applies to all tests.
 FIELDS_OF_ALL_TESTS = {
     "plane",
     "resolution_um",
@@ -113,13 +115,13 @@ class _SheetColumns:
     # index of the column of units for each column of numbers that has one; the keys are the indices
     # of the columns of numbers
     unit_columns: Mapping[int, int]
-    # indices of two columns that identify the tests together, but not alone; empty if there are
-    # none
+    # indices of two columns that together identify the tests, although neither column does so
+    # alone; empty if there are none
     numbering: Sequence[int]
 
     @property
     def numbering_headers(self) -> list[str]:
-        """Headers of the two columns that identify the tests together, but not alone."""
+        """Headers of the two columns that together identify the tests, but do not do so alone."""
         return [self.heading.headers[column] for column in self.numbering]
 
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
@@ -153,10 +155,11 @@ class _SheetColumns:
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
-        """Return the cells of a column in the given rows, with the units that stood after numbers.
+        """Return the cells of a column in the given rows as in the file, with units after numbers.
 
-        For example, a cell of a column of units may be "0.1 µm", a unit with a factor. ``column``
-        and ``rows`` are the indices of the column and of the rows.
+        A unit after a number is removed from its cell when the file is read; here it is added
+        again. For example, a cell of a column of units may be "0.1 µm", a unit with a factor.
+        ``column`` and ``rows`` are the indices of the column and of the rows.
         """
         cells = self.cells[column]
         if not self.sheet.cell_units:
@@ -170,8 +173,8 @@ class _SheetColumns:
     def numbers(self, role: str, column: int) -> Array:
         """Return the numbers in a column as an array, one for each of the n rows, shape (n,).
 
-        The result is NaN for a row without a reading if its cell is empty or holds a word such as
-        NaN. Raise an `InputError` for any other cell that is not a number. ``column`` is the index
+        A cell that is empty or holds a word such as NaN gives NaN, provided that its row has no
+        reading. Any other cell that is not a number raises an `InputError`. ``column`` is the index
         of the column from 0; ``role`` is the role of the column, such as angle.
         """
         title = self.heading.column_title(role, column)
@@ -193,7 +196,7 @@ class _SheetColumns:
         return numbers
 
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
-        """Return an array that is True for each of the n rows without a reading, shape (n,).
+        """Return an array that states for each of the n rows whether it has no reading, shape (n,).
 
         If ``role`` is reading, ``column`` is the index of a column of readings, and only its cells
         are examined. For any other role, such as angle, a row has no reading if its readings in all
@@ -241,12 +244,12 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return the content of each otherwise unused column with equal cells as a line of text.
+        """Return a line of text for each column whose cells are all equal, such as ``R [mm]: 100``.
 
-        An example is the line ``R [mm]: 100`` for a column ``R [mm]`` or ``R_mm`` whose cells are
-        all 100. Only the rows of one test are compared; ``rows`` are their indices. Columns that
-        the package uses otherwise, such as angles and readings, are left out. The result is a list
-        of pairs: a text that names the column, and the line.
+        This is the line for a column ``R [mm]`` or ``R_mm`` whose cells are all 100. Only the rows
+        of one test are compared; ``rows`` are their indices. Columns that the package uses in other
+        ways, such as angles and readings, are left out. The result is a list of pairs: a text that
+        names the column, and the line.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
@@ -705,7 +708,10 @@ def _numeric_columns(heading: Heading) -> list[int]:
 
 
 def _without_statistics(sheet: Sheet, heading: Heading, log: AssumptionLog) -> Sheet:
-    """Return a sheet without the rows of statistics in its table; these rows are noted."""
+    """Return a sheet without the rows of its table that hold statistics, such as a mean.
+
+    A note with the number of these rows is added to the log.
+    """
     column = heading.roles.get("angle", heading.roles.get("time"))
     if column is None:
         return sheet
@@ -897,7 +903,7 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 
 
 def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of two columns that identify the tests together, but not alone.
+    """Return the indices of two columns that together identify the tests, but do not do so alone.
 
     Examples are the columns ``run`` and ``pass``. All rows with the same cells in both columns have
     the same force, pressure and direction. This is not true of either column alone. Return an empty
@@ -914,7 +920,7 @@ def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> 
 
 
 def _without_test_column(heading: Heading) -> Heading:
-    """Return a copy of a table's heading, without the mark of the column that names the tests."""
+    """Return a copy of a table's heading in which no column has the role of naming the tests."""
     roles = dict(heading.roles)
     roles.pop("test", None)
     return replace(heading, roles=roles)
@@ -938,17 +944,18 @@ def _labels_of_two_columns(columns: _SheetColumns, log: AssumptionLog) -> list[s
 def _labels_of(columns: _SheetColumns, log: AssumptionLog) -> list[str]:
     """Return the name of the test to which each row of a table belongs.
 
-    If only two columns together name the tests, the names are made from both. If no columns name
-    them, the names are empty. Raise an `InputError` if a single column names the tests, but has an
-    empty cell that cannot be filled from above. ``columns`` is the table of the sheet.
+    If no single column names the tests, but two columns together do, the names are made from the
+    cells of both columns. If no columns name the tests, the names are empty. Raise an `InputError`
+    if a single column names the tests, but has an empty cell that cannot be filled from above.
+    ``columns`` is the table of the sheet.
     """
     if columns.numbering and "test" not in columns.heading.roles:
         return _labels_of_two_columns(columns, log)
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))
-    # A cell of the table holds a number without the unit that the file states behind it. The unit
-    # is added to the number again here, because a label such as "100 N" may be the name of a test.
+    # In the file, a number may be followed by a unit, which was removed when the file was read. The
+    # unit is added again here, because a label such as "100 N" may be the name of a test.
     labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels and _names_tests_once(labels):
         header = columns.heading.headers[columns.heading.roles["test"]][:LONGEST_NAME]
@@ -1035,12 +1042,12 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
     """Return the headers of the columns of a table that are not used.
 
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
-    the radius, for every test. Two columns that together identify the tests also count as used. An
-    unused column may have the same header as a used column. If the two columns have equal cells,
-    the header is left out of the result. If not, the number of the unused column is added to its
-    header. The result may contain a column of times, although later code may take the start times
-    of the tests from it. ``rows_of_tests`` holds the indices of the rows of each test. ``columns``
-    is the table of the sheet.
+    the radius, for every test. Two columns that together identify the tests also count as used. If
+    an unused column has the same header and the same cells as a used column, its header is left out
+    of the result. If only the headers are the same, the number of the unused column is added to its
+    header. The header of a column of times is included even if the start times of the tests are
+    taken from this column later. ``rows_of_tests`` holds the indices of the rows of each test.
+    ``columns`` is the table of the sheet.
     """
     all_columns = range(len(columns.heading.headers))
     used_in_all_tests = {columns.place_of_column(column) for column in all_columns}

@@ -60,7 +60,7 @@ class _Evidence(NamedTuple):
     """Value of a quantity of a test, with the line, name or column that states it."""
 
     value: float  # stated value of the quantity; NaN if the number can be read in two ways
-    source: str | CitedLine  # place that states the value, as messages name it, such as "line 3"
+    source: str | CitedLine  # place that states the value, in words for a message, such as "line 3"
     # largest relative difference from another value of the quantity that is allowed if both values
     # are to count as equal; the values may be rounded
     tolerance: float
