@@ -49,12 +49,12 @@ class GaussianFactor:
     #: index of the coordinate that the Gaussian density describes, one of the h coordinates of a
     #: point
     axis: int
-    #: slopes of the mean of one coordinate of a point as a linear function of the other h − 1
-    #: coordinates, shape (h − 1,)
+    #: The conditional mean of one coordinate of a point, given the other h − 1 coordinates, is a
+    #: linear function of these. The array holds the slopes of this function, shape (h − 1,).
     slopes: Array
-    #: mean of one coordinate of a point if all other coordinates are zero
+    #: conditional mean of one coordinate of a point if all other coordinates are zero
     intercept: float
-    #: standard deviation of one coordinate of a point, given the other coordinates
+    #: conditional standard deviation of one coordinate of a point, given the other coordinates
     sd: float
 
     def log_density(self, free: Array) -> Array:
@@ -97,13 +97,14 @@ class NodesWithoutTest:
     nodes : Nodes
         Nodes of the model for the campaign with all its tests.
     tolerance : float
-        Error allowed in every log evidence [nat].
+        Largest error allowed in the log evidence of a campaign without one test [nat].
     """
 
     def __init__(self, nodes: Nodes, tolerance: float) -> None:
-        """Keep the nodes for all tests, and the error allowed in every log evidence [nat].
+        """Store the nodes for the campaign with all its tests, and the error tolerance [nat].
 
-        Nodes are weighted values of the hyper-parameters.
+        Nodes are weighted values of the hyper-parameters. ``tolerance`` is the largest error that
+        is allowed in the log evidence of a campaign without one test.
         """
         self._integral = nodes.integral
         self._ratios = RatioSampler(nodes.integral)
@@ -140,9 +141,10 @@ class NodesWithoutTest:
         factor = fit_factor(self._integral, axis)
 
         def evaluate(index: Index) -> LogValues:
-            # Return the log posterior density at the nodes (values of the hyper-parameters) whose
-            # indices are ``index``. The prior of the factor on the noise of the test left out is
-            # replaced by the Gaussian ``factor``.
+            # Return the log density at the nodes (values of the hyper-parameters) with the indices
+            # ``index``. One test is left out; its noise factor is a hyper-parameter that multiplies
+            # the noise of its circle. The density is the posterior density without the test, in
+            # which the prior of this noise factor is replaced by the Gaussian density ``factor``.
             free = self._integral.free[index]
             values = log_values(posterior, free, self._tolerance)
             change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])

@@ -118,11 +118,12 @@ class NormalScores:
         return np.asarray(log_tail + np.log(-np.expm1(log_share)))
 
     def _values(self, scores: Array) -> Array:
-        """Return values of the k hyper-parameters with truncated normal priors, shape (..., k).
+        """Return the values of k hyper-parameters with truncated normal priors, shape (..., k).
 
-        The values are computed from ``scores``, shape (..., h), the normal scores of all h
-        hyper-parameters. Normal scores are transformed hyper-parameters; most of them have a
-        standard normal prior.
+        The values are computed from ``scores``, shape (..., h), which holds the normal scores of
+        all h hyper-parameters: the k hyper-parameters with truncated normal priors, and the noise
+        factors of circles. The prior of a normal score is standard normal; for a noise factor, the
+        logarithm takes the place of the normal score.
         """
         log_probability = log_ndtr(-scores[..., self._has_normal_prior]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)
@@ -144,8 +145,8 @@ class NormalScores:
 
         φ are the k hyper-parameters with truncated normal priors, and a and b their lower and upper
         bounds. If b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (..., h), holds
-        the normal scores of all h hyper-parameters, coordinates in which most of the priors are
-        standard normal.
+        the normal scores of all h hyper-parameters. The prior of a normal score is standard normal;
+        for the noise factor of a circle, the logarithm takes the place of the normal score.
         """
         lower, upper = self._bounds
         values = self._values(scores)
@@ -164,9 +165,10 @@ class NormalScores:
     def free(self, scores: Array) -> Array:
         """Return the unbounded coordinates of h hyper-parameters from their normal scores.
 
-        ``scores``, shape (..., h), holds the normal scores, coordinates in which most of the priors
-        are standard normal. The unbounded coordinates, mostly ln(value − lower bound), have the
-        same shape.
+        ``scores``, shape (..., h), holds the normal scores. The prior of a normal score is standard
+        normal; for the noise factor of a circle, the logarithm takes the place of the normal score.
+        The unbounded coordinates have the same shape. Each is a function of one hyper-parameter, in
+        most cases ln(value − lower bound).
         """
         free = np.array(scores, dtype=float)
         above, below = self._log_distances(scores)
@@ -176,9 +178,10 @@ class NormalScores:
     def scores(self, free: Array) -> Array:
         """Return the normal scores of h hyper-parameters from their unbounded coordinates.
 
-        ``free``, shape (..., h), holds the unbounded coordinates, mostly ln(value − lower bound).
-        The scores, coordinates in which most of the priors are standard normal, have the same
-        shape.
+        ``free``, shape (..., h), holds the unbounded coordinates. Each is a function of one
+        hyper-parameter, in most cases ln(value − lower bound). The normal scores have the same
+        shape. The prior of a normal score is standard normal; for the noise factor of a circle, the
+        logarithm takes the place of the normal score.
         """
         scores = np.array(free, dtype=float)
         values = self.prior.phi(free)[..., self._has_normal_prior]
@@ -197,11 +200,11 @@ class NormalScores:
         """Return the log prior probabilities of short intervals between values and their bounds.
 
         Of the h hyper-parameters, k have truncated normal priors, with lower bounds a and upper
-        bounds b. ``free``, shape (..., h), holds values of all hyper-parameters in unbounded
-        coordinates, mostly ln(value − lower bound). The result is a tuple of two arrays, each of
-        shape (..., k). The first holds log probabilities of the intervals from a to the values, the
-        second those of the intervals from the values to b. The probabilities are computed as if the
-        prior density in the whole interval were as large as at the bound. They are therefore
+        bounds b. ``free``, shape (..., h), holds unbounded coordinates of all hyper-parameters,
+        which are in most cases ln(value − lower bound). The result is a tuple of two arrays, each
+        of shape (..., k). The first holds log probabilities of the intervals from a to the values,
+        the second those of the intervals from the values to b. The probabilities are computed as if
+        the prior density in the whole interval were as large as at the bound. They are therefore
         accurate only for short intervals. If b is infinite, the log probability of the interval up
         to b is replaced by infinity.
         """
@@ -242,9 +245,9 @@ class NormalScores:
     def to_free(self, integral: Integral) -> Integral:
         """Convert the nodes of an integral from normal scores to unbounded coordinates.
 
-        Nodes are weighted values of the hyper-parameters. Normal scores are coordinates in which
-        most of the priors are standard normal; unbounded coordinates are mostly ln(value − lower
-        bound).
+        Nodes are weighted values of the hyper-parameters. The prior of a normal score is standard
+        normal; for the noise factor of a circle, the logarithm takes the place of the normal score.
+        An unbounded coordinate is in most cases ln(value − lower bound) of a hyper-parameter.
         """
         log_jacobian = self.log_jacobian(integral.free)
         proposal: ProposalDensity | None = None
@@ -263,9 +266,10 @@ class NormalScores:
 class _FreeProposal:
     """Density of unbounded coordinates of the hyper-parameters.
 
-    Unbounded coordinates are mostly ln(value − lower bound). The density is computed from
-    ``of_scores``, the `ProposalDensity` of the normal scores. Normal scores are coordinates in
-    which most of the priors are standard normal.
+    An unbounded coordinate is a function of one hyper-parameter, in most cases ln(value − lower
+    bound). The density is computed from ``of_scores``, the `ProposalDensity` of the normal scores.
+    The prior of a normal score is standard normal; for the noise factor of a circle, the logarithm
+    takes the place of the normal score.
     """
 
     coordinates: NormalScores
@@ -274,8 +278,8 @@ class _FreeProposal:
     def log_density(self, points: Array) -> Array:
         """Return the log density of the unbounded coordinates at n points, shape (n,).
 
-        ``points``, shape (n, h), holds the unbounded coordinates (mostly ln(value − lower bound))
-        of h hyper-parameters.
+        ``points``, shape (n, h), holds the unbounded coordinates of h hyper-parameters, which are
+        in most cases ln(value − lower bound).
         """
         scores = self.coordinates.scores(points)
         return self.of_scores.log_density(scores) - self.coordinates.log_jacobian(scores)
@@ -283,10 +287,9 @@ class _FreeProposal:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return ``size`` independent random draws of h unbounded coordinates, shape (size, h).
 
-        The coordinates are those of h hyper-parameters, mostly ln(value − lower bound). Normal
-        scores (coordinates in which most of the priors are standard normal) are drawn and then
-        transformed to unbounded coordinates. The widths of the density of the normal scores are
-        multiplied by the square root of ``temperature`` for these draws. ``rng`` generates the
-        random numbers.
+        Each coordinate is a function of one of h hyper-parameters, in most cases ln(value − lower
+        bound). Normal scores (transformed hyper-parameters) are drawn from the density
+        ``of_scores``, widened by the factor sqrt(``temperature``). The draws are then transformed
+        to unbounded coordinates. ``rng`` generates the random numbers.
         """
         return self.coordinates.free(self.of_scores.draw(size, rng, temperature=temperature))

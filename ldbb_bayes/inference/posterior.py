@@ -1,4 +1,8 @@
-"""The posterior as an xarray DataTree in ArviZ's layout: build, save, load and read it."""
+"""Functions that build, save and load a posterior, and that return its contents.
+
+A posterior is an xarray DataTree in ArviZ's layout. Its contents are, for example, the campaign,
+the model and the random draws.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +59,9 @@ __all__ = [
 
 # Names of the groups of arrays that a netCDF file must contain to be read as a posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of the arrays in a posterior's tree, except for arrays of random draws. The keys are
-# the names of the arrays. The dimension ``test`` has one entry for each test, and ``reading`` one
-# entry for each reading of all tests.
+# Dimensions of the arrays in a posterior (an xarray DataTree), except for arrays of random draws.
+# The keys are the names of the arrays. The dimension ``test`` has one entry for each test, and
+# ``reading`` one entry for each reading of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -71,7 +75,8 @@ _DIMENSIONS = {
     "reading_mm": ["reading"],
     "reference_force_N": [],
 }
-# Units of arrays in the tree of a posterior. The keys are the names of the arrays.
+# Units of the arrays in a posterior, which is an xarray DataTree. The keys are the names of the
+# arrays.
 _UNITS = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -82,9 +87,9 @@ _UNITS = {
 # Attributes of a `CircularTest` that are arrays. In a posterior these arrays are kept in the group
 # constant_data, not in the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# The field ``foreseen`` of a campaign holds tests that may be run later. The record of a posterior
-# does not hold their angles. If the campaign is rebuilt from the record, these angles are used for
-# its foreseen tests [°].
+# Angles [°] that are given to foreseen tests (tests that may be run later, in the field
+# ``foreseen`` of a campaign) when a campaign is rebuilt from the record in a posterior. The record
+# does not hold the true angles of these tests.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # Largest size of a posterior's arrays after decompression: ``_LARGEST_EXPANSION`` times the size of
 # the file plus ``_SMALL_FILE_BYTES``. A file with larger arrays counts as damaged.
@@ -282,8 +287,8 @@ def _read_tree(source: Path) -> xr.DataTree:
         # Libraries may raise exceptions of any class if they read a damaged file.
         except Exception as error:  # noqa: BLE001
             reason = " ".join(str(error).split())[:_LONGEST_REASON]
-        # Deleting the object of a damaged file causes error messages. Delete it now, while such
-        # messages are suppressed.
+        # Deleting the library's object for a damaged file causes error messages. Delete it now,
+        # while such messages are suppressed.
         gc.collect()
     raise InputError(
         f"{source} must be a posterior written by ldbb-bayes, got a damaged file ({reason}). Fit"
@@ -295,8 +300,10 @@ def _read_tree(source: Path) -> xr.DataTree:
 def _silent_finalizers() -> Iterator[None]:
     """Suppress messages about errors that arise while Python deletes objects.
 
-    If a file cannot be opened, such an error arises when its unfinished object is deleted. The
-    messages are suppressed while the ``with`` block of this context manager runs.
+    If a damaged file cannot be opened, the library's object for the file is only partly
+    initialised. An error arises when Python deletes this object; Python cannot raise it and only
+    prints a message. Such messages are suppressed while the ``with`` block of this context manager
+    runs.
     """
     hook = sys.unraisablehook
     sys.unraisablehook = _ignore_unraisable

@@ -53,21 +53,23 @@ __all__ = [
 
 # Number of angles of a full circle at which the effects of compliances on the reading are compared.
 _ANGLES = 64
-# A column holds the readings per unit of a compliance. Two columns count as proportional if the
-# cosine of the angle between them differs from ±1 by at most this number.
+# In the matrix of effects, each compliance has a column: the change of the readings per unit of the
+# compliance. Two columns count as proportional if the cosine of the angle between them differs from
+# ±1 by at most this number.
 _PARALLEL = 1e-10
-# Each compliance has a column, which holds the readings per unit of the compliance. If the norm of
-# a column is smaller than this fraction of the largest norm of all columns, the compliance is
-# treated as having no effect.
+# In the matrix of effects, each compliance has a column: the change of the readings per unit of the
+# compliance. If the norm of a column is smaller than this fraction of the largest norm of all
+# columns, the compliance is treated as having no effect.
 _NULL_SHARE = 1e-10
-# Fraction below which a number counts as a rounding error. It is used for two kinds of numbers. The
-# effect of a compliance on the readings may be written as a sum of effects of other compliances:
-# terms smaller than this fraction of the sum are ignored. A negative eigenvalue of a matrix counts
-# as zero if it is smaller than this fraction of the largest element.
+# A number counts as a rounding error if its absolute value is below this fraction of a reference
+# value. There are two uses. The effect of a compliance on the readings may be written as a sum of
+# effects of other compliances; terms smaller than this fraction of the effect are ignored. A matrix
+# counts as positive semi-definite even if it has a negative eigenvalue, provided that the absolute
+# value of the eigenvalue is below this fraction of the largest element.
 _ROUNDING_WEIGHT = 1e-7
-# A column holds the readings per unit of a compliance, scaled to length one. A column counts as
-# linearly independent of other columns if its component orthogonal to them is longer than this
-# number.
+# In the matrix of effects, each compliance has a column: the change of the readings per unit of the
+# compliance, scaled to length one. A column counts as linearly independent of other columns if its
+# component orthogonal to them is longer than this number.
 _INDEPENDENT = 1e-8
 
 
@@ -129,10 +131,11 @@ def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Ar
     """Return the change of the reading per unit of each geometric error.
 
     The equations are Eq. 16-18 of the article on the model. The result has one row for each of n
-    angles, and one column for each name that `geometric_names` returns. The readings are in mm, and
-    the units of the errors are made of mm and rad. ``circle`` is the nominal circle of the test on
-    ``machine``. ``angle_rad``, shape (n,), holds the angles of the bar, measured from the first
-    axis of the plane [rad].
+    angles, and one column for each name that `geometric_names` returns. Readings are in mm. The
+    unit of an error is 1 for scale errors, rad for squareness errors, 1/mm for straightness
+    deviations and mm for tool offsets. ``circle`` is the nominal circle of the test on ``machine``.
+    ``angle_rad``, shape (n,), holds the angles of the bar, measured from the first axis of the
+    plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
@@ -204,14 +207,15 @@ class Kept:
     #: a set change the readings in proportion to each other. The first name in each set is that of
     #: the compliance in ``names``.
     sets: tuple[tuple[str, ...], ...]
-    #: for each set of ``sets``, the weights of its compliances, in the same order. A weight is the
-    #: effect of a compliance on the reading divided by the effect of the set's first compliance;
-    #: its unit is a power of mm.
+    #: for each proportional set in ``sets``, a tuple with one weight for each compliance of the
+    #: set, in the same order. The weight is the effect of the compliance on the reading divided by
+    #: the effect of the first compliance of the set. Its unit is a power of mm.
     weights: tuple[tuple[float, ...], ...]
     #: for each compliance in ``names`` (those that circular tests can separate), a dict of other
-    #: compliances that change its estimated value. The keys are these compliances, and the values
-    #: are the weights by which they are multiplied. The effect of such a compliance on the readings
-    #: is a linear combination of the effects of several compliances in ``names``.
+    #: compliances that change its estimated value. The effect of such a compliance on the readings
+    #: is a linear combination of the effects of compliances in ``names``. The keys are these other
+    #: compliances; the values are weights. The estimated value contains the sum of these
+    #: compliances, each multiplied by its weight.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
     #: for each compliance in ``names`` (those that circular tests can separate), whether the laws
     #: of physics exclude negative values. For example, they do if the compliance is a deflection in
@@ -453,14 +457,17 @@ def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
 class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the article on the model."""
 
-    # number of rotary components of the compliance (its motion may be a rotation, and its load a
-    # moment): 0, 1 or 2
+    # number of rotary components of the compliance: 0, 1 or 2. A compliance relates a motion to a
+    # load; the motion counts if it is a rotation, and the load counts if it is a moment
     rotations: int
-    # position of the displacement or rotation i of C_ijk in the article's order (Table 1)
+    # place, in the order of Table 1 of the article on the model, of the displacement or rotation to
+    # which the index i of the compliance C_ijk refers
     twist: int
-    # position of the force or moment j of C_ijk in the article's order (Table 1)
+    # place, in the order of Table 1 of the article on the model, of the force or moment to which
+    # the index j of the compliance C_ijk refers
     wrench: int
-    # position of the joint k of C_ijk in the article's order (Table 1)
+    # place, in the order of Table 1 of the article on the model, of the joint (machine axis X, Y or
+    # Z) to which the index k of the compliance C_ijk refers
     joint: int
 
 
@@ -538,8 +545,8 @@ def hybrid_jacobian(
     Returns
     -------
     pandas.DataFrame
-        Table of n rows and one column per parameter. The readings are in mm, and the units of the
-        parameters are made of mm, N and rad.
+        Table of n rows and one column per parameter. Readings are in mm; the unit of a parameter,
+        such as mm/N, is a product of powers of mm, N and rad.
 
     Raises
     ------

@@ -42,10 +42,14 @@ class ComplianceName:
     force or a moment (component of a wrench).
     """
 
-    #: motion i that the load causes in C_ijk: displacement X, Y or Z, or rotation A, B or C
+    #: index i of the compliance C_ijk: the motion that the load causes, which is a displacement
+    #: along X, Y or Z, or a rotation A, B or C
     twist: str
-    wrench: str  #: load j that causes the motion in C_ijk: force X, Y or Z, or moment A, B or C
-    joint: str  #: machine axis X, Y or Z to which the joint k of the compliance C_ijk belongs
+    #: index j of the compliance C_ijk: the load that causes the motion, which is a force along X, Y
+    #: or Z, or a moment A, B or C
+    wrench: str
+    #: index k of the compliance C_ijk: the machine axis X, Y or Z to which the joint belongs
+    joint: str
 
     @property
     def label(self) -> str:
