@@ -1,7 +1,8 @@
 """Hybrid model of compliance and geometry: terms, priors, likelihood and truncation.
 
-Terms (nuisance terms) are effects on the readings that are modelled but not of interest. Truncation
-restricts compliances that cannot be negative to values of at least zero.
+Each term describes a nuisance, which is an effect on the readings that is modelled but not of
+interest. Some compliances cannot be negative, by the laws of physics; truncation excludes negative
+values of these compliances.
 """
 
 import lazy_loader

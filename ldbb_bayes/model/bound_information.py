@@ -67,8 +67,8 @@ class _SortedColumns(NamedTuple):
     tests. Nuisances are effects that are modelled but not of interest.
     """
 
-    #: columns (readings per unit coefficient) of nuisance terms (effects modelled but not of
-    #: interest) whose coefficients are the same in all tests
+    #: columns of nuisance terms (effects modelled but not of interest) whose coefficients are the
+    #: same in all tests. A column holds the change of each reading per unit of one coefficient
     shared: list[Columns]
     #: for each coefficient of the columns in ``shared``, the class name of the nuisance term to
     #: which it belongs
@@ -125,11 +125,11 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 def _sort_columns(bound: BoundModel) -> _SortedColumns:
     """Return the columns of all nuisance terms of a campaign's model, sorted into two groups.
 
-    A column holds the readings per unit of one coefficient of a nuisance, which is an effect that
-    is modelled but not of interest. The first group holds the columns whose coefficients are the
-    same in all tests, the second group those whose coefficients differ between tests. The result
-    also names the term to which each coefficient of the first group belongs. ``bound`` is the model
-    of the campaign.
+    A nuisance is an effect that is modelled but not of interest. A column holds the change of each
+    reading when one coefficient of a nuisance increases by one unit. The first group holds the
+    columns whose coefficients are the same in all tests, the second group those whose coefficients
+    differ between tests. The result also names the term to which each coefficient of the first
+    group belongs. ``bound`` is the model of the campaign.
     """
     shared: list[Columns] = []
     owners: list[str] = []

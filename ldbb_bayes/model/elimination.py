@@ -27,10 +27,11 @@ How it works:
    in the rows and columns of the border. Groups of the same shape that do not depend on each other
    form a `Front`: they are eliminated by the same function calls.
 
-A prior variance may be negative: its coefficient then removes noise from the readings instead of
-adding noise (`Observations.signs`). With negative prior variances, P = L S Lᵀ, where the diagonal
-matrix S holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with
-these signs.
+The priors of the coefficients x are also rows of the observation equations. In such a row, the
+variance in D is the prior variance of a coefficient. It may be negative: the coefficient then
+reduces the noise covariance of the readings instead of increasing it (`Observations.signs`). With
+negative prior variances, P = L S Lᵀ, where the diagonal matrix S holds the signs ±1 of the Cholesky
+pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with these signs.
 """
 
 from __future__ import annotations
@@ -92,18 +93,23 @@ class Update(NamedTuple):
     #: the set of these m columns is called the border of the group. Several groups may have the
     #: same border; different borders share no column.
     borders: int
-    #: Smallest row index i of the entries P_ij that an `Update` describes. When a group of columns
-    #: is eliminated, m later columns change. i and j are the numbers of these columns, counted
-    #: from 0.
+    #: Smallest row index i of the entries P_ij that an `Update` describes. P is the precision
+    #: matrix. When a group of its columns is eliminated, m later columns change. They are numbered
+    #: from 0 to m − 1; i and j are such numbers, and j = m is the right-hand side.
     first: int
-    #: Largest row index i of the entries P_ij that an `Update` describes, plus 1; i is counted as
-    #: for ``first``.
+    #: The row indices i of the entries P_ij that an `Update` describes are smaller than this
+    #: number. P is the precision matrix. When a group of its columns is eliminated, m later columns
+    #: change. They are numbered from 0 to m − 1; i and j are such numbers, and j = m is the
+    #: right-hand side.
     stop: int
-    #: Indices of the rows of the workspace (the array with the entries of the precision matrix P)
-    #: in which the changed entries P_ij are stored. The shape is (borders, stop − first, m + 1 −
-    #: first), where m is the number of later columns that a group changes. P is symmetric, and only
-    #: entries with j ≥ i are stored. For entries with j < i, the array holds the index of the last
-    #: row of the workspace, which is never read.
+    #: For each entry P_ij of the precision matrix that changes, the index of the row of the
+    #: workspace in which it is stored. The workspace is the array that holds all entries of P. When
+    #: a group of columns is eliminated, m later columns change; they are called the border of the
+    #: group. The shape is (borders, stop − first, m + 1 − first): the first dimension is the
+    #: border, the second is i, counted from ``first``, and the third is j, counted from ``first``.
+    #: The last j stands for the right-hand side. P is symmetric, and only entries with j ≥ i are
+    #: stored. For entries with j < i, the array holds the index of the last row of the workspace,
+    #: which is never read.
     targets: NDArray[np.intp]
 
 
@@ -220,11 +226,11 @@ class EliminationPlan:
         """
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: Indices of rows of the workspace (array of the stored matrix entries), shape (columns,
-        #: columns + 1). For columns i and j, the row with this index holds the entry P_ij of the
-        #: precision matrix, and later an entry of its Cholesky factor L. The last element of row i
-        #: is the index for the right-hand side of column i. The index is −1 for entries that are
-        #: not stored.
+        #: Place at which each matrix entry is stored, shape (columns, columns + 1). Element (i, j)
+        #: is the index of the row of the workspace that holds the entry P_ij of the precision
+        #: matrix, and later an entry of its Cholesky factor L. The workspace is the array of all
+        #: stored entries. The last element, (i, −1), is the index of the row that holds the entry
+        #: for column i in the right-hand side. Elements are −1 for entries that are not stored.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
@@ -255,13 +261,13 @@ class EliminationPlan:
         return start + len(group.columns) * width
 
     def _front(self, families: list[_Family], signs: Array) -> Front:
-        """Return the front that consists of the groups of all ``families``, in their order.
+        """Return a `Front`: the groups of columns in ``families``, which are eliminated together.
 
-        A front contains groups of columns of a matrix that are eliminated together. The groups of a
-        family change the same later columns when they are eliminated. All groups of the front have
-        equal numbers of columns, and they change equal numbers of later columns. ``signs`` holds
-        the sign, 1 or −1, of the prior variance of each coefficient. `Observations.signs` explains
-        why a prior variance may be negative.
+        Eliminating a group of columns of a matrix changes some later columns. Groups that change
+        the same later columns form a family. All groups of the front have equal numbers of columns,
+        and they change equal numbers of later columns. They are in the order of ``families``.
+        ``signs`` holds the sign, 1 or −1, of the prior variance of each coefficient.
+        `Observations.signs` explains why a prior variance may be negative.
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
@@ -278,14 +284,15 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return which entries of later columns of a matrix change when a front is eliminated.
+        """Return descriptions of the matrix entries that change when a front is eliminated.
 
-        The matrix is the precision matrix P. A front is a set of groups of columns that are
-        eliminated at the same time; all of its groups have equal numbers of columns. Each group
-        changes some later columns, its border. ``families`` holds the groups of the front; the
-        groups of a family have the same border. Consecutive families are treated in the same
-        `Update` if they have equal numbers of groups and no two of them change the same later
-        column. An `Update` states which entries of P change, not by how much.
+        The matrix is the precision matrix P. Eliminating a group of columns changes later columns,
+        which are called the border of the group. ``families`` is a list of families of groups; the
+        groups of a family have the same border. All these groups are eliminated at the same time
+        and form a front; they have equal numbers of columns. Each `Update` in the result states
+        which entries of P change, not by how much. It describes one family or several consecutive
+        families. Several families are described together if they have equal numbers of groups and
+        no two of them change the same later column.
         """
         updates = []
         start = 0
@@ -419,7 +426,8 @@ class Elimination:
     def is_positive(self) -> bool:
         """Whether all prior variances are positive, so that coefficients can be drawn at random.
 
-        A coefficient with a negative prior variance subtracts noise and cannot be drawn.
+        A coefficient with a negative prior variance reduces the noise covariance of the readings
+        and cannot be drawn.
         """
         return bool((self._plan.half_signs > 0.0).all())
 
@@ -486,7 +494,7 @@ class DesignRows:
         variance.
     signs
         Signs ±1 of the prior variances of the coefficients, shape (columns,). A coefficient with a
-        negative variance removes noise from the readings instead of adding noise
+        negative variance reduces the noise covariance of the readings instead of increasing it
         (`Observations.signs`); the Cholesky pivot of its column is negative.
     shared
         Number of columns whose coefficients are the same in all tests; they are the first columns.
@@ -563,8 +571,9 @@ def _elimination_plan(
     ``pattern`` holds one bit for each element of the design matrix; the bit is set if the element
     is not zero. ``shape`` is the shape of the matrix. ``last`` holds the indices of the columns
     that are eliminated last. ``signs`` holds the signs ±1 of the prior variances. A prior variance
-    is negative if its coefficient removes noise from the readings instead of adding noise. The
-    arrays ``last`` and ``signs`` are given as bytes. Results are kept in a cache.
+    is negative if its coefficient reduces the noise covariance of the readings instead of
+    increasing it. The arrays ``last`` and ``signs`` are given as bytes. Results are kept in a
+    cache.
     """
     bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=shape[0] * shape[1])
     is_not_zero = bits.reshape(shape).astype(bool)

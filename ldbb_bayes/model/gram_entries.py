@@ -29,9 +29,11 @@ __all__ = ["EntryBlock", "GramEntries"]
 # stored as a dense matrix if at least this fraction of its entries is not zero. The reason is that,
 # in measurements, each entry took a third as long in a dense product as in a sparse product.
 _DENSE_SHARE = 0.35
-# A block of scalar products of columns is stored as a dense matrix only if each product with this
-# matrix uses at least this number of nonzero entries. With fewer entries, the function calls for
-# dense products take longer than the sparse product.
+# Smallest number of nonzero entries for which a dense matrix is used. The scalar products of
+# columns are stored in blocks, and one product with a dense matrix computes the results for a few
+# columns of each group in a block. A block is stored as dense matrices only if it has at least this
+# number of nonzero entries for each such product. With fewer entries, the function calls for dense
+# products take longer than the sparse product.
 _FEWEST_DENSE = 500
 # Number of columns of the precision matrix whose entries are computed together, by one product with
 # a dense matrix. With fewer columns, more function calls would be needed. With more columns, more
@@ -40,11 +42,13 @@ _COLUMNS_AT_ONCE = 4
 
 
 class EntryBlock(NamedTuple):
-    """Block of stored entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r, for several groups of columns of P.
+    """Block of stored entries of the matrix P = Aᵀ D⁻¹ A and of the vector Aᵀ D⁻¹ r.
 
-    A is the design matrix, D the noise covariance, and r are the readings. Each group consists of s
-    columns, and n entries are stored for each column. The first s of these n entries form the
-    square part of P on the diagonal, of which only the lower triangle is needed.
+    A is the design matrix, D the noise covariance, and r are the readings. A block holds the
+    entries of several groups of columns of P. Each group consists of s columns, and n entries are
+    stored for each column. The first s of these are the entries in the rows of the group itself.
+    For all columns of the group, they form a square matrix with s rows, which lies on the diagonal
+    of P; only its lower triangle is needed.
     """
 
     #: Slice that selects the entries of this block from the array of all stored entries of the
@@ -65,17 +69,20 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index, counted within each group, of the first column in ``products``. Gram entries (scalar
-    #: products of columns of the design matrix) in rows above this index are left out of
-    #: ``products``.
+    #: Index of the first column in ``products``, counted within its group of columns. Gram entries
+    #: are scalar products of columns of the design matrix. For each column, those in rows with a
+    #: smaller index than this one lie above the diagonal; they are not needed and are left out.
     first: int
-    #: For each group of columns of the design matrix, the indices of k kinds of rows, shape
-    #: (groups, k). Rows of one kind have the same variance. The array ``products`` holds one sum of
-    #: products for each of these kinds.
+    #: For each group of columns of the design matrix, the kinds of rows in which these columns are
+    #: not zero, shape (groups, k). Rows with the same variance are of one kind. A kind is stated as
+    #: its index in the list of all kinds. ``products`` holds a separate sum of products for each of
+    #: the k kinds. If a group has fewer than k kinds, the last indices are 0 and their sums are
+    #: zero.
     kinds: NDArray[np.intp]
-    #: Scalar products of columns of the design matrix with later columns or with the readings,
-    #: shape (groups, columns, entries of each column, k). Each product is a sum over the rows of
-    #: one of k kinds; rows of one kind have the same variance.
+    #: Scalar products of each column of the design matrix with itself, with later columns and with
+    #: the readings. The shape is (groups, columns, products, k), for several groups of columns, at
+    #: most four columns of each group, and the products of each column. Each product is a sum over
+    #: the rows of one of k kinds; rows with the same variance are of one kind.
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:
@@ -101,9 +108,9 @@ class GramEntries:
         Blocks into which the list of all scalar products is divided. The products are called
         entries. After the last block, the list has one more entry, which is always zero.
     place
-        Index, among all entries, of the scalar product of columns i and j, shape (columns, columns
-        + 1). The last column is for products with the readings. The index is used only if column i
-        is eliminated before column j, or if i = j.
+        Index, in the list of all scalar products, of the product of columns i and j, shape
+        (columns, columns + 1). The last column is for products with the readings. The index is used
+        only if column i is eliminated before column j, or if i = j.
     columns
         Design matrix A, shape (rows, columns).
     values
@@ -124,11 +131,12 @@ class GramEntries:
         """Compute scalar products of columns with each other and with the readings.
 
         ``columns``, shape (rows, columns), is the design matrix, and ``values``, shape (rows,),
-        holds the readings. The list of all products is divided into ``blocks``. ``place``, shape
-        (columns, columns + 1), holds the index, in this list, of the product of each pair of
-        columns; its last column is for the products with the readings. ``kinds``, shape (rows,),
-        holds the index of the kind of each row. Rows of one kind have the same variance; their
-        products are summed separately from those of other kinds.
+        holds the readings. All products are stored in one list, which is divided into ``blocks``.
+        ``place``, shape (columns, columns + 1), holds indices of this list: ``place[i, j]`` is the
+        index of the product of columns i and j, and ``place[i, -1]`` that of the product of column
+        i with the readings. Rows with the same variance are of one kind. ``kinds``, shape (rows,),
+        holds the number of each row's kind. The products are summed separately over the rows of
+        each kind.
         """
         size = 1 + sum(block.entries.stop - block.entries.start for block in blocks)
         gram = _sparse_gram(size, place, columns, values, kinds)
@@ -194,13 +202,14 @@ def _sparse_gram(
 
 
 def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
-    """Return the Gram entries of a block as dense arrays, or an empty list.
+    """Return the Gram entries of one block as dense arrays, if dense arrays save time.
 
-    Gram entries are scalar products of columns of the design matrix; a block holds the scalar
-    products of several groups of columns. The list is empty if most of the entries are zero, or if
-    the block has too few entries. Rows of the design matrix are of one kind if their readings have
-    the same variance. ``gram``, shape (entries, kinds), holds the Gram entries of all blocks; the
-    column for a kind holds the scalar products over the rows of this kind alone.
+    Gram entries are scalar products of columns of the design matrix. A block holds the scalar
+    products for several groups of columns. The result is a list of arrays, each for at most four
+    columns of every group. The list is empty if a sparse matrix saves more time, because most of
+    the entries are zero or because only few are not zero. Rows of the design matrix with the same
+    variance are of one kind. ``gram``, shape (entries, kinds), holds the Gram entries of all
+    blocks: one column for each kind, with the scalar products over the rows of this kind alone.
     """
     groups = block.shape[0]
     columns = block.shape[1]

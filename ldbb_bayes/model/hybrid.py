@@ -177,7 +177,7 @@ class HybridModel(Result):
 
         Nuisances are effects that are modelled but not of interest. Each term must be an object of
         a dataclass derived from `Term`, and each class may occur only once. Names of
-        hyper-parameters must differ. A flat prior must have no nuisance terms.
+        hyper-parameters must differ. A model with a flat prior must have no nuisance terms.
         """
         kinds = [type(term) for term in self.nuisances]
         for kind in kinds:
@@ -562,7 +562,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """
 
     def place(scale: Scale) -> int:
-        """Return the sort key of the hyper-parameter ``scale``: its place in the order."""
+        """Return the rank of the hyper-parameter ``scale``; hyper-parameters are sorted by rank."""
         if scale.name in _HYPER_ORDER:
             return _HYPER_ORDER.index(scale.name)
         return len(_HYPER_ORDER) + int(scale.law == "circle")
@@ -760,13 +760,15 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the conditions of all tests, with effects linearised at estimated parameters.
+        """Return the test conditions, with effects linearised about estimates of the parameters.
 
-        The module `linearisation` explains which effects on the readings depend on these estimates.
-        If the campaign is a plan that was designed from another campaign (its pilot), the
-        parameters are estimated from the pilot. Otherwise they are estimated from ``reduced``, the
-        reduced readings of all tests (at most 25 numbers for each test). The estimate is also
-        stored in the attribute ``estimate``.
+        Test conditions are, for example, the forces and radii of all tests. The parameters are the
+        compliances and geometric errors of the machine. Some effects on the readings depend
+        nonlinearly on the parameters; they are linearised about estimates of these (module
+        `linearisation`). If the campaign is a plan that was designed from another campaign (its
+        pilot), the parameters are estimated from the pilot. Otherwise they are estimated from
+        ``reduced``, the reduced readings of all tests (at most 25 numbers for each test). The
+        estimates are also stored in the attribute ``estimate``.
         """
         setting = self._with_noise_factors(
             setting_of(
@@ -838,9 +840,10 @@ class BoundModel(Shown):
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from a pilot campaign.
 
-        The pilot is the campaign from which this plan was designed. The model may have parameters
-        for the plan that it does not have for the pilot. Such compliances have the values that are
-        assumed if there are no readings; such geometric errors are zero.
+        The pilot is the campaign from which this plan was designed. The model of the plan may have
+        parameters that the model of the pilot lacks. If such a parameter is a compliance, it gets
+        the value that is assumed if there are no readings. If it is a geometric error, it gets the
+        value zero.
         """
         bound = BoundModel(self.model, pilot)
         of_pilot = bound.estimate
@@ -996,9 +999,10 @@ class BoundModel(Shown):
     def given_interest(self) -> StructuredGaussian:
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
-        Nuisances are effects modelled but not of interest. β are the parameters of interest and φ
-        the hyper-parameters (such as the standard deviation of the noise). Methods of the object
-        take β − `centre` instead of β, where `centre` is a least-squares estimate of β.
+        The result is an object that computes this density. Nuisances are effects modelled but not
+        of interest. β are the parameters of interest and φ the hyper-parameters (such as the
+        standard deviation of the noise). The methods of the object take the difference β − `centre`
+        instead of β, where `centre` is a least-squares estimate of β.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
@@ -1023,11 +1027,12 @@ class BoundModel(Shown):
     ) -> StructuredGaussian:
         """Return the density of the readings, with the nuisance coefficients integrated out.
 
-        These coefficients belong to effects that are modelled but not of interest. ``columns``
-        holds their columns of the design matrix, and their noise. ``interest``, shape
-        (tests, 25, p), holds the reading per unit of each of the p parameters, if the density is to
-        depend on the parameters. The readings that `centre`, the least-squares estimate, predicts
-        are first subtracted.
+        The coefficients belong to nuisances, which are effects that are modelled but not of
+        interest. ``columns`` holds the columns of the design matrix that belong to these
+        coefficients, and those nuisances that are described as noise. ``interest``, shape (tests,
+        25, p), holds the change of the readings per unit of each of the p parameters of interest.
+        If it is None, the density does not depend on parameters. The readings that `centre`, the
+        least-squares estimate, predicts are first subtracted.
         """
         return StructuredGaussian(
             self.reduced,
@@ -1186,11 +1191,12 @@ class BoundModel(Shown):
         )
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the test conditions for a machine with given parameters of interest β.
+        """Return the test conditions, with effects linearised about given parameters of interest β.
 
-        ``beta``, shape (p,), holds the p parameters β in mm, N and rad. They replace the estimated
-        parameters. Effects of the test conditions that depend on the machine, such as the effect of
-        an error of the angle, are linearised at β (``linearise``).
+        ``beta``, shape (p,), holds the p parameters β in mm, N and rad; they replace the estimated
+        parameters. Some effects on the readings, such as that of an error of the angle, depend
+        nonlinearly on the parameters of the machine. The result is a `Setting` with which such
+        effects are linearised about β (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta

@@ -40,13 +40,13 @@ _LEAST_DECAY = 0.5
 _MOST_DECAY = 3.5
 
 
-# λ is the factor that multiplies the noise of one circle. Its square has an inverse gamma prior
-# with the shape a and the rate b. This number is a.
+# Shape parameter of the inverse gamma prior of λ², where λ is the factor that multiplies the noise
+# of one circle.
 _SHAPE = 1.5
 
 
-# λ is the factor that multiplies the noise of one circle. Its square has an inverse gamma prior
-# with the shape a and the rate b. This number is b.
+# Rate parameter of the inverse gamma prior of λ², where λ is the factor that multiplies the noise
+# of one circle.
 _RATE = 1.5
 
 

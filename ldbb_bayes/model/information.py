@@ -115,8 +115,8 @@ class Information:
         The matrix has the shape (k, m), with one row for each of the k reduced readings of all
         tests (at most 25 for each test). It is multiplied from the left by the inverse Cholesky
         factor of the noise covariance of the reduced readings. The coefficients are divided by
-        their prior sd. ``fixed`` holds the class names of terms whose noise is treated as known and
-        left out.
+        their prior sd. ``fixed`` holds the class names of terms that act as noise but whose effects
+        are assumed to be known exactly; the noise covariance does not contain their covariance.
         """
         return np.concatenate(self.blocks(fixed))
 
@@ -130,7 +130,9 @@ class Information:
         Parameters
         ----------
         fixed
-            Class names of the terms whose noise is treated as known and left out.
+            Class names of model terms that act as noise but whose effects are assumed to be known
+            exactly. The noise covariance of the readings then does not contain the covariance of
+            these terms.
 
         Returns
         -------

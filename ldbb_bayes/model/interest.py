@@ -176,14 +176,16 @@ class ParametersOfInterest:
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return prior sds or typical magnitudes of the model's compliances, shape (compliances,).
+        """Return prior sds or typical magnitudes that include parts of compliances left out.
 
+        The result has one element for each compliance of the model, shape (compliances,).
         ``size_of`` is a function that returns the prior sds, or the typical magnitudes, for given
-        names of compliances. Some compliances are left out of the model, and the estimates of the
-        model's compliances include parts of them (`Kept.absorbed`). The prior sd or magnitude of
-        each compliance left out is therefore multiplied by a weight and added in quadrature. If
-        several compliances left out change the readings in proportion to each other, only one of
-        them is added.
+        names of compliances. Some compliances are left out of the model, and the estimate of a
+        compliance in the model includes parts of them: the sum of compliances left out, each
+        multiplied by a weight (`Kept.absorbed`). The prior sd or magnitude of each compliance left
+        out is therefore multiplied by its weight and added in quadrature to that of the compliance
+        in the model. If several compliances left out change the readings in proportion to each
+        other, only one of them is added.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):

@@ -93,9 +93,9 @@ class _Batch(NamedTuple):
     #: the nuisance coefficients (of effects modelled but not of interest), D the diagonal noise
     #: covariance, and r the readings minus the effect of β. None if there are no parameters β.
     shift: Array | None
-    #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r + constant of the log density of the readings for w values of the
-    #: hyper-parameters, shape (w,). D is the diagonal noise covariance, and r the readings minus
-    #: the effect of the parameters of interest.
+    #: One part of the log density of the readings, for w values of the hyper-parameters, shape
+    #: (w,). The part is −½ Σ ln D − ½ rᵀ D⁻¹ r + constant. D is the diagonal noise covariance, and
+    #: r is the vector of the readings minus the effect of the parameters of interest.
     log_density: Array
 
     @property
@@ -177,8 +177,9 @@ class StructuredGaussian:
         # Each row of the array ``rows.variance`` belongs to one observation equation (a reading or
         # the prior of a coefficient), and holds the factors from which the variance of this
         # equation is computed. The nonzero factors of an equation have the same sign. They are
-        # negative only in the prior of a coefficient that removes noise from the readings instead
-        # of adding noise.
+        # negative only in the prior of a coefficient with a negative prior variance. Such a
+        # coefficient reduces the noise covariance of the readings, whereas all other coefficients
+        # increase it (`Observations.signs`).
         self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
         self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
         # Some observation equations depend on the parameters of interest and must be evaluated in

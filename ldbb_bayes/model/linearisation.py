@@ -68,12 +68,14 @@ class MachineEstimate(NamedTuple):
 def linearise(
     setting: Setting, compliances: Sequence[ComplianceName], estimate: MachineEstimate
 ) -> Setting:
-    """Return the test conditions, completed with an estimated machine and its predicted readings.
+    """Return the test conditions, supplemented with estimates of the machine's parameters.
 
-    ``setting`` describes the test conditions, ``estimate`` is the estimated machine, and
-    ``compliances`` are the names of its compliances. The result is a copy of ``setting`` with the
-    estimated compliances and their magnitudes, the magnitude of the direct compliance along each
-    axis, and the readings that the estimate predicts.
+    ``setting`` describes the test conditions. ``estimate`` holds the estimated parameters of the
+    machine, which are compliances and geometric errors, and ``compliances`` the names of the
+    compliances. The result is a copy of ``setting`` in which four fields are replaced. They are the
+    estimated compliances; the magnitude of each compliance, in which the estimate and its
+    uncertainty are added in quadrature; the magnitude of the direct compliance along each axis; and
+    the readings that the estimates predict.
     """
     axial = np.zeros(3)
     axial_sd = np.zeros(3)

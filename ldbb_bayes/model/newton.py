@@ -11,8 +11,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["central_differences", "newton"]
 
-# Fractions of a Newton step towards the maximum of a log density that are tried at once. The
-# fraction with the largest density is used.
+# In the search for the maximum of a log density, these fractions of each Newton step are tried
+# simultaneously. The fraction with the largest density is used.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
 # Longest permitted Newton step in the search for the maximum of a log density, as a distance in the
 # coordinates of the density. If a coordinate is the logarithm of a scale, a step of this length

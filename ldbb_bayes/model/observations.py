@@ -87,8 +87,8 @@ class Observations(NamedTuple):
     unit: Array
     #: One sign, +1 or −1, for each nuisance coefficient, shape (coefficients,). Nuisances are
     #: effects modelled but not of interest. If the sign is −1, the prior variance of the
-    #: coefficient is negative: the coefficient's noise is subtracted from the noise of the
-    #: readings. `_columns_for_uneven_angles` explains why this is needed.
+    #: coefficient is negative: the coefficient reduces the noise covariance of the readings instead
+    #: of increasing it. `_columns_for_uneven_angles` explains why this is needed.
     signs: Array
     #: Number of nuisance coefficients that are the same in all tests. Their columns come first in
     #: the design matrix of the nuisance coefficients. Nuisances are effects modelled but not of
@@ -122,7 +122,7 @@ class _Nuisances(NamedTuple):
     #: One sign, +1 or −1, for each nuisance coefficient that has a separate value in every test.
     #: Nuisances are effects modelled but not of interest. A coefficient with the sign +1 adds noise
     #: to the model of the readings. If the sign is −1, the prior variance of the coefficient is
-    #: negative, and its noise is subtracted.
+    #: negative, and the coefficient reduces the noise covariance.
     private_signs: list[float]
 
     @property
@@ -160,8 +160,9 @@ class _Rotated(NamedTuple):
 class _CoefficientPriors(NamedTuple):
     """Gaussian priors of all nuisance coefficients, in the order of the coefficients' columns.
 
-    Nuisances are effects modelled but not of interest. A source of variance is the hyper-parameter,
-    or the product of hyper-parameters, that multiplies the prior sd of a coefficient.
+    Nuisances are effects modelled but not of interest. The source of variance of a coefficient is
+    the hyper-parameter, or the product of hyper-parameters, to which its prior sd is proportional.
+    A fixed part of the prior sd, ``stated_sd``, may be added in quadrature.
     """
 
     #: Prior sd of every nuisance coefficient, divided by the hyper-parameter (or product of
@@ -240,9 +241,10 @@ def observation_equations(
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
-    # If all circles have nearly uniform angles, the reduced readings of each test (at most 25
-    # numbers that replace its readings) were multiplied by a matrix. Its log determinant, −½ Σ ln(1
-    # + departure), is added to the log density as a constant; `NearUniform` explains ``departure``.
+    # The reduced readings of a test are at most 25 numbers that replace its readings. If all
+    # circles have nearly uniform angles, the function ``_rotate`` has multiplied these numbers by a
+    # matrix. The log determinant of the matrix, −½ Σ ln(1 + departure), is therefore added to the
+    # log density as a constant; `NearUniform` explains ``departure``.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -352,15 +354,16 @@ def _reading_rows(
     *,
     all_uniform: bool,
 ) -> Rows:
-    """Return the rows of the observation equations that are readings, test by test.
+    """Return the observation equations that describe readings, in the order of the tests.
 
-    ``reduced`` are the reduced readings of every test, ``nuisances`` the sorted nuisances (effects
-    modelled but not of interest) and ``sources`` the sources of variance (hyper-parameters and
-    their products). The last row of each test represents the part of the test's readings that
-    Fourier series to order 12 cannot describe. ``offset`` (tests, 25) is the known part of the
-    readings and ``interest`` (tests, 25, p) the effect of the p parameters of interest, both as
-    Fourier coefficients [mm]. ``all_uniform`` states whether all tests are full circles with nearly
-    uniform angles.
+    The last equation of each test describes the norm of the part of the test's readings that
+    Fourier series to order 12 cannot describe. The other equations describe reduced readings, which
+    are at most 25 numbers that replace the readings of a test. ``reduced`` holds the reduced
+    readings of every test, ``nuisances`` the nuisances (effects modelled but not of interest), and
+    ``sources`` the sources of variance (hyper-parameters and their products). ``offset`` (tests,
+    25) is the known part of the readings and ``interest`` (tests, 25, p) the effect of the p
+    parameters of interest, both as Fourier coefficients [mm]. ``all_uniform`` states whether all
+    tests are full circles with nearly uniform angles.
     """
     tests = len(reduced)
     shared_values = _stack_values(nuisances.shared, tests)
@@ -420,14 +423,20 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return a matrix Q that makes the noise in the readings of one test independent.
+    """Return a matrix Q that makes the noise terms of one test uncorrelated.
 
-    Also return the product Q R and the standard deviations of the rotated noise. R is
-    ``test.factor``, the matrix that converts 25 Fourier coefficients into the reduced readings of
-    the test. If all tests are circles with nearly uniform angles (``uniform``), Q = S R⁻¹, where
-    the diagonal matrix S holds the norms of the Fourier functions. This Q serves for any number of
-    noise terms. Otherwise ``noise`` has at most one term, and Q follows from the singular value
-    decomposition of R times the sd of this noise.
+    Reduced readings are at most 25 numbers that replace the readings of a test. After
+    multiplication of these numbers by Q, each noise term in ``noise`` has a diagonal covariance.
+    The standard deviations of each term after the multiplication are also returned, and so is the
+    product Q R. R is ``test.factor``, the matrix that converts 25 Fourier coefficients into the
+    reduced readings.
+
+    If all tests are circles with nearly uniform angles (``uniform``), Q = S R⁻¹, where the diagonal
+    matrix S holds the norms of the Fourier functions. This Q serves for any number of noise terms.
+    The white noise of the readings is then slightly correlated; `_columns_for_uneven_angles`
+    corrects for this. Otherwise ``noise`` has at most one term, which states the sd of the noise of
+    each Fourier coefficient. The columns of R are multiplied by these sds, and Q is computed from
+    the singular value decomposition of the product.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -450,9 +459,9 @@ def _add_priors(
 
     The nuisances are effects that are modelled but not of interest. The prior of each nuisance
     coefficient is written as a row, as if the coefficient had been measured. All coefficients are
-    rescaled as `Observations.unit` states. ``reading_rows`` are the rows of the readings,
-    ``nuisances`` the sorted nuisances, and ``tests`` is the number of tests. ``sources`` are the
-    sources of variance: hyper-parameters and their products.
+    rescaled as `Observations.unit` states. ``reading_rows`` are the equations that describe
+    readings. ``nuisances`` holds the nuisance terms, and ``tests`` is the number of tests.
+    ``sources`` are the sources of variance: hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)
@@ -478,12 +487,13 @@ def _add_priors(
 def _coefficient_priors(
     nuisances: _Nuisances, tests: int, sources: list[Source]
 ) -> _CoefficientPriors:
-    """Return the priors of all nuisance coefficients (of effects modelled but not of interest).
+    """Return the priors of all coefficients of nuisances.
 
-    Coefficients that are the same in all tests come first, followed by the coefficients of each
-    test. ``nuisances`` are the sorted nuisances, and ``tests`` is the number of tests. ``sources``
-    are the sources of variance (hyper-parameters and their products) to which the indices in the
-    result refer.
+    Nuisances are effects that are modelled but not of interest. The coefficients that are the same
+    in all tests come first, followed by the coefficients of each test. ``nuisances`` holds the
+    nuisance terms, sorted by whether their coefficients are the same in all tests. ``tests`` is the
+    number of tests. ``sources`` are the sources of variance (hyper-parameters and their products)
+    to which the indices in the result refer.
     """
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
@@ -512,15 +522,16 @@ def _prior_variance_factors(
     unit: Array,
     sources: list[Source],
 ) -> Array:
-    """Return factors v, shape (coefficients, sources), from which prior variances are computed.
+    """Return factors v from which the prior variances of nuisance coefficients are computed.
 
-    Nuisances are effects that are modelled but not of interest. ``priors`` are the Gaussian priors
-    of the nuisance coefficients. The prior variance of each nuisance coefficient is Σ v · source²,
-    a sum over ``sources``. A source is a hyper-parameter, a product of hyper-parameters, or the
-    number one. The coefficients are in units of ``unit``, shape (coefficients,). A coefficient
-    whose unit is zero has no effect on the readings, so its factor can be any number; the factor is
-    set to one. For a coefficient with a flat prior, all factors are zero, and the caller does not
-    use them.
+    The result has the shape (coefficients, sources). Nuisances are effects that are modelled but
+    not of interest, and ``priors`` are the Gaussian priors of their coefficients. The prior
+    variance of each coefficient is Σ v · source², a sum over ``sources``. A source is a
+    hyper-parameter, a product of hyper-parameters, or the number one. The variance is that of the
+    coefficient divided by its element of ``unit``, shape (coefficients,). If this element is zero,
+    the coefficient has no effect on the readings, so that its variance does not matter; the factor
+    is set to one. For a coefficient with a flat prior, all factors are zero, and the caller does
+    not use them.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)
@@ -573,20 +584,21 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
 
     If the angles of a test are not spaced uniformly, the noise of its 25 Fourier coefficients is
     correlated, and larger or smaller than for uniform angles. The columns make up for the
-    difference: they add noise or remove noise. Suppose the 25 Fourier coefficients of a test are
-    fitted to readings with the noise sd σ, and each coefficient is multiplied by the norm of its
-    Fourier function (diagonal matrix S). The covariance of the 25 products is σ² (1 + V λ Vᵀ)⁻¹ =
-    σ² (1 − V λ/(1 + λ) Vᵀ). V is orthogonal and λ diagonal; `NearUniform` describes both. Each
-    column v of V belongs to one λ. If this λ is too large to be neglected, the result has a column
-    S⁻¹ v √(|λ|/(1 + λ)), whose coefficient has the sd σ.
+    difference: they increase or reduce the noise covariance. Suppose the 25 Fourier coefficients of
+    a test are fitted to readings with the noise sd σ, and each coefficient is multiplied by the
+    norm of its Fourier function (diagonal matrix S). The covariance of the 25 products is σ² (I + V
+    Λ Vᵀ)⁻¹ = σ² (I − V Λ (I + Λ)⁻¹ Vᵀ), where I is the identity matrix, V is orthogonal and Λ
+    diagonal; `NearUniform` describes V and Λ. Each column v of V belongs to one diagonal element λ
+    of Λ. If this λ is too large to be neglected, the result has a column S⁻¹ v √(|λ|/(1 + λ)),
+    whose coefficient has the sd σ.
 
     Parameters
     ----------
     circles
         Departure of the angles of every test from uniform spacing.
     sign
-        +1 for the columns that add noise (λ < 0), −1 for the columns that remove noise by a
-        negative variance (λ > 0).
+        +1 for the columns that increase the noise covariance (λ < 0), −1 for the columns that
+        reduce it, by a negative variance (λ > 0).
 
     Returns
     -------

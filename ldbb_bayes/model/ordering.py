@@ -31,20 +31,21 @@ from numpy.typing import NDArray
 
 __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
-# When a group of columns of a sparse matrix is eliminated, several later columns change. One
-# function call computes the change of this number of later columns.
+# Number of later columns that one function call updates. When a group of columns of a sparse matrix
+# is eliminated, several later columns change; they are updated in blocks of this size.
 PRODUCT_COLUMNS = 8
-# Time of the function calls that are made once for a whole group of columns when the group is
+# Time of function calls that does not depend on the number of columns in a group, when the group is
 # eliminated from a sparse matrix. All times in this module were measured. Their unit is the time of
 # one multiplication for all values of the hyper-parameters that are processed together. The exact
 # values matter little.
 _GROUP_COST = 100.0
-# Time of the function calls that eliminate one column of a sparse matrix, as part of a group of
-# columns, in units of the time of one multiplication.
+# Time of function calls that grows with the number of columns in a group, when the group is
+# eliminated from a sparse matrix: the time for each column, in units of the time of one
+# multiplication.
 _COLUMN_COST = 200.0
 # When a group of columns of a sparse matrix is eliminated, later columns change. This is the time
-# of the function calls that compute the change of `PRODUCT_COLUMNS` later columns, in units of the
-# time of one multiplication.
+# of the function calls that update `PRODUCT_COLUMNS` later columns, in units of the time of one
+# multiplication.
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the precision matrix P = Aᵀ D⁻¹ A (A is the design
 # matrix, D the noise covariance), in units of the time of one multiplication.

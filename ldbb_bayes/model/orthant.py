@@ -107,11 +107,12 @@ _SHIFT_DIMENSIONS = 32
 
 
 class OrthantMoments(NamedTuple):
-    """Mean and covariance of w standard normal vectors e, given u = mean + spread @ e ≥ 0.
+    """Means and covariances of w truncated normal vectors e.
 
-    e has q elements, and u, the vector of the constraints, has m elements. The moments describe the
-    d coordinates of e along the orthonormal directions ``axes``. u depends on these coordinates
-    only.
+    Each vector e has q elements. It is standard normal, under the condition that all m elements of
+    the vector u = mean + spread @ e are at least zero. u depends only on the d coordinates of e
+    along the orthonormal directions ``axes``. The means and covariances are those of these
+    coordinates.
     """
 
     #: Conditional means of the d coordinates of w standard normal vectors e, shape (w, d). The
@@ -128,7 +129,11 @@ class OrthantMoments(NamedTuple):
 
 
 class NoisyLogProbability(NamedTuple):
-    """Log probabilities ln P(u ≥ 0) of w Gaussian vectors u, with two kinds of errors [nat]."""
+    """Log probabilities ln P(u ≥ 0) of w Gaussian vectors u, and their numerical errors [nat].
+
+    ``common_error`` is the error of analytical approximations, and ``noise`` the random error from
+    sampling.
+    """
 
     #: log probability that no element of u is negative, for each of w Gaussian vectors u, shape
     #: (w,)
@@ -184,11 +189,13 @@ class _Points:
 
 
 class Orthant:
-    """Batch of w Gaussian vectors u: probability of u ≥ 0, and random draws of u given u ≥ 0.
+    """Batch of w Gaussian vectors u, each with the condition u ≥ 0.
 
-    Each vector u = mean + spread @ e has m elements, where e ~ N(0, I) has q elements. Each
-    u_j ≥ 0 is a constraint. Methods raise an `InputError` if double precision does not suffice to
-    compute the shifted density from which they sample.
+    Methods compute the probability of u ≥ 0, and draw random vectors given u ≥ 0. Each vector u =
+    mean + spread @ e has m elements, where e ~ N(0, I) has q elements. Each u_j ≥ 0 is a
+    constraint. Random vectors are drawn from a normal density that is shifted towards u ≥ 0 (module
+    `tilting`). Methods raise an `InputError` if double precision does not suffice to compute this
+    shifted density.
 
     Parameters
     ----------
@@ -252,7 +259,8 @@ class Orthant:
         Parameters
         ----------
         tolerance
-            Largest error [nat] with which analytical bounds are used instead of points.
+            Analytical bounds are used for a vector if they determine ln P(u ≥ 0) with an error of
+            at most ``tolerance`` [nat]. Otherwise quasi-random points are used.
         largest_noise
             Largest noise that is accepted [nat]. The number of points is increased until the noise
             is small enough or all 65 536 points are used.
@@ -426,12 +434,15 @@ class Orthant:
         uniform: Array,
         normal: Array,
     ) -> tuple[Array, Array]:
-        """Return random draws of vectors e from shifted densities, and log importance weights.
+        """Return random draws of w vectors e from shifted densities, and their log weights.
 
-        Each of w standard normal vectors e of q elements has m constraints u = mean + spread @ e ≥
-        0, which depend on e only along d directions (`axes`). The draws have the shape (w, q). The
-        log weight, shape (w,), is ln (density of e given u ≥ 0 / shifted density), without the
-        constant ln P(u ≥ 0). It is −inf for a draw that violates a constraint.
+        Each vector e has q elements. It is standard normal, but must satisfy the m constraints u =
+        mean + spread @ e ≥ 0. They depend on e only along d directions (`axes`). Along these
+        directions, e is drawn from a normal density that is shifted and truncated so that the
+        constraints hold or are likely to hold (module `tilting`). The draws have the shape (w, q).
+        The log importance weight of a draw is ln (density of e given u ≥ 0 / shifted density),
+        without the constant ln P(u ≥ 0). It is −inf for a draw that violates a constraint. The log
+        weights have the shape (w,).
 
         Parameters
         ----------
@@ -449,14 +460,15 @@ class Orthant:
     def log_proposal_weight(self, e: Array) -> Array:
         """Return the log importance weight of one point e for each of w random vectors, shape (w,).
 
-        The log weight is ln (density of e given u ≥ 0 / shifted density), without the constant
-        ln P(u ≥ 0), as in `propose_standard`.
+        The point must satisfy the constraints u = mean + spread @ e ≥ 0. The log weight is the
+        logarithm of a ratio of two densities at e. The first is the density of the standard normal
+        vector e given u ≥ 0, without its constant factor 1 / P(u ≥ 0). The second is the shifted
+        density from which `propose_standard` draws.
 
         Parameters
         ----------
         e
-            Values of the standard normal vectors e of q elements, shape (w, q). The constraints
-            u = mean + spread @ e ≥ 0 must hold.
+            One point e of q elements for each random vector, shape (w, q).
         """
         x = np.einsum("wiq,wq->iw", self.axes, e)
         return self._tilted.log_weight(x[:, None])[0]
@@ -799,12 +811,14 @@ def _core_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return the indices of linearly independent constraints on each of w vectors, shape (w, rank).
+    """Return a largest set of linearly independent constraints on each of w Gaussian vectors.
 
-    The rank is the number of linearly independent constraints; it is the same for all vectors. Each
-    vector u = mean + spread @ e has m constraints u_j ≥ 0; e is standard normal with q elements,
-    ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). For each vector, the
-    indices j are sorted by the mean of u_j divided by the sd of u_j, the smallest ratio first.
+    Each vector u = mean + spread @ e has m constraints u_j ≥ 0; e is standard normal with q
+    elements, ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). The result
+    holds the indices j of the chosen constraints, shape (w, rank). The rank is their number, which
+    is the same for all vectors. If not all constraints are linearly independent, `_binding_rows`
+    chooses some of them. The chosen indices of each vector are sorted by the mean of u_j divided by
+    the sd of u_j, the smallest ratio first.
     """
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)

@@ -196,9 +196,10 @@ class Prior(Shown):
 
     Parameters of interest are compliances, their slopes (changes with force) and geometric errors.
     Hyper-parameters are the prior standard deviations of the noise and of other effects. The
-    defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, and
-    a scale error of 2e-4 is 200 µm/m. Give other priors by `HybridModel.with_prior` or in the TOML
-    file of a model; every value may be a string with a unit.
+    defaults are so wide that the parameters of any machine tool are plausible: a compliance of 1e-4
+    mm/N is a stiffness of 10 N/µm, and a scale error of 2e-4 is 200 µm/m. Give other priors by
+    `HybridModel.with_prior` or in the TOML file of a model; every value may be a string with a
+    unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope is always zero: before the readings are taken, the compliance is expected to be constant,
@@ -276,7 +277,8 @@ class Prior(Shown):
     #: the load itself (such as C_XXX, C_YYY and C_CCY) are not negative at the tested forces
     truncated: bool = True
     #: whether all parameters of interest (compliances, their changes with force, and geometric
-    #: errors) have flat (constant) priors, as in the least squares of the article on the model
+    #: errors) have flat (constant) priors. The estimates are then those of a least-squares fit, as
+    #: in the article on the model
     flat: bool = False
     #: prior sds that the user gave instead of the defaults, in internal units (mm, N, rad); the
     #: keys are names of parameters of interest, such as C_XXX
@@ -358,7 +360,7 @@ class Prior(Shown):
 
     @classmethod
     def default(cls) -> Prior:
-        """Return the default prior, which is wide for any machine tool."""
+        """Return the default prior, under which parameters of any machine tool are plausible."""
         return cls()
 
     @classmethod

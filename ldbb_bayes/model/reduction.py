@@ -41,29 +41,34 @@ class NearUniform(NamedTuple):
     """Departure of the angles of a full circle from uniform spacing, for nearly uniform angles.
 
     R is the triangular factor in the QR decomposition of the 25 Fourier functions at the test's
-    angles, and RᵀR = S (1 + V λ Vᵀ) S. The diagonal matrix S holds the norms of these functions,
-    the diagonal matrix λ holds the departures from uniform angles, and V is orthogonal; each matrix
-    has the shape (25, 25). At exactly uniform angles λ is zero.
+    angles. At exactly uniform angles, RᵀR = S², where the diagonal matrix S holds the norms of
+    these functions. At other angles, RᵀR = S (I + V Λ Vᵀ) S, where I is the identity matrix, V is
+    orthogonal and Λ is diagonal. The diagonal elements λ of Λ describe how far the angles are from
+    uniform spacing; they are called departures. All matrices have the shape (25, 25).
     """
 
     #: Norms that the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ have at uniform angles, shape
-    #: (25,). They are the diagonal of the matrix S in RᵀR = S (1 + V λ Vᵀ) S, where R is the
-    #: triangular factor in the QR decomposition of these functions at the test's angles.
+    #: (25,). A norm is the square root of the sum of squares over the angles of the test.
     column_norms: Array
-    #: Departures λ of the test's angles from uniform spacing, shape (25,), sorted so that the
-    #: largest absolute value is first. They are the diagonal of the matrix λ in RᵀR = S (1 + V λ
-    #: Vᵀ) S, where R is the triangular factor in the QR decomposition of the Fourier functions at
-    #: these angles. At uniform angles λ is zero, and RᵀR = S².
+    #: 25 numbers λ that describe how far the test's angles are from uniform spacing, sorted so that
+    #: the largest absolute value is first, shape (25,). They are the diagonal of the matrix Λ in
+    #: RᵀR = S (I + V Λ Vᵀ) S. R is the triangular factor in the QR decomposition of the Fourier
+    #: functions at these angles, S is the diagonal matrix of ``column_norms``, I is the identity
+    #: matrix, and V is the orthogonal matrix ``directions``. At uniform angles Λ is zero, and RᵀR =
+    #: S².
     departure: Array
-    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25). R is the triangular factor in
-    #: the QR decomposition of the Fourier functions at the test's angles. S and λ are diagonal
-    #: matrices with the elements ``column_norms`` and ``departure``. Each column of V belongs to
-    #: one element of λ.
+    #: Orthogonal matrix V in RᵀR = S (I + V Λ Vᵀ) S, shape (25, 25). R is the triangular factor in
+    #: the QR decomposition of the Fourier functions at the test's angles, and I is the identity
+    #: matrix. S and Λ are diagonal matrices with the elements ``column_norms`` and ``departure``.
+    #: Each column of V belongs to one element of Λ.
     directions: Array
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each of the 25 departures of a test from uniform angles is taken into account."""
+        """Whether each of the 25 numbers ``departure`` is too large to be neglected, shape (25,).
+
+        These numbers describe how far the angles of a test are from uniform spacing.
+        """
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 

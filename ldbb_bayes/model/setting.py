@@ -96,23 +96,24 @@ class Setting:
     #: counterclockwise; +1 also if no direction is given for the test
     travel: Array
     #: time of each test minus the mean time of the campaign [h], shape (tests,). For a plan, the
-    #: mean time of the campaign from which it was designed (its pilot) is subtracted. If the time
-    #: is missing for at least one test, all times are derived from the order in which the tests are
-    #: listed. All values are NaN if the user has declared that the tests were run in random order,
-    #: or if all tests have the same time.
+    #: mean time of the campaign from which it was designed (its pilot) is subtracted. If times are
+    #: missing, they are derived from the order in which the tests are listed (``_time_h`` states
+    #: the rules). All values are NaN if times are missing and the user has declared that the tests
+    #: were run in random order, or if all tests have the same time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign [K], shape (tests,); NaN
     #: if unknown. For a plan, the mean temperature of the campaign from which it was designed (its
     #: pilot) is subtracted
     temperature_K: Array
-    #: Fourier coefficients of the components X, Y, Z of the unit vector along the bar, as functions
-    #: of the angle on the circle, shape (tests, 25, 3)
+    #: Fourier coefficients of the components X, Y, Z of the unit vector along the bar, shape
+    #: (tests, 25, 3). The components are functions of the angle on the circle
     direction: Array
-    #: Fourier coefficients of the reading per unit force and per unit of each compliance, as a
-    #: function of the angle on the circle, shape (tests, 25, compliances)
+    #: Fourier coefficients of the change of the reading per unit force and per unit of each
+    #: compliance, shape (tests, 25, compliances). The change is a function of the angle on the
+    #: circle
     elastic: Array
-    #: Fourier coefficients of the reading per unit of each geometric error, as a function of the
-    #: angle on the circle, shape (tests, 25, geometric errors)
+    #: Fourier coefficients of the change of the reading per unit of each geometric error, shape
+    #: (tests, 25, geometric errors). The change is a function of the angle on the circle
     geometric: Array
     # `reference_force_N` and the fields below it describe the whole campaign, and the method
     # `select` leaves them unchanged. The exceptions are `circle` and `fitted`, which have one row
@@ -155,7 +156,8 @@ class Setting:
     compensated: bool
     #: nominal deflection of the work ball's mount per pressure of the regulator [µm/bar]
     deflection_um_per_bar: float
-    #: values and uncertainties of bar, balls, mount, force and angle that certificates state
+    #: values that certificates state for the bar, the balls, the mount, the force and the angle,
+    #: with their uncertainties
     instrument: Instrument
 
     @property
@@ -191,7 +193,7 @@ class Setting:
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Return the machine axes that the circles drive, with the magnitudes of their compliances.
+        """Return the machine axes that move in the tests, and the magnitudes of their compliances.
 
         The result is a list of pairs: the index of an axis (X is 0, Y is 1, Z is 2), and the
         magnitude of the axis' direct compliance, which is the displacement along the axis per force
@@ -311,11 +313,12 @@ def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> A
     """Return Fourier coefficients of a power of one component of the bar's direction.
 
     u is the X, Y or Z component of the unit vector along the bar, as a function of the angle θ on
-    the circle. The result, shape (tests, 25), describes |u|^``power``, multiplied by the sign of u
-    if ``signed`` is true; the method `Setting.along` states the formula. ``first_harmonics`` holds
-    the Fourier coefficients of u for cos θ and sin θ: the bytes of an array of shape (tests, 2).
-    Results are kept in a cache, because the models of a campaign need the same powers hundreds of
-    times.
+    the circle; this function is a cosine with an amplitude and a phase. The result, shape (tests,
+    25), describes |u|^``power``, multiplied by the sign of u if ``signed`` is true; the method
+    `Setting.along` states the formula. ``first_harmonics`` is an array of shape (tests, 2) that
+    holds the coefficients of cos θ and sin θ in u. It is given as bytes, so that it can be a key of
+    the cache in which results are kept. The cache saves time, because the models of a campaign need
+    the same powers hundreds of times.
     """
     first = int(signed)
     series = np.zeros(MAX_ORDER + 1)
@@ -357,10 +360,11 @@ _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """Return the names of the geometric errors of a campaign's machine.
 
-    Each set-up has offsets of the tool ball from its nominal position. It has an offset along an
-    axis if this axis lies in the plane of at least one of its tests; tests that are foreseen but
-    not yet run count as well. The names of the offsets end in the number of the set-up, except for
-    the first set-up. A test that states no set-up belongs to the first one.
+    The names include offsets of the tool ball from its nominal position, which are separate for
+    each set-up. A set-up has an offset along every axis that lies in the plane of at least one of
+    its tests; tests that are foreseen but not yet run count as well. The name of an offset ends in
+    the number of its set-up. For the first set-up, the name has no number. A test that states no
+    set-up belongs to the first one.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
@@ -445,11 +449,13 @@ def setting_of(
 
 
 def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:
-    """Return the bar's direction and the reading per unit of each parameter, for every test.
+    """Return the direction of the bar and the effects of all parameters, for every test.
 
     The parameters are the compliances with the names ``compliances``, and all geometric errors of
-    the machine that ``campaign`` describes. Results are Fourier coefficients of shape
-    (tests, 25, columns).
+    the machine that ``campaign`` describes. An effect is the change of the reading per unit of a
+    parameter. The direction and the effects are functions of the angle on the circle. They are
+    returned as 25 Fourier coefficients, in arrays of shape (tests, 25, columns). The columns are
+    the components X, Y, Z of the direction, or the parameters.
     """
     of_campaign = _MACHINE_COLUMNS.setdefault(campaign, {})
     names = tuple(compliances)
@@ -498,11 +504,13 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     that the order was random, all values are NaN instead. All values are also NaN if all tests have
     the same time.
 
-    A plan may have a ``pilot``, the campaign from which it was designed. If times are given for all
-    tests of the pilot, their mean is subtracted, and tests of the plan without times are assumed to
-    be at this mean. If times are missing in both campaigns, and the first tests of the plan have
-    the names of the pilot's tests, the times of these tests follow from their order in the pilot.
-    All further tests are assumed to be at the mean.
+    A plan may have a ``pilot``, the campaign from which it was designed. If all tests of the pilot
+    have times, the mean of these times is subtracted from the times of the plan, and a test of the
+    plan without a time gets the value 0. If times are missing in the pilot but not in the plan, the
+    mean time of the plan is subtracted. If times are missing in both, and the first tests of the
+    plan have the same names as the tests of the pilot, these tests are assumed to have been run in
+    the order of the pilot, one every six minutes. All other tests then get the value 0, which is
+    the mean time of the pilot.
     """
     stated_s = _field_of_tests("time_s", campaign)
     relative_s = np.zeros(len(stated_s))
