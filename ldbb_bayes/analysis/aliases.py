@@ -57,8 +57,8 @@ class Degeneracy:
     """
 
     #: class name of the model term that the pivot belongs to; an empty string if the pivot is a
-    #: parameter. The pivot of a degeneracy is the coefficient whose effect on the readings the
-    #: other coefficients cancel.
+    #: parameter. The pivot is one coefficient of the degeneracy; the other coefficients together
+    #: cancel its effect on the readings.
     term: str
     #: change of each coefficient of the degeneracy, in a unit composed of mm, N and rad; the keys
     #: are the names of the coefficients. Together, these changes have no effect on any reading.
@@ -118,8 +118,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """Return a sparse basis of the degeneracies that involve parameters of interest.
 
     A degeneracy is a combination of parameters and nuisance coefficients whose effects on the
-    readings cancel. Its pivot is the coefficient whose effect on the readings the other
-    coefficients cancel.
+    readings cancel. One coefficient of each degeneracy is called its pivot: the other coefficients
+    together cancel the effect of the pivot on the readings.
 
     Parameters
     ----------
@@ -170,10 +170,11 @@ def _describe_degeneracy(
     """Return the `Degeneracy` that describes a combination of coefficients whose effects cancel.
 
     ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations.
-    ``pivot`` is the index of the coefficient whose effect on the readings the other coefficients
-    cancel; its value in ``vector`` is one. ``coefficients`` are all coefficients, and ``space`` is
-    the null space that the combination belongs to. Return None if no parameter matters: the effect
-    of each on the readings is at most 2 % of the largest effect of a coefficient.
+    One of them has the value one; ``pivot`` is its index. The other coefficients together cancel
+    the effect of this coefficient on the readings. ``coefficients`` are all coefficients, and
+    ``space`` is the null space that the combination belongs to. Return None if the effect of every
+    parameter on the readings is at most 2 % of the largest effect of any coefficient in the
+    combination.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -219,10 +220,10 @@ def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
     """Return a combination of coefficients, converted to units composed of mm, N and rad.
 
-    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations. If
-    the coefficient with index ``pivot`` is a nuisance coefficient, all coefficients are multiplied
-    by the same number, so that this coefficient is one in the unit in which it is displayed, for
-    example 1 µm.
+    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations.
+    ``pivot`` is the index of one coefficient. If it is a nuisance coefficient, the combination is
+    scaled so that this coefficient equals one display unit, for example 1 µm, which is returned as
+    0.001 mm.
     """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:

@@ -27,7 +27,11 @@ _SAME_SIZE = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class AssumedSize:
-    """Largest prior standard deviation among the coefficients of a model term in the same unit."""
+    """Largest prior standard deviation of those coefficients of a model term that share a unit.
+
+    The coefficients of a model term may have different units, such as mm and rad. There is one
+    object for each unit.
+    """
 
     source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of the coefficient or noise ``source``

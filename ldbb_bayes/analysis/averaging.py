@@ -5,7 +5,7 @@ M, weighted by the posterior probability of the model given the readings y. β a
 (compliances, their slopes and geometric errors), φ the hyper-parameters (such as the standard
 deviation of the noise). The models differ in two respects: whether compliance changes with force
 (the change is called a slope), and which alternative explanations the model includes. Alternative
-explanations are other effects that change the readings as slopes do.
+explanations are other effects that change the readings in a similar way to slopes.
 
 Every model is combined with every subset of its alternative explanations, and all these
 combinations have the same prior probability. A parameter that a model does not have is zero in the
@@ -62,8 +62,8 @@ class _Combination(NamedTuple):
     """One of the models over which a posterior is averaged, with its alternative explanations.
 
     ``name`` is the name of the model, and ``rivals`` are the names of the alternative explanations
-    that the model includes. These are effects, such as a nonlinear mount, that change the readings
-    as a compliance that changes with force would do.
+    that the model includes. These are effects, such as a nonlinear mount, that influence the
+    readings in a similar way to a compliance that changes with force.
     """
 
     name: str
@@ -113,10 +113,10 @@ def average(
 
     The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
     hyper-parameters φ under each model M, weighted by the probability of the model given the
-    readings y. Alternative explanations are effects, such as a nonlinear mount, that change the
-    readings as a compliance that changes with force would do. The average includes each of the
-    ``models`` with every subset of its alternative explanations, all with the same prior
-    probability.
+    readings y. Some effects, such as a nonlinear mount, influence the readings in a similar way to
+    a compliance that changes with force. They are called alternative explanations. The average
+    includes each of the ``models`` with every subset of its alternative explanations; all these
+    models have the same prior probability.
 
     Parameters
     ----------
@@ -232,11 +232,11 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
     """Return the models of the average with their posterior probabilities.
 
-    Alternative explanations (rivals) are effects, such as a nonlinear mount, that change the
-    readings as a compliance that changes with force would do. The average contains every given
-    model once with each subset of its rivals. All these models have the same prior probability.
-    Evidences that are missing in ``evidences`` are computed. Raise an `InputError` if a model is
-    not nested in the largest one.
+    Some effects, such as a nonlinear mount, influence the readings in a similar way to a compliance
+    that changes with force. They are called alternative explanations (rivals). The average contains
+    every given model once with each subset of its rivals. All these models have the same prior
+    probability. Evidences that are missing in ``evidences`` are computed. Raise an `InputError` if
+    a model is not nested in the largest one.
     """
     combinations = []
     variants = []

@@ -528,11 +528,12 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 
 
 def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> float | None:
-    """Return the standard uncertainty of a parameter if the effect of one model term were known.
+    """Return the standard uncertainty that a parameter would have if one effect were known exactly.
 
     ``variance`` is the variance of the parameter, averaged over models. ``term`` is the name of the
-    model term, and ``u`` the present standard uncertainty of the parameter. Return None if the
-    effect can never be known exactly, as in the case of reading noise.
+    model term that describes the effect, and ``u`` is the present standard uncertainty of the
+    parameter. Return None if the effect can never be known exactly, as in the case of reading
+    noise.
     """
     remaining = variance.spread or 0.0
     can_be_known = False

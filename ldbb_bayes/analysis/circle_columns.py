@@ -40,12 +40,13 @@ class MachineColumns(NamedTuple):
     The coefficients describe the radial deviation of the circle [mm].
     """
 
-    #: changes of a circle's 25 Fourier coefficients per unit of each compliance and each slope
-    #: (change of a compliance with force), shape (25, p) for p parameters; the columns of geometric
-    #: errors are zero
+    #: changes of a circle's 25 Fourier coefficients per unit of each of the p parameters, shape
+    #: (25, p). Only the effects of compliances and slopes (changes of compliance with force) are
+    #: included; the columns of geometric errors are zero.
     elastic: Array
-    #: changes of a circle's 25 Fourier coefficients per unit of each geometric error, shape (25, p)
-    #: for p parameters; the columns of compliances and slopes are zero
+    #: changes of a circle's 25 Fourier coefficients per unit of each of the p parameters, shape
+    #: (25, p). Only the effects of geometric errors are included; the columns of compliances and
+    #: slopes (changes of compliance with force) are zero.
     geometric: Array
 
 

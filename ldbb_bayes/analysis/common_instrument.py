@@ -106,10 +106,11 @@ def joint_difference(
         for campaign in campaigns
     ]
     joint = _joint_posterior(campaigns, places, common, len(all_names))
-    # For each campaign, ``rows`` holds a matrix; multiplied by the parameters of this campaign, it
-    # gives the compared parameters. The matrices in ``joint_rows`` give the same result if they are
-    # multiplied by all coefficients of both campaigns. The first entries of a campaign's ``places``
-    # are the indices of its parameters among these coefficients.
+    # ``rows`` holds one matrix for each campaign, which computes the compared parameters from the
+    # campaign's own parameters. ``joint_rows`` holds the same matrices with columns of zeros
+    # inserted, so that they can be multiplied by the vector of all coefficients of both campaigns.
+    # ``places`` holds, for each campaign, the positions of its coefficients in this vector; the
+    # positions of its parameters come first.
     joint_rows = np.zeros((2, len(rows[0]), len(all_names)))
     for k, rows_of_campaign in enumerate(rows):
         parameter_places = places[k][: rows_of_campaign.shape[1]]
@@ -164,8 +165,9 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
 def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     """Return the posterior of one campaign's coefficients, given its hyper-parameters.
 
-    Coefficients are the parameters, and the nuisance coefficients that act in several tests.
-    ``phi`` are the h hyper-parameters, shape (h,), with lengths in mm.
+    The coefficients are the parameters of the campaign, and those nuisance coefficients (of effects
+    not of interest) that act in several tests. ``phi`` are the h hyper-parameters, shape (h,), with
+    lengths in mm.
     """
     information = information_of(bound, phi)
     # The error of the bar's length is common to both campaigns only if the radius is the same in
@@ -229,11 +231,12 @@ def _joint_posterior(
 def _joint_places(
     campaign: _Campaign, all_names: Sequence[str], common: Sequence[str], *, is_first: bool
 ) -> list[int]:
-    """Return the indices of a campaign's coefficients in the list of both campaigns together.
+    """Return the positions of a campaign's coefficients in the list of all coefficients.
 
-    ``all_names`` is this joint list: the coefficients of the first campaign, then those of the
-    second campaign that are not in ``common``. ``is_first`` is true if ``campaign`` is the first
-    campaign.
+    ``all_names`` is this list: the names of the coefficients of the first campaign, then of those
+    of the second campaign that the first does not have. ``common`` are the names of the
+    coefficients that both campaigns have; they are listed only once. ``is_first`` is true if
+    ``campaign`` is the first campaign.
     """
     if is_first:
         return list(range(len(campaign.names)))

@@ -72,16 +72,17 @@ __all__ = [
 # the compliance or, if ``slopes_of_estimate`` of the prior is false, the prior standard deviation
 # of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# Every model makes an assumption about what differs at random from circle to circle, for example
-# the position of the set-up. Comparisons are repeated with other assumptions. The readings reject
-# another assumption if its log evidence is at least this number [nat] below that of the assumption
-# in the model.
+# Smallest loss of log evidence [nat] at which the readings reject an assumption. Every model makes
+# an assumption about what differs at random from circle to circle, for example the position of the
+# set-up. Comparisons are repeated with other assumptions. Another assumption is rejected if its log
+# evidence is lower by at least this number than that of the models' own assumption.
 _REJECTED = 5.0
-# The comparison of two models is repeated with other assumptions about the random differences
-# between circles. Let M be the larger log evidence of the two models with their own assumption. If
-# the log evidences of both models with another assumption are at least this number [nat] below M,
-# the readings clearly reject this other assumption. These two evidences are computed only roughly,
-# to save time.
+# Smallest loss of log evidence [nat] at which an assumption about the random differences between
+# circles counts as clearly rejected. Two models are compared with the assumption that they make,
+# and again with other assumptions. Let M be the larger of the two log evidences with the models'
+# own assumption. Another assumption is clearly rejected if the log evidences of both models with
+# this assumption are at least this number below M. These two log evidences are computed only
+# roughly, to save time.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -148,9 +149,9 @@ class ComparedModel:
     #: which the model is based). The prediction includes the effects of the machine, and the
     #: nuisance effects that act in several tests.
     rmse_um: float
-    #: root-mean-square residual of a least-squares fit [µm]: Eq. 34 for the fit of Eq. 31 of the
-    #: article on which the model is based. NaN if the tests have too few different forces for the
-    #: fit.
+    #: root-mean-square residual of a least-squares fit [µm]. The article on which the model is
+    #: based defines the fit (Eq. 31) and the root-mean-square residual (Eq. 34). NaN if the tests
+    #: have too few different forces for the fit.
     least_squares_rmse_um: Number
     degree: int
     parameters: dict[str, ParameterEstimate]
@@ -252,13 +253,14 @@ class Comparison(Result):
     #: widths of the slopes' prior, stated as ``slope_scale``, at which the log Bayes factor of the
     #: second model over the first changes sign. Slopes are changes of compliance with force.
     prior_sensitivity_crossings: tuple[float, ...]
-    #: log Bayes factor of the second model over the first under each assumption about the random
-    #: differences between circles. The first entry is for the assumption that the models make. If
-    #: ``explanations`` is not None, the models have alternative explanations: effects, such as a
-    #: nonlinear mount, that change the readings as a change of compliance with force would do. The
-    #: second entry is then an average over models with such effects, and the third entry is for
-    #: models without them. The last entry is for models without nuisance terms (effects not of
-    #: interest). In these models, circles differ at random by white noise alone.
+    #: log Bayes factor of the second model over the first under several assumptions. The first
+    #: entry is for the models' own assumption about the random differences between circles. The
+    #: last entry is for models without nuisance terms (effects not of interest), in which circles
+    #: differ at random by white noise alone. The entries between are for other assumptions about
+    #: the random differences. If ``explanations`` is not None, two more entries follow directly
+    #: after the first: the average over all combinations of alternative explanations (effects, such
+    #: as a nonlinear mount, that influence the readings in a similar way to a change of compliance
+    #: with force), and the value for models without alternative explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if compliance is constant in all compared models, or if only evidences were computed
@@ -278,10 +280,10 @@ class Comparison(Result):
     #: `local_fits`); empty if all tests have the same force, or if only evidences were computed
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. The log evidences of the first two models are
-    #: also computed under other assumptions about the random differences between circles. If the
-    #: readings clearly reject such an assumption, a larger error of 0.1 nat is allowed. An
-    #: assumption is clearly rejected if it lowers the larger of both log evidences by at least
-    #: 10 nat.
+    #: also computed under other assumptions about the random differences between circles. Under an
+    #: assumption that the readings clearly reject, an error of 0.1 nat is allowed, even if
+    #: ``tolerance`` is smaller. An assumption is clearly rejected if it lowers the larger of the
+    #: two log evidences by at least 10 nat.
     tolerance: float
     #: largest error of any log evidence [nat]. Log evidences under assumptions that the readings
     #: clearly reject are only rough, and are left out here (see ``tolerance``).
@@ -291,9 +293,9 @@ class Comparison(Result):
     #: name in the JSON file.
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of alternative explanations:
-    #: other effects, such as a nonlinear mount, that change the readings as slopes do. The field is
-    #: None unless two conditions hold: the second model is the first model with slopes added, and
-    #: the second model has alternative explanations.
+    #: other effects, such as a nonlinear mount, that influence the readings in a similar way. The
+    #: field is None unless two conditions hold: the second model is the first model with slopes
+    #: added, and the second model has alternative explanations.
     explanations: Explanations | None = None
 
     @property
@@ -309,9 +311,9 @@ class Comparison(Result):
     def headline(self) -> tuple[float, float]:
         """Return the log Bayes factor of the second model over the first, and its error [nat].
 
-        Alternative explanations are effects, such as a nonlinear mount, that change the readings as
-        slopes (changes of compliance with force) do. If the comparison includes alternative
-        explanations, the log Bayes factor is averaged over them.
+        Alternative explanations are effects, such as a nonlinear mount, that influence the readings
+        in a similar way to slopes (changes of compliance with force). If the comparison includes
+        alternative explanations, the log Bayes factor is averaged over them.
         """
         if self.explanations is None:
             return (
@@ -332,12 +334,13 @@ class Comparison(Result):
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return by how much another assumption increases the log evidence [nat].
+        """Return by how much the log evidence is larger under another assumption [nat].
 
-        Assumptions are about the random differences between circles. Under each assumption, the
-        larger log evidence of the two compared models is used. The result is the larger log
-        evidence under the other assumption minus the larger one under the assumption that the
-        models make. ``assumed`` holds both log evidences under the other assumption.
+        The assumption is about the random differences between circles. ``assumed`` holds the log
+        evidences of the first two of the compared models under this assumption. The result is the
+        larger of these two log evidences, minus the larger of the two log evidences under the
+        assumption that the models themselves make. It is negative if the readings favour the
+        models' own assumption.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
@@ -361,9 +364,10 @@ class Comparison(Result):
     def allowed(self, assumed: Assumed) -> bool:
         """Return whether the readings allow an assumption about random differences between circles.
 
-        The readings allow the assumption if the log evidence under it is less than 5 nat below the
-        log evidence under the assumption that the models make. ``assumed`` holds the log evidences
-        of two models under the assumption.
+        The models themselves make one such assumption. ``assumed`` holds the log evidences of the
+        first two of the compared models under another assumption. The readings allow this other
+        assumption if it lowers the log evidence by less than 5 nat. Under each of the two
+        assumptions, the larger of the two log evidences is used.
         """
         return self.gain(assumed) > -_REJECTED
 
@@ -383,11 +387,11 @@ class Comparison(Result):
         return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """Return the assumption that the readings clearly prefer to that of the models, or None.
+        """Return an assumption that fits the readings clearly better than the models' own, or None.
 
         The assumptions are about the random differences between circles. The assumption with the
-        largest log evidence is returned if this log evidence is more than 5 nat above that of the
-        assumption that the models make. Otherwise, None is returned.
+        largest log evidence is returned if its log evidence exceeds that of the models' own
+        assumption by more than 5 nat. Otherwise, None is returned.
         """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
@@ -436,17 +440,19 @@ class _ComparisonPlan:
     #: the largest model, with its compliances reduced to constant or linear functions of force;
     #: models in which only some compliances change with force are derived from this model
     linear: HybridModel
-    #: a dict with one entry for each scale in `SLOPE_SCALES`. Its value holds the first two of the
-    #: compared models with this scale, which determines how wide the prior of the slopes (changes
-    #: of compliance with force) is. Empty if neither model has slopes, or if the two models differ
-    #: only in this prior.
+    #: copies of the first two of the compared models, with narrower and wider priors of the slopes
+    #: (changes of compliance with force). The dict has one entry for each scale in `SLOPE_SCALES`.
+    #: The key states the scale, as in "slope scale 0.3". The value holds copies of the two models
+    #: in which the width of the prior is proportional to this scale. The dict is empty if neither
+    #: model has slopes, or if the two models differ only in this prior.
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: a dict with one entry. Its value holds the first two of the compared models, without any
-    #: change. Its key is a label which says that the models keep their assumption about the random
+    #: the first two of the compared models as the caller gave them, in a dict with one entry. The
+    #: key is a label which says that these models keep their own assumption about the random
     #: differences between circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: a dict with one entry for each other assumption about the random differences between circles.
-    #: Its value holds the first two of the compared models, changed to make this assumption.
+    #: copies of the first two of the compared models that make other assumptions about the random
+    #: differences between circles. Each key is a label of an assumption, such as "without set-up
+    #: shift"; the value holds copies of the two models that make this assumption.
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test of the campaign is predicted from the other tests
     leaves_tests_out: bool
@@ -461,7 +467,7 @@ class _ComparisonPlan:
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
-        """Return the widths of the slopes' prior at which two models are compared again.
+        """Return the widths of the slopes' prior for which two models are compared once more.
 
         Slopes are changes of compliance with force. The two models are the first two of the
         compared models. The result is empty if neither of them has slopes, or if they differ only
@@ -668,11 +674,12 @@ def _plan_comparison(
 ) -> _ComparisonPlan:
     """Return the plan of a comparison: which models to compare, and which results to compute.
 
-    With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
-    compliance with force) are not compared, and no model is fitted to the tests at neighbouring
-    forces. Alternative explanations (other effects that change the readings as slopes do) are
-    compared if two conditions hold: the second model is the first model with slopes added, and the
-    second model has alternative explanations.
+    If ``evidence_only`` is true, only evidences are computed. Three results are then missing: the
+    prediction of each test from the other tests, models with only some of the slopes (changes of
+    compliance with force), and fits to the tests at each pair of neighbouring forces. Alternative
+    explanations (other effects that influence the readings in a similar way to slopes) are compared
+    if two conditions hold: the second model is the first model with slopes added, and the second
+    model has alternative explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
@@ -845,10 +852,11 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 
 
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
-    """Return the log Bayes factor of two models for narrower and wider priors of the slopes.
+    """Return the log Bayes factors of two models, one for each of several priors of the slopes.
 
-    Slopes are changes of compliance with force. Their prior standard deviations are proportional to
-    the numbers in ``scales``. ``assumed`` holds the comparison of the two models for each number.
+    Slopes are changes of compliance with force. Their priors are narrower or wider: the prior
+    standard deviations are proportional to the numbers in ``scales``. ``assumed`` holds, for each
+    of these numbers, the comparison of the two models with the prior that belongs to it.
     """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):

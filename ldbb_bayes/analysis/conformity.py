@@ -47,10 +47,11 @@ __all__ = [
     "stiffness_conformity",
 ]
 
-# Smallest number of posterior draws on one side of a tolerance limit with which the probability of
-# that side is their share of all draws. If there are fewer draws on that side, the probability is
-# computed from a normal distribution. It is then limited: it must be at least the share of the
-# draws, and at most ``_FEWEST_DRAWS`` divided by the number of all draws.
+# If at least this number of posterior draws lie on one side of a tolerance limit, the probability
+# of this side is the number of these draws divided by the number of all draws. If fewer draws lie
+# there, the probability is computed from a normal distribution. It is then limited: it is at least
+# the share of the draws on this side, and at most ``_FEWEST_DRAWS`` divided by the number of all
+# draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000

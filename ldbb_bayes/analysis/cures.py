@@ -187,8 +187,8 @@ class Directed(NamedTuple):
     """Circles of a plan with their directions of travel, and copies in the opposite direction.
 
     ``stated`` are the circles of the plan. If no circle of a plane states its direction, all
-    circles of the plane are taken to be clockwise. ``further`` holds copies in the opposite
-    direction of those circles whose plane has circles in only one direction.
+    circles of the plane are taken to be clockwise. If all circles of a plane have the same
+    direction, ``further`` holds a copy of each of them in the opposite direction.
     """
 
     stated: list[CircularTest]
@@ -222,8 +222,9 @@ def clocked(
 ) -> list[CircularTest]:
     """Return copies of all tests of a plan with one ball or both balls turned in their sockets.
 
-    Each test is copied once for each angle of ``turns_deg`` [°]. In the copy, the ball is turned by
-    this angle further than in the test. ``work_ball`` and ``tool_ball`` say which balls are turned.
+    Each test is copied once for each angle of ``turns_deg`` [°]. In the copy, this angle is added
+    to the angle by which the ball is turned in the test. ``work_ball`` and ``tool_ball`` say which
+    balls are turned.
     """
     tests = []
     for test in plan.tests:
