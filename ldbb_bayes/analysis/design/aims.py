@@ -71,11 +71,10 @@ class UncertaintyAim:
     #: largest standard uncertainty of the combination w·β of the parameters β at which the aim is
     #: reached
     target: float
-    #: factor by which the standard uncertainty of the combination w·β is larger because the
-    #: hyper-parameters are unknown. It is computed from the readings so far, for K values of the
-    #: hyper-parameters. Let u_k be the standard uncertainty that w·β would have if the
-    #: hyper-parameters were known to have the k-th of these values. The standard uncertainty of w·β
-    #: is divided by the root mean square of all u_k.
+    #: ratio of two standard uncertainties of the combination w·β, given the readings of the circles
+    #: run so far. The numerator is the standard uncertainty with unknown hyper-parameters. The
+    #: denominator is the root mean square of K standard uncertainties; each is computed as if the
+    #: hyper-parameters were known to have one of K values.
     inflation: float
     #: whether the circles run so far have already reached this aim
     is_reached: bool

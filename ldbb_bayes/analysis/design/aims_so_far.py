@@ -128,10 +128,10 @@ def _inflation(sd: float, weights: Array, covariance: Array) -> float:
 
     The uncertain quantity is a combination of the p parameters with the weights ``weights``, shape
     (p,). ``sd`` is the standard uncertainty of this combination if the hyper-parameters are
-    unknown. ``covariance``, shape (K, p, p), are the covariances of the parameters if the
-    hyper-parameters are known to have one of K values. From each covariance, one standard
-    uncertainty of the combination is computed. The result is ``sd`` divided by the root mean square
-    of these K values.
+    unknown. ``covariance``, shape (K, p, p), holds the covariances of the parameters as if the
+    hyper-parameters were known to have one of K values. Each covariance gives one standard
+    uncertainty of the combination. The result is ``sd`` divided by the root mean square of these K
+    standard uncertainties.
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
@@ -235,8 +235,8 @@ def goal_states(
 class ToleranceState:
     """Decision whether a quantity meets its tolerance, and the uncertainty needed to decide.
 
-    ``aim`` holds the standard uncertainty of the quantity at which a decision is possible if the
-    estimate does not change.
+    ``now`` holds the present decision. ``aim`` holds the largest standard uncertainty with which a
+    decision is possible, provided that the estimate of the quantity stays the same.
     """
 
     now: Conformity

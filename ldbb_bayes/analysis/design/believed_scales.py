@@ -349,9 +349,9 @@ def _effects_on_all_tests(bound: BoundModel, values: Mapping[str, Array]) -> _Ef
     """Return the design matrix of the effects on all tests, and the variances of these effects.
 
     These effects are the parameters, and the nuisance coefficients that have the same value in all
-    tests. Noise, and coefficients that have a separate value in each test, are the task of
-    `_effects_on_one_test`. ``values`` holds w values of each hyper-parameter, by name; lengths are
-    in mm. The variances are prior variances, computed for each of the w values.
+    tests. `_effects_on_one_test` treats all other effects: noise, and coefficients that have a
+    separate value in each test. ``values`` holds w values of each hyper-parameter, by name; lengths
+    are in mm. The variances are prior variances, computed for each of the w values.
     """
     factors = [test.factor for test in bound.reduced]
     interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]

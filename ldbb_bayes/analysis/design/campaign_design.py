@@ -1,10 +1,14 @@
 """Design of the next campaign: its forces, its number of circles and its clockings.
 
-A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
-that a design starts from. A candidate is a test that could be run, once or several times. The share
-of a candidate is its number of runs divided by the number of all runs; fractions of runs are
-permitted. The criterion is the figure of merit of a design. The efficiency of a design is 1 if the
-design is as good, by the criterion, as the best shares, and smaller if it is worse.
+A clocking is the pair of angles by which the two balls are turned in their sockets. A pilot is the
+campaign or plan that a design starts from. Candidates are the tests from which a design is chosen;
+each can be run once or several times. A criterion, such as the expected information gain, measures
+how good a design is.
+
+The share of a candidate is its number of runs divided by the number of all runs. The best shares
+are computed as if fractions of a run were possible. The efficiency of a design compares its
+criterion with that of the best shares. It is 1 if the design is equally good, and smaller if the
+design is worse.
 """
 
 from __future__ import annotations
@@ -157,7 +161,7 @@ class Design(Forecast):
     --------
     >>> model = lb.HybridModel.first(0)
     >>> best = lb.design(model, campaign, tests=3, forces_N=(36.0, 742.0))
-    >>> best.certificate.holds  # no other shares of the forces are better
+    >>> best.certificate.holds  # no other distribution of the tests over the forces is better
     True
     >>> best.expected["C_XXX"].sd < best.expected["C_XXX"].prior_sd
     True
@@ -183,20 +187,20 @@ class Design(Forecast):
     #: division of the same number of tests among the candidate tests (``shares``), and smaller if
     #: it is worse.
     efficiency: float
-    #: optimality certificate, which states whether ``shares`` are proven to be the best shares of
-    #: the candidate tests by the design criterion
+    #: optimality certificate: it states whether it is proven that no other shares of the candidate
+    #: tests give a better value of the design criterion than ``shares``
     certificate: Certificate
     #: best shares of the candidate tests (tests that could be run), one row per candidate with a
     #: share above 0.0001. The share is the candidate's number of runs divided by the number of all
     #: runs. The columns are force_N, the columns that `columns` names, and share.
     shares: Records
-    #: expected standard deviation of each parameter for a design in equal steps of force. All tests
-    #: of this design have the same radius and the same clocking (pair of ball angles): the first
-    #: radius and the first clocking that the search could choose. The keys are the names of the
-    #: parameters.
+    #: expected standard deviation of each parameter for a simple design with evenly spaced forces.
+    #: All tests of this design have the same radius and the same clocking (pair of ball angles):
+    #: the first radius and the first clocking that the search could choose. The keys are the names
+    #: of the parameters.
     baseline: dict[str, Expected]
-    #: designs that are compared with this one: a design in equal steps of force, and the campaigns
-    #: that were given to `design` as ``against``
+    #: designs that are compared with this one: a design with evenly spaced forces, and the
+    #: campaigns that were given to `design` as ``against``
     compared: tuple[Judged, ...]
     #: weaknesses of the design that more runs of the same tests would not remove, such as too few
     #: different forces
@@ -298,7 +302,8 @@ class Design(Forecast):
             scatter of the result over the simulated machines. Three columns are for comparison:
             ``prior_sd`` is the prior standard deviation, ``floor_sd`` is the standard deviation
             that would remain if every test were run very many times, and ``baseline_sd`` is the
-            standard deviation that is expected after a design in equal steps of force.
+            standard deviation that is expected for a simple design, in which the forces of the
+            tests are evenly spaced.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -408,8 +413,8 @@ def design(
     a plan. The expected standard deviations account for the condition that compliances are not
     negative. The criteria, and the expected evidence about slopes, ignore this condition. The
     reference force F0, the force range and the estimate Ĉ of the compliances about which the model
-    is linearised are those of the pilot. Analyse the plan with the attribute ``model`` of the
-    design, which uses the same values.
+    is linearised are those of the pilot. To analyse the tests of the design, use the attribute
+    ``model`` of the design: this model uses the same values.
 
     Parameters
     ----------
@@ -467,7 +472,8 @@ def design(
     progress : callable, optional
         With goals: function that is called with the number of steps done and the number of all
         steps. Steps are the search for each of three campaigns, the forecast of each of them, and
-        the comparison with each of two campaigns as they are usually run.
+        the comparison with each of two customary campaigns (one in equal steps of force, one with
+        the forces of the published experiment).
 
     Returns
     -------
@@ -477,9 +483,9 @@ def design(
     Raises
     ------
     InputError
-        For numbers out of range, unknown names, or a campaign in ``against`` of another machine.
-        The error is also raised if the model or the criterion does not suit the parameters, or if
-        the tests do not determine all parameters.
+        For numbers out of range or unknown names. The error is also raised if a campaign in
+        ``against`` belongs to another machine, if the model or the criterion does not suit the
+        parameters, or if the tests do not determine all parameters.
 
     Examples
     --------
@@ -491,8 +497,8 @@ def design(
     require_model(model)
     require_campaign(pilot)
     if pilot.is_plan and pilot.pilot is not None:
-        # The pilot is a plan that itself starts from an earlier campaign. The plan adds no readings
-        # to those of the earlier campaign. Use the earlier campaign as the pilot instead.
+        # If the pilot is itself a plan that starts from an earlier campaign, use that campaign as
+        # the pilot, because the plan has no readings of its own.
         pilot = pilot.pilot
     check_seed(seed)
     if goals is not None:
@@ -690,7 +696,7 @@ def _describe_design(
 
 
 def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
-    """Return the forecast of a design for comparison, and its efficiency.
+    """Return the forecast and the efficiency of a design with which the best design is compared.
 
     ``tests`` are the tests of this design, and ``name`` is its name in the comparison. The
     efficiency is 1 if these tests are as good, by the criterion of ``space``, as the optimal

@@ -91,9 +91,10 @@ class CampaignFamily:
     def lowest_price(self, costs: Costs, circles: int) -> float:
         """Return the lowest price that a campaign of this family can have with ``circles`` circles.
 
-        All campaigns of a family use the same angles of the balls, radii and certificates. The
-        price includes the certificates, and the machine time with as few set-ups and turns of the
-        balls as possible. It is in the unit of money of `Costs`.
+        All campaigns of a family use the same radii, the same certificates, and the same clockings
+        (pairs of angles by which the balls are turned in their sockets). The price includes the
+        certificates, and the machine time with as few set-ups and turns of the balls as possible.
+        It is in the unit of money of `Costs`.
         """
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
@@ -196,7 +197,8 @@ class CampaignFamily:
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
         """Return the tests as a plan, in the order in which to run them.
 
-        The plan's instrument has the certificates of this family of campaigns.
+        The plan describes the instrument as it will be with the certificates that are bought for
+        the campaigns of this family.
         """
         plan = self.space.plan_of(tests, seed=self.space.seed)
         if not self.offers:
@@ -210,13 +212,15 @@ def families_of(
     goals: Mapping[str, Goal],
     states: States,
 ) -> Iterator[CampaignFamily]:
-    """Yield one family for every combination of clockings, radii and certificates.
+    """Yield the families of campaigns among which the cheapest campaign is sought.
 
-    A clocking is a pair of angles by which the two balls are turned. ``space`` holds the clockings
-    and radii to choose from. Every subset of clockings that contains the first clocking is combined
-    with every non-empty subset of the radii and with every set of certificates in
-    ``sets_of_certificates`` (certificates that could be bought). All families have the same goals
-    ``goals``, and the same possible states ``states`` of the machine.
+    The campaigns of one family use the same clockings (pairs of angles by which the two balls are
+    turned), the same radii and the same certificates. There is one family for each combination of
+    three choices: a subset of the clockings that contains the first clocking, a non-empty subset of
+    the radii, and one of the sets in ``sets_of_certificates`` (certificates that could be bought).
+    ``space`` holds the clockings and radii to choose from. ``goals`` are the goals for
+    uncertainties, and ``states`` are the possible states of the machine; both are the same for all
+    families.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]

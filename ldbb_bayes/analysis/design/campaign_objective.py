@@ -109,10 +109,11 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """Indices of the columns and rows of the tests' matrices G that the search for a design needs.
+    """Indices of those rows and columns of the matrices G that the search for a design needs.
 
-    G has one column for each coefficient. A test adds the information GᵀG to the precision (inverse
-    covariance) of the coefficients.
+    Each test has a matrix G. It has one column for each coefficient of the model, and one row for
+    each of at most 25 values to which the readings of the test are reduced. A test adds the
+    information GᵀG to the precision (inverse covariance) of the coefficients.
     """
 
     # indices of the needed columns of the tests' matrices G (derivatives of the readings), which
@@ -127,13 +128,13 @@ class _Layout(NamedTuple):
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
-    """Return which columns and rows of the tests' matrices G the search for a design needs.
+    """Return the indices of those rows and columns of the matrices G that a design search needs.
 
-    G has one column for each of m coefficients; GᵀG is the information of the test. ``blocks``,
-    shape (tests, rows, m), holds the matrix G of each test at one value of the hyper-parameters.
-    The result is the same for all values of the hyper-parameters. ``chosen`` are the names of the
-    parameters of interest. ``information`` holds the names of the coefficients, and says whether
-    their priors are flat.
+    Each test has a matrix G with one column for each of m coefficients; GᵀG is the information of
+    the test. ``blocks``, shape (tests, rows, m), holds the matrices G at one value of the
+    hyper-parameters. The result is the same for all values of the hyper-parameters. ``chosen`` are
+    the names of the parameters of interest. ``information`` holds the names of the coefficients,
+    and says whether their priors are flat.
     """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)

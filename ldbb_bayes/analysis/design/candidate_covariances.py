@@ -33,10 +33,10 @@ class CandidateCovariances:
     """
 
     def __init__(self, objective: Objective) -> None:
-        """Compute the covariances given the circles run so far, from a design objective.
+        """Compute the posterior covariances of the coefficients given the circles run so far.
 
-        ``objective`` holds the precision of the coefficients given the circles run so far, and the
-        information of every possible next circle.
+        ``objective`` holds the precision of the coefficients given these circles, and the
+        information that each possible next circle would add.
         """
         self._rows = objective.rows
         self._interest = objective.interest

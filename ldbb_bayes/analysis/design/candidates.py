@@ -109,8 +109,9 @@ def add_foreseen_tests(
         kinds.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
-    # The kinds of tests that have already been run do not include their directions of travel,
-    # because a design may be analysed without these tests.
+    # A design may be analysed without the tests that have already been run. The kinds of these
+    # tests are therefore stated without directions of travel: a candidate whose kind includes a
+    # direction counts as a new kind, even if a test in this direction has been run.
     known_kinds = {_kind_of(test, None, uses_radius) for test in pilot.scope}
     known_kinds |= {_kind_of(test, test.direction, uses_radius) for test in pilot.foreseen}
     new_tests = []
@@ -135,10 +136,10 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
 
 
 def _kind_of(test: CircularTest, direction: Direction | None, uses_radius: bool) -> _TestKind:
-    """Return the kind of a test: its plane, set-up, centre and radius, and ``direction``.
+    """Return the kind of a test: its plane, set-up, centre, radius and direction of travel.
 
-    ``direction`` is the direction of travel that is used for the test. The radius is left out if
-    ``uses_radius`` is false.
+    ``direction`` takes the place of the test's own direction; None means that the kind does not
+    include the direction. The radius is left out if ``uses_radius`` is false.
     """
     radius_mm = test.radius_mm if uses_radius else None
     return _TestKind(test.plane, test.setup, tuple(test.circle.centre_mm), radius_mm, direction)
@@ -147,15 +148,16 @@ def _kind_of(test: CircularTest, direction: Direction | None, uses_radius: bool)
 def _tests_by_kind(
     candidates: Sequence[CircularTest], compared_tests: Sequence[CircularTest], uses_radius: bool
 ) -> dict[_TestKind, CircularTest]:
-    """Return a dict with the first test of every kind; its keys are the kinds.
+    """Return a dict with one test of every kind; its keys are the kinds.
 
-    The kind of a test consists of its plane, set-up, centre, radius and direction of travel.
+    ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs. If
+    several tests have the same kind, the result holds the first of them; candidates come before
+    tests of other designs.
 
-    ``candidates`` are the tests to choose from; ``compared_tests`` are tests of other designs. If a
-    candidate and a test of another design have the same kind, the result holds the candidate. The
-    kind of a candidate includes the direction only if its plane has candidates in both directions.
-    The kind of a test of another design never includes the direction. The radius is left out if
-    ``uses_radius`` is false.
+    The kind of a test consists of its plane, set-up, centre, radius and direction of travel. The
+    radius is left out if ``uses_radius`` is false. The direction is left out in two cases: for
+    candidates in a plane whose candidates do not run in both directions, and for all tests of other
+    designs.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -214,8 +216,9 @@ def bind_tests(
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
     from the pilot. The model also has the parameters that only the pilot's tests can determine,
-    even if these tests are left out. An exception is hysteresis, whose coefficients depend on the
-    directions of travel: the directions of pilot tests that are left out do not count.
+    even if these tests are left out. Hysteresis is an exception, because its coefficients depend on
+    the directions of travel: if the pilot's tests are left out, their directions have no influence
+    on which of these coefficients the model has.
 
     Parameters
     ----------

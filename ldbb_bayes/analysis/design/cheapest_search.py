@@ -34,9 +34,10 @@ __all__ = [
 
 # Largest number of circles that a campaign may have in the search for the cheapest campaign.
 _MOST_CIRCLES = 40
-# To estimate how many circles a family of campaigns needs, the best campaign with this number of
-# circles is taken. Its numbers of circles are multiplied by the smallest factor with which the
-# goals for uncertainties are reached.
+# Number of circles of the campaign from which the search estimates how many circles a family of
+# campaigns needs. The search finds the best campaign of the family with this number of circles. It
+# then multiplies the number of circles of each test by the same factor: the smallest one with which
+# the goals for uncertainties are reached.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins with this fraction of the estimated number of circles
 # with which the goals for uncertainties are reached.
@@ -177,10 +178,10 @@ class _Progress:
 class _QueuedFamily:
     """A family of campaigns that waits in the queue of families to search.
 
-    The queue is sorted by the price of the campaign that would be tried next in each family.
+    The queue is sorted by the lowest price that the next campaign to try in each family can have.
     """
 
-    #: lowest price of the campaign that would be tried next in this family of campaigns
+    #: lowest price that the next campaign to try in this family can have
     price: float
     #: number of the family in the list of campaign families; families with equal prices are
     #: searched in the order of these numbers
@@ -211,7 +212,7 @@ def find_cheapest(
     goals
         Goals; the keys are the names of the parameters.
     costs
-        Costs of circles, set-ups and turns of the balls, and the longest machine time.
+        Costs of circles, set-ups and turns of the balls, and the longest machine time allowed.
     probability
         Minimum share of the possible machines on which all goals must be met.
     number
@@ -267,8 +268,8 @@ def _with_more_circles(
     """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
 
     The campaigns belong to the same family as ``campaign``. They cost more, but are more likely to
-    meet the goals for uncertainties. Campaigns that exceed the longest machine time are left out.
-    ``on_campaign`` is called whenever a campaign is found.
+    meet the goals for uncertainties. Campaigns that exceed the longest machine time allowed are
+    left out. ``on_campaign`` is called whenever a campaign is found.
     """
     longer = []
     for added in range(1, number + 1):
@@ -291,8 +292,8 @@ class _Search:
         """Begin a search in which no family of campaigns has been examined yet.
 
         ``goals`` are the goals for uncertainties; the keys are the names of the parameters.
-        ``costs`` holds the costs and the longest machine time. ``probability`` is the minimum share
-        of the possible machines on which all goals are to be met.
+        ``costs`` holds the costs and the longest machine time allowed. ``probability`` is the
+        minimum share of the possible machines on which all goals are to be met.
         """
         self._goals = goals
         self._costs = costs
@@ -466,10 +467,11 @@ class _Search:
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
     """Return the smallest factor by which a campaign must be enlarged so that it meets the goals.
 
-    ``counts`` holds the campaign's number of circles of each candidate test. All these numbers are
-    multiplied by the factor; the products need not be whole. The goals are those of ``family``.
-    They count as met if the distance from the goals in the quick forecast (with known
-    hyper-parameters) is at most ``distance``.
+    ``counts`` holds the number of circles of each candidate test in the campaign. All these numbers
+    are multiplied by the factor; the products need not be whole. ``family`` holds the goals for
+    uncertainties. They count as met if the quick forecast (with known hyper-parameters) states a
+    distance from the goals of at most ``distance``. The distance is about ln(u/u*), where u is the
+    standard uncertainty, and u* the largest that the goal permits.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

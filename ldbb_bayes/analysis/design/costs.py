@@ -43,7 +43,8 @@ class Costs(Result):
     minutes_per_clocking: float = 5.0  #: minutes for every turn of the balls within a set-up
     #: price of an hour of machine time, in the same unit of money as the prices of certificates
     price_per_hour: float = 60.0
-    hours: float | None = None  #: longest machine time of the campaign [h]; None for no limit
+    #: longest machine time that a campaign may take [h]; None if there is no limit
+    hours: float | None = None
 
     def __post_init__(self) -> None:
         """Raise an `InputError` if a time or price is negative, or zero where it must not be."""
@@ -73,7 +74,7 @@ class Costs(Result):
         )
 
     def fits(self, minutes: float) -> bool:
-        """Return whether a campaign's machine time [min] is at most the longest machine time."""
+        """Return whether a campaign takes no more machine time [min] than ``hours`` allows."""
         return self.hours is None or minutes <= _MINUTES_PER_HOUR * self.hours
 
 

@@ -39,8 +39,8 @@ class Discrimination(Result):
     machine has slopes; those whose names end in ``_without`` assume that it has none.
     """
 
-    #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,
-    #: in prior standard deviations
+    #: root mean square that the slopes (changes of compliance with force) are assumed to have on a
+    #: machine with slopes, in prior standard deviations
     size: float
     #: whether the analysis includes tests that have already been run. If so, the slopes (changes of
     #: compliance with force) are assumed to follow their posterior given these tests. If not, they
@@ -85,8 +85,9 @@ def discrimination_of(
 ) -> Discrimination:
     """Return the expected log Bayes factor for slopes, and the probabilities of decisive evidence.
 
-    Slopes are the changes of the compliances with force. B is the Bayes factor of the model with
-    the slopes over the model without slopes.
+    Slopes are the changes of the compliances with force. The results are computed for two cases:
+    the machine has slopes, or it has none. B is the Bayes factor of the model with the slopes over
+    the model without slopes.
 
     Let m, shape (s,), be the posterior mean of the s slopes after the tests, and C, shape (s, s),
     their posterior covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁ be
@@ -103,7 +104,8 @@ def discrimination_of(
     names
         Names of the s slopes.
     size
-        Root mean square of the slopes that are assumed to exist, in prior standard deviations.
+        Root mean square that the slopes are assumed to have on a machine with slopes, in prior
+        standard deviations.
     before
         Posterior of the slopes given the tests that have already been run, in units of the slopes'
         prior standard deviations. Default: no tests have been run.
@@ -172,9 +174,10 @@ class _LogBayesFactorDistribution:
     # ln det C, where C is the posterior covariance of the slopes (changes of compliance with
     # force), for each of K values of the hyper-parameters, shape (K,)
     log_volume: Array
-    # quasi-random samples of a standard normal distribution for K values of the hyper-parameters,
+    # quasi-random samples from a standard normal distribution for K values of the hyper-parameters,
     # shape (K, samples, s − 1). The posterior mean of s slopes (changes of compliance with force)
-    # has s independent components z; all but one of these components are computed from the samples.
+    # has s independent components z. The samples stand for all components except the one with the
+    # largest variance; for this one, probabilities are computed from the normal distribution.
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:

@@ -63,8 +63,8 @@ _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
 _ERROR_OF_MEDIAN = 1.2533
-# Number of runs of every test that counts as "very many". The standard deviation of a parameter
-# after so many runs is the lower limit ("floor") of its uncertainty.
+# The lower limit ("floor") of a parameter's uncertainty is the standard deviation that would remain
+# if every test were run this number of times.
 _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix below this number are treated as zero in the decision whether
 # the tests determine every parameter.
@@ -78,18 +78,20 @@ _SEED = 1
 class Expected(Result):
     """Prior and expected posterior standard deviation of one parameter, in the unit ``unit``.
 
-    ``prior_sd`` is infinite for a flat prior. The standard uncertainty that the analysis of the
-    tests states differs between the possible machines: ``sd`` is the median over these machines,
-    and ``likely_sd`` is not exceeded on nine in ten machines. ``sd`` and ``likely_sd`` account for
-    the condition that no compliance is negative, which truncates the posterior; ``untruncated_sd``
-    is the median without this condition. If priors are flat and the tests do not determine all
-    parameters, all values except ``prior_sd`` are infinite. ``sd_error`` is the standard error of
-    ``sd``, computed from the differences of the uncertainty between the possible machines. It is
-    somewhat too large, because the machines are spread more evenly than independent random machines
-    would be. ``floor_sd`` is the standard deviation that would remain if every test were run a
-    million times, because of nuisance effects (modelled, but not of interest) that are the same in
-    all tests. The condition that no compliance is negative reduces ``floor_sd`` in the same ratio
-    as ``sd``.
+    On each possible machine, the analysis of the tests would state a different standard
+    uncertainty: ``sd`` is the median over the machines, and nine in ten machines have at most
+    ``likely_sd``. Both account for the condition that no compliance is negative, which truncates
+    the posterior; ``untruncated_sd`` is the median without this condition. ``sd_error`` is the
+    standard error of ``sd``, computed from the scatter of the uncertainties between the machines.
+    It is somewhat too large, because the machines are spread more evenly than independent random
+    machines would be.
+
+    ``floor_sd`` is the standard deviation that would remain if every test were run a million times.
+    It comes from nuisance effects (modelled, but not of interest) that are the same in all tests.
+    The condition that no compliance is negative reduces ``floor_sd`` in the same ratio as ``sd``.
+
+    ``prior_sd`` is infinite for a flat prior. If priors are flat and the tests do not determine all
+    parameters, all values are infinite.
     """
 
     unit: str
@@ -131,8 +133,8 @@ class Slopes:
     #: names of the slopes (changes of compliance with force) about which evidence is forecast, such
     #: as ``C_XXX_1``
     names: tuple[str, ...]
-    #: root mean square of the slopes (changes of compliance with force) if they exist, in prior
-    #: standard deviations
+    #: root mean square that the slopes (changes of compliance with force) are assumed to have on a
+    #: machine with slopes, in prior standard deviations
     size: float = 1.0
 
 
@@ -289,9 +291,10 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
 
     The hyper-parameters are quantities such as the standard deviation of the noise. The result has
     the shape (K, n, p, p), for the K possible machines ``states``, n draws of the hyper-parameters
-    for each machine (see `believed_scales`), and p parameters. ``run`` is the number of tests of
-    ``bound`` that have already been run. The covariances are in units of the prior standard
-    deviations of the parameters. Compliances may be negative.
+    for each machine (see `believed_scales`), and p parameters. ``bound`` is the model applied to
+    the tests; the first ``run`` of these tests have already been run. The covariances are in units
+    of the prior standard deviations of the parameters. The condition that no compliance is negative
+    is ignored.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -421,7 +424,8 @@ def stated_variances(
         K states of the machine before the tests.
     covariance
         Posterior covariances of the p parameters in each state, for n sets of hyper-parameters,
-        shape (K, n, p, p), in internal units (mm, N, rad). Compliances may be negative.
+        shape (K, n, p, p), in internal units (mm, N, rad). They are computed as if compliances
+        could be negative.
     truncated
         Whether the analyses use the condition that no compliance is negative, if the model has this
         condition.
@@ -505,7 +509,10 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
 def _draw_posterior_means(
     states: States, is_possible: Array, covariance: Array, scale: Array, repetitions: int
 ) -> Array:
-    """Draw possible results of an analysis of the new tests (posterior means), in every state.
+    """Draw posterior means that an analysis of the new tests may give, for each possible state.
+
+    A state is one possible machine: values of its parameters β and hyper-parameters. The posterior
+    mean is random because the readings are not known yet.
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given the parameters β of a state, the posterior

@@ -62,8 +62,8 @@ _FORCE_LEVELS = 5
 # Largest number of campaigns in the result of a search for the cheapest campaign: the cheapest
 # campaign, and the two next cheapest.
 _SHOWN = 3
-# Number of customary campaigns (as they are usually run) with which the cheapest campaign is
-# compared.
+# Number of customary campaigns with which the cheapest campaign is compared: one in equal steps of
+# force, and one with the forces of the published experiment.
 _CUSTOMARY = 2
 
 
@@ -81,9 +81,9 @@ class StatedGoal(Result):
     #: estimate of the goal's parameter from the readings of the campaign that the design starts
     #: from; if there are no readings, the median of the parameter's absolute value under the prior
     value: float
-    #: expanded uncertainty (k = 2) of the goal's parameter before the tests of the design: given
-    #: the readings of the campaign that the design starts from, or under the prior if there are no
-    #: readings
+    #: expanded uncertainty (k = 2) that the goal's parameter has before the tests of the design are
+    #: run. It comes from the readings of the campaign that the design starts from, or from the
+    #: prior if there are no readings.
     U: float
     #: whether the goal for the parameter's uncertainty is already met before any further circle is
     #: run

@@ -75,7 +75,7 @@ _LEVELS = 9
 
 @dataclass(frozen=True)
 class ModelSoFar(Result):
-    """Decision between constant and linear compliance: now, and after the next circle."""
+    """State of the decision between constant compliance and compliance linear in force."""
 
     #: log Bayes factor of linear over constant compliance [nat], averaged over alternative
     #: explanations of an apparent change of compliance with force
@@ -128,9 +128,11 @@ class NextCircle(Result):
     goals: dict[str, GoalSoFar]
     #: probability that all goals for uncertainties are already met; 1 if there are none
     goals_probability: float
-    #: decision between constant and linear compliance; None if compliance is constant in the model
+    #: state of the decision between constant and linear compliance; None if compliance is constant
+    #: in the model
     model: ModelSoFar | None
-    model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
+    #: whether it is an aim of the campaign to decide between constant and linear compliance
+    model_is_aim: bool
     #: decisions whether quantities conform with their tolerances; the keys are the names of the
     #: quantities
     tolerances: dict[str, ToleranceSoFar]
@@ -343,10 +345,12 @@ def _goals_so_far(
 def _tolerances_so_far(
     tolerances: Mapping[str, ToleranceState], after: Array
 ) -> dict[str, ToleranceSoFar]:
-    """Return, for each tolerance, the present decision and whether the next circle may decide it.
+    """Return the state of each tolerance: now, and as expected after the best next circle.
 
-    ``after`` are the covariances of the parameters that are expected after the best next circle.
-    The result is a dict; its keys are the names of the quantities with tolerances.
+    The state is the present decision whether a quantity conforms with its tolerance, and the
+    probability that a decision is possible after the best next circle. ``after`` are the
+    covariances of the parameters after this circle. The result is a dict; its keys are the names of
+    the quantities with tolerances.
     """
     return {name: state.so_far(after) for name, state in tolerances.items()}
 
@@ -388,9 +392,10 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
 def _objective(space: Space, known: Known) -> Objective:
     """Return the information from the circles run so far, and from each possible next circle.
 
-    The result has the form of the objective with which a search for a design works, but its
-    criterion is not used. All parameters are of interest. ``space`` holds the possible circles, and
-    ``known`` holds equally likely values of the hyper-parameters.
+    The result holds the information as matrices. It is an ``Objective``, the object that a search
+    for a design maximises; here, only its matrices are used, not its criterion. All parameters are
+    of interest. ``space`` holds the possible circles, and ``known`` holds equally likely values of
+    the hyper-parameters.
     """
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     names = known.bound.names
@@ -461,7 +466,7 @@ def _progress_of_circles(distance_now: float, distances: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _ModelOdds:
-    """Odds of linear over constant compliance, and the aim to decide between these two models."""
+    """Comparison of linear with constant compliance, given the circles run so far."""
 
     known: Known
     # indices of the slopes (changes of compliance with force) in the list of the model's parameters

@@ -39,11 +39,11 @@ class Obstacle(Result):
     #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
     #: circles, in the unit of the parameter
     U_floor: float
-    #: model term or parameter that would cause the largest share of the variance of the goal's
-    #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
+    #: name of the model term or parameter, such as ``Mount`` (compliance of the mount), that would
+    #: contribute most to the variance of the goal's parameter if very many circles were run
     held_by: str
-    #: share of the variance of the goal's parameter that the model term (or the prior of the
-    #: parameter) ``held_by`` would cause after very many circles
+    #: share of the variance of the goal's parameter that would come from the model term ``held_by``
+    #: (or from the prior, if ``held_by`` is a parameter) if very many circles were run
     share: float
     #: calibration certificate that would help most: one with which the goal could be reached, such
     #: as "mount ± 2 %"; otherwise "all certificates together", if the goal could be reached with
@@ -76,11 +76,11 @@ class NearMiss(Result):
     #: share of the possible machines on which the campaign with the largest number of circles
     #: allowed meets the goal
     probability: float
-    #: model term or parameter that would cause the largest share of the variance of the goal's
-    #: parameter after very many circles, such as ``Mount`` (compliance of the mount)
+    #: name of the model term or parameter, such as ``Mount`` (compliance of the mount), that would
+    #: contribute most to the variance of the goal's parameter if very many circles were run
     held_by: str
-    #: share of the variance of the goal's parameter that the model term (or the prior of the
-    #: parameter) ``held_by`` would cause after very many circles
+    #: share of the variance of the goal's parameter that would come from the model term ``held_by``
+    #: (or from the prior, if ``held_by`` is a parameter) if very many circles were run
     share: float
     #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
     #: as "mount ± 2 %"; an empty string if no certificate would reduce it by at least a tenth
@@ -156,10 +156,11 @@ def _floors_with_certificate(
 ) -> dict[str, float]:
     """Return ln(u/u*) of every goal after very many circles, with one more certificate.
 
-    u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
-    that the goal permits. ``name`` is the name of the certificate, and ``statements`` are the
-    values that it states for properties of the instrument, such as the length of the bar. The
-    result is a dict; its keys are the names of the goals' parameters.
+    u is the standard uncertainty that the goal's parameter would have after very many circles, and
+    u* the largest standard uncertainty that the goal permits. ``name`` is the name of the
+    certificate, and ``statements`` are the values that it states for properties of the instrument,
+    such as the length of the bar. The result is a dict; its keys are the names of the goals'
+    parameters.
     """
     offer = CertificateOffer(name, 0.0, statements)
     offers = (*family.offers, offer)
@@ -172,12 +173,11 @@ def _most_helpful_certificate(
 ) -> tuple[str, float]:
     """Return the most helpful certificate for a goal, and ln(u/u*) with this certificate.
 
-    u is the standard uncertainty of the goal's parameter ``name``, and u* the largest standard
-    uncertainty that the goal permits. All values of u are limits, which very many circles would
-    reach. ``floor`` is ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with
-    each certificate; the outer keys are the names of the certificates, and the inner keys are the
-    names of the goals' parameters. The result is the first of the following certificates that
-    exists:
+    u is the standard uncertainty that the goal's parameter ``name`` would have if very many circles
+    were run, and u* the largest standard uncertainty that the goal permits. ``floor`` is ln(u/u*)
+    without further certificates. ``floors_with`` holds ln(u/u*) with each certificate; the outer
+    keys are the names of the certificates, and the inner keys are the names of the goals'
+    parameters. The result is the first of the following certificates that exists:
 
     1. the first single certificate with which the goal is reached;
     2. "all certificates together", if the goal is reached with all certificates;
@@ -213,11 +213,11 @@ def _typical_limits(family: CampaignFamily) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class _LargestSource:
-    """The source with the largest share of the variance of a parameter after very many circles."""
+    """Source that would contribute most to a parameter's variance if very many circles were run."""
 
     name: str  #: source of variance: class name of a model term, or name of a parameter
-    #: share of the variance of a goal's parameter that this source of uncertainty causes after very
-    #: many circles
+    #: share of the variance of the goal's parameter that would come from this source of uncertainty
+    #: if very many circles were run
     share: float
 
 
