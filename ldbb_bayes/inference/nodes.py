@@ -36,12 +36,12 @@ from ldbb_bayes.units import value_and_uncertainty
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 
 # Step of central differences, from which derivatives of the log density of the hyper-parameters are
-# computed. The step is in units of normal scores, coordinates in which most of the priors are
-# standard normal.
+# computed. The step is in units of normal scores, coordinates in which all priors are standard
+# normal except those of the factors on the noise of single circles.
 _DIFFERENCE_STEP = 0.05
 # A curvature (negative second derivative) of the log density below this value is replaced by this
 # value. The derivatives are with respect to normal scores of the hyper-parameters, coordinates in
-# which most of the priors are standard normal.
+# which all priors are standard normal except those of the factors on the noise of single circles.
 _LEAST_CURVATURE = 0.3
 # The search for a mode (maximum) ends when a step increases the log density by at most this value
 # [nat].
@@ -55,7 +55,8 @@ _BEST_STARTS = _STARTS // 4
 _BASINS = 3
 # Two modes (maxima) of the posterior, or two starting points of the search for modes, count as
 # separate if their distance exceeds this value. The distance is measured in normal scores of the
-# hyper-parameters, coordinates in which most of the priors are standard normal.
+# hyper-parameters, coordinates in which all priors are standard normal except those of the factors
+# on the noise of single circles.
 _SEPARATION = 1.5
 # Another maximum of the log posterior density of the hyper-parameters is negligible if it is lower
 # than the highest maximum by this value [nat] or more.
@@ -178,8 +179,9 @@ class HyperPosterior:
     def _scores(self) -> NormalScores:
         """Transformation between normal scores and unbounded coordinates of hyper-parameters.
 
-        Normal scores are coordinates in which most of the priors are standard normal. Unbounded
-        coordinates are mostly ln(value − lower bound).
+        Normal scores are coordinates in which all priors are standard normal except those of the
+        factors on the noise of single circles. Unbounded coordinates are mostly ln(value − lower
+        bound).
         """
         return NormalScores(self.bound.hyper_prior)
 
@@ -187,10 +189,11 @@ class HyperPosterior:
     def modes(self) -> list[tuple[Array, Array]]:
         """Modes (maxima) of the posterior density, at most three, the highest first.
 
-        The density is taken in normal scores of the h hyper-parameters, coordinates in which most
-        of the priors are standard normal (`normal_scores`). Negligible modes are left out. Each
-        mode is described by two arrays. The first, shape (h,), holds its scores. The second, shape
-        (h, h), is a square root of the inverse of minus the Hessian of the log density at the mode.
+        The density is taken in normal scores of the h hyper-parameters, coordinates in which all
+        priors are standard normal except those of the factors on the noise of single circles
+        (`normal_scores`). Negligible modes are left out. Each mode is described by two arrays. The
+        first, shape (h,), holds its scores. The second, shape (h, h), is a square root of the
+        inverse of minus the Hessian of the log density at the mode.
         """
         summits: list[Array] = []
 
@@ -222,8 +225,9 @@ class HyperPosterior:
         """Highest maximum of the posterior density of the h hyper-parameters φ, shape (h,).
 
         The hyper-parameters are quantities such as the standard deviation of the noise. The maximum
-        is found in normal scores, coordinates in which most of the priors are standard normal. It
-        is returned in the unbounded coordinates of φ, mostly ln(φ − lower bound).
+        is found in normal scores, coordinates in which all priors are standard normal except those
+        of the factors on the noise of single circles. It is returned in the unbounded coordinates
+        of φ, mostly ln(φ − lower bound).
         """
         return self._scores.free(self.modes[0][0])
 
@@ -533,8 +537,8 @@ class HyperPosterior:
         points are chosen from many points for their high density and for a sufficient distance from
         each other. The further points are always needed, because a search from the mode of a
         similar density may end at a lower maximum. Each point, shape (h,), holds the h
-        hyper-parameters in normal scores, coordinates in which most of the priors are standard
-        normal.
+        hyper-parameters in normal scores, coordinates in which all priors are standard normal
+        except those of the factors on the noise of single circles.
         """
         similar: list[Array] = []
         if self._near is not None:
@@ -558,9 +562,9 @@ class HyperPosterior:
         zero, the most probable values of the other hyper-parameters may differ from those at the
         mode. The proposal (the density from which points are drawn) covers this region if it is
         also fitted at these maxima. Each maximum is described by two arrays. The first, shape (h,),
-        holds its normal scores, coordinates in which most of the priors are standard normal. The
-        second, shape (h, h), is a square root of the inverse of minus the Hessian of the log
-        density there.
+        holds its normal scores, coordinates in which all priors are standard normal except those of
+        the factors on the noise of single circles. The second, shape (h, h), is a square root of
+        the inverse of minus the Hessian of the log density there.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -607,9 +611,9 @@ class HyperPosterior:
         """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
 
         ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters, coordinates in
-        which most of the priors are standard normal. The posterior density may have the probability
-        that no compliance is negative as a factor; in the smooth density, this factor is replaced
-        by a smooth upper bound.
+        which all priors are standard normal except those of the factors on the noise of single
+        circles. The posterior density may have the probability that no compliance is negative as a
+        factor; in the smooth density, this factor is replaced by a smooth upper bound.
         """
         log_density = self.log_density(self._scores.free(scores), smooth=True)
         return np.asarray(log_density + self._scores.log_jacobian(scores))
@@ -620,13 +624,14 @@ class HyperPosterior:
         The results have the shapes (h,) and (h, h).
 
         ``point``, shape (h,), holds the normal scores of the h hyper-parameters. Normal scores are
-        coordinates in which most of the priors are standard normal. The density is the posterior
-        density of the normal scores. It may have the probability that no compliance is negative as
-        a factor; in the smooth density, this factor is replaced by a smooth upper bound. Some
-        hyper-parameters are noise factors, each of which multiplies the noise of one circle. The
-        noise factors of two circles hardly depend on each other. If ``exact`` is False, mixed
-        second derivatives with respect to two noise factors are therefore taken to be zero. The
-        work then grows only in proportion to the number of circles.
+        coordinates in which all priors are standard normal except those of the factors on the noise
+        of single circles. The density is the posterior density of the normal scores. It may have
+        the probability that no compliance is negative as a factor; in the smooth density, this
+        factor is replaced by a smooth upper bound. Some hyper-parameters are noise factors, each of
+        which multiplies the noise of one circle. The noise factors of two circles hardly depend on
+        each other. If ``exact`` is False, mixed second derivatives with respect to two noise
+        factors are therefore taken to be zero. The work then grows only in proportion to the number
+        of circles.
         """
         is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -657,7 +662,8 @@ def _is_separate(point: Array, points: list[Array]) -> bool:
     """Return whether a point is separate from all ``points``: farther than 1.5 from each of them.
 
     A point, shape (h,), holds the h hyper-parameters (such as the standard deviation of the noise)
-    in normal scores: coordinates in which most of the priors are standard normal.
+    in normal scores: coordinates in which all priors are standard normal except those of the
+    factors on the noise of single circles.
     """
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 
