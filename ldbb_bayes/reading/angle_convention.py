@@ -126,7 +126,8 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test.
     plane
         Plane of the test, such as XY.
 

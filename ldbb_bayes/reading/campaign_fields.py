@@ -113,9 +113,10 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
     """Return a dict that says where the files state values of a field, and which values they state.
 
     Each key of the dict is a value, and its entry is a text that says which line or name states the
-    value. Each value is noted as an assumption; a plane is also added to the fields of its test. If
-    the user or a column of the table states the field for a test, lines and names are not used for
-    this test. Raise an `InputError` for contradictory statements.
+    value. Every value is added to the log of assumptions. If the field is the plane, the value is
+    also stored in the fields of the test for which it is stated. If the user or a column of the
+    table states the field for a test, lines and names are not used for this test. Raise an
+    `InputError` for contradictory statements.
 
     Parameters
     ----------

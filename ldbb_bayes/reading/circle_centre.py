@@ -97,8 +97,8 @@ def without_centre(text: str) -> str:
 def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
     """Yield the centre of the circle from each line that states one.
 
-    The centre is yielded without coordinates if the line may be about a workpiece or a programme,
-    or if the line states a unit other than mm.
+    The centre has no coordinates if they cannot be used: if the line may be about a workpiece or a
+    programme, if it states a unit other than mm, or if a coordinate is unclear.
     """
     for line, content in lines:
         text = content[:LONGEST_TEXT]

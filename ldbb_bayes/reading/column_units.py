@@ -76,7 +76,8 @@ def unit_size(
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test.
     role
         Role of the column, such as reading.
     usual

@@ -31,7 +31,8 @@ _LARGEST_GAP_STEPS = 3.0
 class MeasuredArc:
     """Arc of a circular test, from one file: the whole circle or half of it."""
 
-    recording: Recording  #: rows of the test in the file, and all statements about the test
+    #: rows of the test in the file, and everything that the file or the user states about the test
+    recording: Recording
     #: values that are stated for the circular test, such as its force; the keys are the names of
     #: the fields of a test, such as force_N
     fields: dict[str, Any]

@@ -57,8 +57,8 @@ class LineStatement:
     """Value that a line above a table states for a field of a test or campaign."""
 
     #: value that the line states for a field of a test or campaign. The end of the field's name
-    #: shows the unit of the value: ``radius_mm`` is in mm. The value is NaN if its number can be
-    #: read in two ways, such as 1,000
+    #: shows the unit of the value: ``radius_mm`` is in mm. The value is NaN if it is unclear, for
+    #: example because its number can be read in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the stated value as the line writes it; empty if the line states none
     #: number of the line in its file. If the line and the test are on different sheets, this is a

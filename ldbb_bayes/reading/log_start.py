@@ -54,7 +54,8 @@ def check_feed_is_whole(recording: Recording) -> None:
     """Raise an error if a line gives the feed as a percentage other than 100 %, as in "Feed 50 %".
 
     No error is raised if the user states the feed, or if the table holds angles. ``recording``
-    holds the rows of the test in its file, and all statements about the test.
+    holds the rows of the test in its file, and everything that the file or the user states about
+    the test.
     """
     if recording.stated_value("feed_mm_per_min") is not None or "angle" in recording.numbers:
         return
@@ -71,7 +72,8 @@ def unread_run_in(recording: Recording) -> CitedLine | None:
     """Return a note on the first line that may state a run-in, such as ``Overlap 45 deg``.
 
     An overlap may lie before or after the circle. Return None if no line states a run-in.
-    ``recording`` holds the rows of the test in its file, and all statements about the test.
+    ``recording`` holds the rows of the test in its file, and everything that the file or the user
+    states about the test.
     """
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         if _RUN_IN.search(content[:LONGEST_TEXT]):
@@ -85,8 +87,8 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test. The axis is added to the
-        log of assumptions.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test. The axis is added to the log of assumptions.
     plane
         Plane of the test, such as XY.
 
@@ -128,8 +130,8 @@ def start_of_programme(recording: Recording, plane: str, direction: str | None) 
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test. The start is added to the
-        log of assumptions.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test. The start is added to the log of assumptions.
     plane
         Plane of the test, such as XY.
     direction

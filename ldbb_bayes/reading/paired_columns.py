@@ -198,9 +198,9 @@ def _units_in_columns(
 ) -> dict[tuple[int, int], str]:
     """Return the units of the cells in the given columns of a sheet, which form one table.
 
-    Both the result and ``units`` are dicts; each key holds the line number and the column index of
-    a cell. The index is counted from the first column of the sheet in ``units``, and from the first
-    column of the table in the result.
+    Both the result and ``units`` are dicts; each key is a pair of the line number and the column
+    index of a cell. In ``units``, columns are counted from the first column of the sheet; in the
+    result, they are counted from the first column of the table.
     """
     in_table = {}
     for (line, column), unit in units.items():

@@ -194,7 +194,7 @@ def _coordinates(programme: _Programme, block: str) -> dict[str, float]:
 
 
 def _start_of_arc(programme: _Programme, block: str) -> dict[str, float] | None:
-    """Return the start of an arc relative to its centre [mm]; None if it is not known.
+    """Return the start of an arc relative to its centre [mm], or None if it is not known.
 
     The result is a dict of coordinates; the keys are the axes, such as X. ``block`` is the line of
     the programme that describes the arc. In most programmes, it states the centre relative to the

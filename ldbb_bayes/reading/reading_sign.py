@@ -99,7 +99,8 @@ def sign_of_readings(recording: Recording) -> int:
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test.
 
     Raises
     ------

@@ -42,9 +42,9 @@ _PAGE = re.compile(
 _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
-# A line above the first table may state several values, of which only some also apply to a further
-# table. Above the further table, these values are then repeated in the forms given here. The keys
-# are the fields of a test to which the values belong.
+# Phrases that state a field of a test, such as "radius 100 mm", with a placeholder for the value.
+# The keys are the fields. If only some of the values in a line above the first table also apply to
+# a further table, these values are written above the further table in such phrases.
 _STATED_AS = {
     "plane": "plane {}",
     "radius_mm": "radius {:g} mm",
@@ -227,9 +227,9 @@ def _without_titles(sheet: Sheet, lines: Sequence[Row], first: Sequence[Row]) ->
 
     A title differs from a line above the first table only in its numbers or by a word such as
     "continued". For example, ``Test 7, page 2`` repeats the title ``Test 7, page 1``. A line that
-    states a property of a test, such as the force, is not a title, but shows that a further test
-    begins here. The time of the test is an exception: a line that states a time may be a title, but
-    is kept if another line shows that a further test begins.
+    states a property of a test, such as the force, is never a title. A title that states a time is
+    kept if at least one of the other lines is not a title, because a further test then begins here,
+    and the time may be its start.
 
     Parameters
     ----------
@@ -298,8 +298,9 @@ def _without_fields(text: str, fields: Set[str]) -> str:
         if not _keys_of_text(segment) & fields:
             segments.append(segment.strip())
     remaining = "; ".join(segments)
-    # Two segments of a line may state a field only together, as in "Operator;Meier". If the
-    # remaining segments together state one of ``fields``, none of them is kept.
+    # In a line such as "Operator;Meier", neither segment states a field alone, but both together
+    # do. If the remaining segments together state one of ``fields`` in this way, none of them is
+    # kept.
     if _keys_of_text(remaining) & fields or not re.search(r"[^\W\d_]", remaining):
         remaining = ""
     restated = _restated(text, fields | _keys_of_text(remaining))
@@ -325,7 +326,10 @@ def _restated(text: str, except_fields: Set[str]) -> list[str]:
 
 
 def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
-    """Return the names of the fields of a test that some rows of a sheet state."""
+    """Return the names of those fields of a test, such as radius_mm, that the given rows state.
+
+    ``sheet`` is the sheet that contains the rows.
+    """
     keys: set[str] = set()
     for _, text in sheet.texts(rows):
         keys |= _keys_of_text(text)

@@ -29,8 +29,9 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# If times of day without dates span more than this [s], the tests may have been run across
-# midnight. This is assumed only if the tests then span at most ``_NIGHT_S``.
+# If the times of day of the tests have no dates and span more than this [s], some tests may have
+# been run after midnight. This is assumed only if all tests span at most ``_NIGHT_S`` when the
+# early times are counted as times of the next day.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
 # Longest duration of a campaign that is assumed to have run across midnight [s].
 _NIGHT_S = 6 * 3_600.0
@@ -52,7 +53,7 @@ class _Start(NamedTuple):
 
     title: str  # name of the test that began at this time
     stamp: Timestamp  # date, time of day, or both, at which the test began
-    # place that states when the test began, as notes name it, such as "line 3"
+    # words with which notes say where the start of the test is stated, such as "line 3"
     source: str | CitedLine
     # header of the column that states when the test began; empty if a line or a name states it
     column: str = ""
@@ -112,10 +113,10 @@ def take_start_times(
 
 
 def _unread_line(recordings: Sequence[Recording]) -> CitedLine | None:
-    """Return a note on the first date and time that follow words that are not understood, or None.
+    """Return a note on the first date and time of unknown meaning; None if there are none.
 
-    The lines above the tables are searched. Because of the words, it is not known whether a test
-    was run at this time.
+    Such a date and time stand in a line above a table, after words that this package does not know.
+    It is therefore uncertain whether they say when a test was run.
     """
     for recording in recordings:
         for line, text in recording.heading.lines_above:
@@ -259,13 +260,13 @@ def _times_across_midnight(seconds: Array) -> Array:
 
 
 def _times_from_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
-    """Return the times [s] from the earliest start to each start, from timestamps with dates.
+    """Return the times [s] from the earliest start to each start; the timestamps have dates.
 
-    Dates such as 03/04/2026 may have the day or the month first. If both orders give valid dates
-    but different times, the order is used in which all tests start within 24 hours. The times are
-    not known if this is true of both orders or of neither, or if no order makes all dates valid.
-    ``seconds`` are the times of day [s], shape (tests,). ``stamps`` holds the timestamp of each
-    test.
+    Dates such as 03/04/2026 may have the day or the month first. An order is possible if it makes
+    all dates valid. If both orders are possible and lead to different times, the order is used with
+    which all tests start within 24 hours. The times are not known if this holds for both orders or
+    for neither, or if no order is possible. ``seconds`` are the times of day [s], shape (tests,).
+    ``stamps`` holds the timestamp of each test.
     """
     times_by_order: dict[str, Array] = {}
     for order, days in _possible_days(stamps).items():

@@ -59,10 +59,12 @@ _TEXT_SHOWN = 60
 class _Evidence(NamedTuple):
     """Value of a quantity of a test, with the line, name or column that states it."""
 
-    value: float  # stated value of the quantity; NaN if the number can be read in two ways
+    # stated value of the quantity; NaN if it is unclear, for example because the number can be read
+    # in two ways
+    value: float
     source: str | CitedLine  # place that states the value, in words for a message, such as "line 3"
-    # largest relative difference from another value of the quantity that is allowed if both values
-    # are to count as equal; the values may be rounded
+    # largest relative difference at which this value and another value of the quantity count as
+    # equal; they may differ slightly because they are rounded
     tolerance: float
     # reason why the stated value is uncertain; empty if it is certain, or if the reason is only
     # that its comma or point may separate thousands
@@ -79,7 +81,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test.
     key
         Field of the quantity: force_N, pressure_bar, radius_mm, feed_mm_per_min, start_deg or
         overshoot_deg.
@@ -143,7 +146,7 @@ def _certain_evidence(
     The value that takes precedence comes first. For a radius, this is the value of the column; for
     any other quantity, it is the value of the user. ``key`` is the field of the quantity, such as
     radius_mm; ``column_value`` is the value of its column, or None. ``recording`` holds the rows of
-    the test in its file, and all statements about the test.
+    the test in its file, and everything that the file or the user states about the test.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -168,14 +171,15 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     Such values are used only if neither the user nor a column states the quantity. They are
     returned in this order:
 
-    - certain values in lines,
-    - doubtful values in lines,
-    - the value in a name of the test, its column, sheet or file, for a load or radius,
-    - radii of arcs in G-code, for a radius.
+    - values in lines; if a line leaves the value open, for example because it lists several
+      numbers, it comes after the other lines,
+    - if the quantity is a load or a radius: the value in the name of the test, or else in the name
+      of its column, sheet or file,
+    - if the quantity is a radius: the radii of arcs in G-code.
 
     For a feed, the value in G-code is returned only if no other line states one. ``key`` is the
     field of the quantity, such as force_N. ``recording`` holds the rows of the test in its file,
-    and all statements about the test.
+    and everything that the file or the user states about the test.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -201,9 +205,9 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
     """Return the radii of arcs that are programmed by G-code in lines above the table.
 
-    ``evidence`` holds the radii from other sources. An arc with one of these radii is the circle,
-    and the other arcs are paths to it and from it. If there is such an arc, the list is empty,
-    because the radius is already known.
+    ``evidence`` holds the radii from other sources. If an arc has one of these radii, this arc is
+    the measured circle, and the other arcs only lead to it and away from it. The result is then an
+    empty list, because the radius of the circle is already known.
     """
     programmed = []
     for statement in recording.statements.get("programmed_radius_mm", ()):
@@ -219,7 +223,7 @@ def loads_of(recording: Recording) -> dict[str, float]:
     """Return a dict with the stated force [N] and pressure [bar] of a test.
 
     The keys are ``force_N``, ``pressure_bar`` or both. ``recording`` holds the rows of the test in
-    its file, and all statements about the test.
+    its file, and everything that the file or the user states about the test.
 
     Raises
     ------
@@ -273,8 +277,8 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 
     If the values in the column vary like measured values (see `_is_measured`), the result is their
     mean, which is noted. If they vary in another way, an `InputError` is raised. ``key`` is force_N
-    or pressure_bar. ``recording`` holds the rows of the test in its file, and all statements about
-    the test.
+    or pressure_bar. ``recording`` holds the rows of the test in its file, and everything that the
+    file or the user states about the test.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
@@ -304,11 +308,11 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 
 
 def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
-    """Return advice for a user whose file has rows of one test with different loads.
+    """Return advice for a user in whose file the rows of one test have different loads.
 
-    If the rows with the same load stand together, and all rows have the same direction, each load
-    may be a test. The advice then says how to state this. In all other cases, it is based on
-    ``usual_advice``. ``key`` is force_N or pressure_bar.
+    The rows with one load may be a test of their own if they follow each other and if all rows of
+    the file have the same direction. The advice then says which option splits the rows into tests
+    by their load. Otherwise, the advice is that of `_advice`. ``key`` is force_N or pressure_bar.
     """
     header = recording.heading.headers[recording.heading.roles[LOAD_ROLES[key]]]
     is_one_direction = len(recording.direction_words) < 2
@@ -323,10 +327,11 @@ def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
 
 
 def _advice(recording: Recording, usual_advice: str) -> str:
-    """Return advice for a user whose file has rows of one test with different loads or directions.
+    """Return advice if the rows of one test have different loads or directions.
 
-    If two columns together identify the tests, but the user states one column of test names, the
-    advice is to leave this option out. In all other cases, ``usual_advice`` is returned.
+    In some files, only two columns together name the tests. If the user has stated with the option
+    ``--test-column`` that one column names them, the advice is to leave this option out. In all
+    other cases, ``usual_advice`` is returned.
     """
     headers = recording.numbering_headers
     if not headers or "test" not in recording.layout.columns:
@@ -336,10 +341,11 @@ def _advice(recording: Recording, usual_advice: str) -> str:
 
 
 def _advice_on_directions(recording: Recording) -> str:
-    """Return advice for a user whose file has rows of one test with different directions.
+    """Return advice for a user in whose file the rows of one test have different directions.
 
-    If all rows with the same cell in another column have the same direction, this column may name
-    the tests. The advice is then to state that this column names the tests.
+    If, in another column, rows with the same text always have the same direction, this column may
+    name the tests. The advice is then to state that it does. If there is no such column, the advice
+    is that of `_advice`, usually to write CW or CCW into the column of directions.
     """
     if "test" not in recording.layout.columns:
         column = recording.heading.roles["direction"]
@@ -417,7 +423,9 @@ def _source_of_direction(recording: Recording) -> str:
 
 
 def _contradiction_of(senses: set[str]) -> str:
-    """Return the reason for a note on a file that contradicts the user's direction of travel.
+    """Return a text which says that a file contradicts the direction of travel the user gave.
+
+    The text becomes part of a note.
 
     ``senses`` are the directions in the file: CW, CCW, or words that are not understood, in
     capitals.
@@ -442,7 +450,8 @@ def direction_of(recording: Recording) -> str | None:
     The first source that states a direction is used. G-code and sheets without a table that state
     both directions are ignored. If another source states both directions, an `InputError` is
     raised. It is also raised if the column has a word that means neither direction. ``recording``
-    holds the rows of the test in its file, and all statements about the test.
+    holds the rows of the test in its file, and everything that the file or the user states about
+    the test.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

@@ -45,11 +45,12 @@ def statistics_among(cells: Sequence[str]) -> list[int]:
 
 
 def words_among_numbers(cells: Sequence[str]) -> list[int]:
-    """Return the indices of those cells of a column that show that their rows hold no readings.
+    """Return the indices of the cells of a column whose rows hold no readings.
 
-    A word such as "gain" or "offset" shows this. If a column of numbers holds no such word, any
-    other word shows this, except a word for a missing value. The list is empty if every cell of the
-    column is a word such as "gain".
+    A row holds no readings if its cell is a word such as "gain" or "offset". If there is no such
+    word in a column of numbers, a row whose cell is any other word holds no readings either, unless
+    the word stands for a missing value. The list is empty if every cell of the column is a word
+    such as "gain".
     """
     conversions = [k for k, cell in enumerate(cells) if _names_conversion(cell)]
     if len(conversions) == len(cells):

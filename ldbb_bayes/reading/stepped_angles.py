@@ -46,7 +46,9 @@ class _StatedAngle(NamedTuple):
     """Angle that a line above a table states, such as the first angle of the readings."""
 
     value_deg: float  # angle that the line states [deg]
-    line: int | str  # number of the line; a text such as "3 of notes.txt" for another sheet
+    # number of the line that states the angle; if this line is not in the sheet of the table, a
+    # text with the number and the other sheet, such as "3 of notes.txt"
+    line: int | str
     quoted: str  # words with which a line above the table states an angle, such as "Start: 0 deg"
 
 
@@ -74,7 +76,8 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test.
     direction
         Stated direction of travel, CW or CCW; None if nothing states it.
 
@@ -197,9 +200,10 @@ def _stated_angle(
 ) -> _StatedAngle | None:
     """Return the first angle that a line above the table states in words that match a pattern.
 
-    ``is_of_angle`` says whether other lines show that angles are stated. If it is false, a line
-    without a unit must contain a word such as "angle". ``pattern`` matches words such as "start",
-    the number after them and, if there is one, the unit of the number.
+    ``pattern`` matches words such as "start", the number after them and, if there is one, the unit
+    of the number. A line that states no unit is used only if it contains a word such as "angle",
+    because its number may be that of another quantity. It is also used if ``is_of_angle`` is true:
+    another line then states the first or the last angle.
     """
     for line, content in recording.heading.lines_above:
         match = pattern.search(content[:LONGEST_TEXT])

@@ -99,7 +99,9 @@ class Rank(IntEnum):
 class Timestamp:
     """Date, time of day, or both, that a file states for a test."""
 
-    rank: Rank  #: kind of place in the file that states the timestamp
+    #: kind of place where the timestamp was found, such as a column or the name of the file; a
+    #: place with a smaller rank is more reliable
+    rank: Rank
     text: str  #: the timestamp (date, time of day, or both) as the file writes it
     #: date that the timestamp means if the day stands before the month; None if the timestamp
     #: states no date, or a date that does not exist
@@ -130,7 +132,7 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
     text
         The line. For a cell of a table, it is ``header: cell``.
     rank
-        Kind of place in which the line stands, such as the name of a test. If None, the kind is
+        Kind of place from which the line comes, for example a column of times. If None, the kind is
         found from the words in the line.
     """
     stamps = []
@@ -153,11 +155,11 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 
 
 def unread_stamp(text: str) -> str:
-    """Return ``text`` if a date and a time of day in it follow words that are not understood.
+    """Return ``text`` if it contains a date and a time of day whose meaning is not known.
 
-    The result is empty if the text has no date with a time of day. It is also empty if the words
-    before the date say that it is the time of a test, or the time of something else, such as a
-    calibration.
+    The meaning is not known if the words before the date are not understood. The result is empty if
+    the text has no date with a time of day. It is also empty if the words say that a test was run
+    at this time, or that something else happened, such as a calibration.
     """
     end = 0
     text = _in_numbers(text[:LONGEST_TEXT])
@@ -190,7 +192,11 @@ def _time_in_numbers(match: re.Match[str]) -> str:
 
 
 def _time_with_half_day(match: re.Match[str]) -> str:
-    """Return a time after a word for morning or afternoon as a time with AM or PM: ``2:03 PM``."""
+    """Return a time with AM or PM, such as ``2:03 PM``, for a time such as 下午2:03.
+
+    ``match`` matches a word for morning or afternoon, which in East Asian languages stands before
+    the time, and the time itself.
+    """
     return f"{match['time']} {'AM' if match['morning'] else 'PM'}"
 
 

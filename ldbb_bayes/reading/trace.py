@@ -96,7 +96,8 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
     Parameters
     ----------
     recording
-        Rows of the test in the file, and all statements about the test.
+        Rows of the test in the file, and everything that the file or the user states about the
+        test.
     direction
         Stated direction of travel, CW or CCW; None if nothing states it.
 
@@ -154,8 +155,8 @@ def _angles_of_column(recording: Recording, direction: str | None) -> Array:
     and the step of the angles instead, the angles are computed from these. Raise an `InputError` if
     there are neither such lines nor a column of angles. The returned angles are counted
     counter-clockwise from the plane's first axis, and continue beyond 360°. ``recording`` holds the
-    rows of the test in its file, and all statements about the test. ``direction`` is the stated
-    direction of travel.
+    rows of the test in its file, and everything that the file or the user states about the test.
+    ``direction`` is the stated direction of travel.
     """
     raw = recording.numbers.get("angle")
     if may_be_stepped(recording):
@@ -241,7 +242,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
     The angles are computed from times, feed and radius. Only angles of readings on the circle are
     returned; readings in the run-in and run-out are left out. ``direction`` is the stated direction
     of travel, CW or CCW. If it is None, CCW is assumed. ``recording`` holds the rows of the test in
-    its file, and all statements about the test.
+    its file, and everything that the file or the user states about the test.
     """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
@@ -337,7 +338,8 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 
     The field is ``start_deg`` or ``overshoot_deg``. A test needs both if its table has times
     instead of angles. If nothing states the angle, return zero and note this assumption.
-    ``recording`` holds the rows of the test in its file, and all statements about the test.
+    ``recording`` holds the rows of the test in its file, and everything that the file or the user
+    states about the test.
     """
     value = quantity_of(recording, key)
     if value is None:
@@ -348,10 +350,11 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 
 
 def _deviations(recording: Recording, raw: Array) -> Array:
-    """Return the readings as actual distance between the balls minus radius, shape (n,) [µm].
+    """Return the readings of a test, shape (n,) [µm]: actual minus nominal distance of the balls.
 
-    ``raw`` are the numbers in the file, in the unit of the file, shape (n,). ``recording`` holds
-    the rows of the test in its file, and all statements about the test.
+    The nominal distance is the radius of the circle. ``raw`` are the numbers in the file, in the
+    unit of the file, shape (n,). ``recording`` holds the rows of the test in its file, and
+    everything that the file or the user states about the test.
     """
     require(
         np.ptp(raw) > 0.0,
@@ -371,8 +374,8 @@ def _kind_of_readings(recording: Recording, reading_um: Array) -> str:
     Readings are either deviations from the nominal radius, or distances between the balls. If the
     user does not state which, the median of the readings decides. Raise an `InputError` if the
     readings seem to be distances on a circle of another radius, or if they contradict what the user
-    states. ``recording`` holds the rows of the test in its file, and all statements about the test;
-    ``reading_um`` are the readings of the test [µm].
+    states. ``recording`` holds the rows of the test in its file, and everything that the file or
+    the user states about the test; ``reading_um`` are the readings of the test [µm].
     """
     radius_mm = recording.radius_mm
     # Readings are either distances between the balls or deviations from the radius. ``is_near`` is
@@ -415,8 +418,8 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     they cover more and the layout says nothing about laps, all readings are kept. This is noted,
     and stored in the layout for later imports. A contradiction between the angles and the stated
     direction of travel is noted, or raises an `InputError`. ``recording`` holds the rows of the
-    test in its file, and all statements about the test; ``trace`` holds the angles and readings of
-    the test.
+    test in its file, and everything that the file or the user states about the test; ``trace``
+    holds the angles and readings of the test.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

@@ -179,11 +179,11 @@ def _check_no_matrix(sheet: Sheet) -> None:
 
 
 def _continue_each_other(columns: Array, rows: Array) -> bool:
-    """Return whether the sum of the numbers of row and column increases evenly from cell to cell.
+    """Return whether the sums of a table's row and column numbers may be angles, such as 10° + 3°.
 
-    ``columns`` are the numbers above the columns, shape (n,), and ``rows`` are the numbers in front
-    of the rows, shape (m,). The cells are taken row by row. If the sums increase evenly, they may
-    be angles.
+    This is the case if the sums increase by equal steps from cell to cell, row by row. ``columns``
+    are the numbers above the columns, shape (n,), and ``rows`` are the numbers in front of the
+    rows, shape (m,).
     """
     steps = np.diff((rows[:, np.newaxis] + columns).ravel())
     return bool(steps[0] > 0.0 and np.allclose(steps, steps[0], rtol=_EVEN_SHARE))

@@ -99,8 +99,8 @@ _LENGTH_SHOWN = 60
 class UnreadDirection(NamedTuple):
     """Line that may state a direction of travel, but is not understood."""
 
-    #: number of the line that may state the direction of travel; for a line of another sheet, a
-    #: text such as "3 of notes.txt"
+    #: number of the line that may state the direction of travel; if this line is not in the sheet
+    #: with the readings, a text with the number and the other sheet, such as "3 of notes.txt"
     line: int | str
     text: str  #: first characters of the line that may state the direction of travel
 
@@ -271,9 +271,9 @@ def _directions_in_statement(text: str) -> set[str]:
 def _sense_beside_load(text: str) -> set[str]:
     """Return the direction of travel that is named beside a load: CCW for ``Load 490 N CCW``.
 
-    The result is empty if the text contains no load, if it names both directions, if it is about
-    angles or something else that has a direction, or if it answers a direction with yes or no, as
-    in ``CW: no``.
+    The result is empty if the text contains no load, if it names both directions, or if a direction
+    is followed by yes or no, as in ``CW: no``. It is also empty if the text is about angles, or
+    about another direction, such as that of the force.
     """
     without_load = _LOADS.sub(" ", LOAD_IN_NAME.sub(" ", text))
     if LOAD_IN_NAME.search(text) is None or _is_about_angles(text):

@@ -200,7 +200,10 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
 
 
 def _lines_about_test(recording: Recording) -> Lines:
-    """Return the lines above the table of a test, and the lines of other sheets about all tests."""
+    """Return the lines above the table of a test, and the lines that apply to all tests.
+
+    The latter are the lines of sheets without a table.
+    """
     return [*recording.lines_of_all_tests, *recording.heading.lines_above]
 
 
@@ -287,10 +290,10 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
 
 
 def _other_fraction(text: str, unit: str) -> str:
-    """Return a unit of readings that a line mentions as a fraction of a unit, such as 0.0001 inch.
+    """Return the unit of readings in a line if it is a fraction, such as 0.0001 inch.
 
-    The line must be about readings. The result is empty if the line mentions no fraction, or if the
-    fraction is equal to ``unit``, as 0.001 mm is equal to um.
+    The result is empty if the line is not about readings, if it mentions no fraction of a unit, or
+    if the fraction equals ``unit``. For example, 0.001 mm equals um.
     """
     fraction = fraction_mentioned(text)
     size = size_of_unit("reading", fraction)

@@ -72,8 +72,8 @@ _BARE_LINE = re.compile(
     r"(?P<unit>(?:(?:1/)?[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
     re.IGNORECASE,
 )
-# Regular expression for a line that states a unit and nothing else, such as "um". The line may also
-# be a word for readings with the unit in brackets behind it, such as "Readings (um)".
+# Regular expression for a line that consists of a unit, such as "um", or of a word for readings and
+# a unit in brackets, such as "Readings (um)".
 _UNIT_ALONE = re.compile(
     rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*"
     r"(?P<unit>(?:(?:0[.,]0*1|1/10+|100?(?=\s?nm))\s?)?[^\W\d]+)\W*",
@@ -278,12 +278,12 @@ def _units_of_pairs(text: str) -> dict[str, str]:
 
 
 def _unit_of_pair(role: str, label: str, text: str) -> str:
-    """Return the unit in ``text``; empty if the text is a value or no unit of the quantity.
+    """Return the unit that ``text`` states for the quantity ``role``, such as angle.
 
-    In a line such as ``Angle: deg``, the text stands after ``label``, the name of the quantity. The
-    quantity ``role`` is denoted by a word such as angle. A unit of readings may have a power of ten
-    as its factor, as in 10 nm. A unit of angles may have a factor that is less than one, as in 0.01
-    deg. Other units have no factor.
+    In a line such as ``Winkel: Grad``, ``label`` is the word before the colon, and ``text`` is what
+    follows it. The result is empty if the text is not a unit of the quantity, or if it is a value,
+    such as 5 µm. A unit of readings may have a power of ten as its factor, as in 10 nm. A unit of
+    angles may have a factor that is less than one, as in 0.01 deg. Other units have no factor.
     """
     if comparable(text) == "grad" and "winkel" in comparable(label):
         return "deg"  # in German, Grad means degree
@@ -297,7 +297,10 @@ def _unit_of_pair(role: str, label: str, text: str) -> str:
 
 
 def _may_be_factor(role: str, text: str) -> bool:
-    """Return whether the number that a text begins with may be the factor of a unit of ``role``."""
+    """Return whether the number at the start of a text, such as ``0.1 um``, may be a unit's factor.
+
+    ``role`` is the quantity that has the unit, such as reading or angle.
+    """
     if _FACTOR_OF_TEN.match(text) is None:
         return False
     return role == "reading" or (role == "angle" and re.match(r"1\s?/|0[.,]", text) is not None)
@@ -509,10 +512,10 @@ def _units_in(text: str) -> list[_ListedUnit]:
 
 
 def partner_of_units(header: str) -> str:
-    """Return the name of the column whose units a column holds: ``theta`` for ``theta_unit``.
+    """Return the name of the column to which a column of units belongs.
 
-    ``header`` is the header of the column of units. The result is empty if it names no other
-    column.
+    ``header`` is the header of the column of units. For the header ``theta_unit``, the result is
+    ``theta``. The result is empty if the header names no other column.
     """
     text = comparable(header[:LONGEST_NAME])
     for pattern in _PARTNERS:

@@ -68,10 +68,11 @@ _LONGEST_UNIT = 20
 
 
 def units_in_sentences(text: str) -> dict[str, str]:
-    """Return a dict with the units in sentences of a line, such as ``All readings are in mm``.
+    """Return a dict with the units that a line states in sentences.
 
-    The keys are ``reading_unit`` and ``angle_unit``. A sentence about another quantity, such as the
-    radius, states no unit. An unknown unit at the end of the line is returned as written.
+    An example of a sentence is ``All readings are in mm``. The keys are ``reading_unit`` and
+    ``angle_unit``. A sentence about another quantity, such as the radius, states no unit. An
+    unknown unit at the end of the line is returned as written.
     """
     text = text[:LONGEST_TEXT]
     stated: dict[str, str] = {}
@@ -99,9 +100,10 @@ def units_in_sentences(text: str) -> dict[str, str]:
 
 
 def _unit_behind_readings(text: str) -> str:
-    """Return the unit at the beginning of a line such as ``Readings: mm`` or ``Readings [mm]; …``.
+    """Return the unit after a word for readings at the beginning of a line.
 
-    The result is empty for any other line.
+    Examples of such lines are ``Readings: mm`` and ``Readings [mm]; …``. The result is empty for
+    any other line.
     """
     bracketed = _IN_BRACKETS.match(text)
     if bracketed is not None and _is_of_role(scaled_unit(bracketed["unit"]), "reading"):

@@ -35,8 +35,8 @@ _TEXT_SHOWN = 160
 # ignore a line that states such a field. The line is therefore treated as used only if a note cites
 # it.
 _CITED_WHERE_USED = {"reading_scale", "angle_scale", "time_scale"}
-# Regular expression for a number in an unused text of a file. If several texts differ only in their
-# numbers, usually one of them gets a note.
+# Regular expression for a number in a text that the import does not use. If several such texts
+# differ only in their numbers, the user is shown only the first, unless they are corrections.
 _NUMBER = re.compile(r"[\d.,]+")
 # Regular expression for a letter. A text without any letter gets no note.
 _LETTER = re.compile(r"[^\W\d_]")

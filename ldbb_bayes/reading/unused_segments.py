@@ -1,7 +1,7 @@
-"""Functions that find the unused segments of a line if other segments of it were used.
+"""Functions that find the parts of a line that the import does not use although it uses others.
 
-In the line ``Force 238 N; e = L0 - L``, the first segment states the force, and the second is not
-used.
+In the line ``Force 238 N; e = L0 - L``, the import takes the force from the first segment, but
+nothing from the second.
 """
 
 from __future__ import annotations
@@ -50,13 +50,14 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
     text
         A line of which at least one segment was used.
     quoted
-        Parts of the line that are quoted in notes. A quoted segment is left out. If a note quotes
-        the whole line, segments that state a load are left out.
+        Parts of the line that notes already quote. A segment that a note quotes by itself is left
+        out. If a note quotes the whole line, only the segments that state a load are left out.
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
-    # If a line is only one segment, that segment was used. There are two exceptions. The segment
-    # may have several parts, of which some may be unused. Or it may define a difference of radii,
-    # as in "Force 238 N nominal minus measured", from which the sign of readings was not taken.
+    # At least one segment was used. If the line has only one, nothing is therefore left to return,
+    # with two exceptions. Some of several parts of the segment may be unused. Or the segment may
+    # also say how the readings are defined, in words from which their sign was not taken, as in
+    # "Force 238 N nominal minus measured".
     has_parts = len(next(finer_divisions(text))) > 1
     if len(segments) == 1 and not has_parts and not leaves_difference_unread(text):
         return ""
@@ -78,8 +79,9 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
     """Return the unused parts of a segment if other parts of it were used.
 
     The segment is divided at dashes and slashes. In ``Force 36 N - gauge turned over``, the last
-    part is unused. A part counts as used if the segment would state less without it. ``quoted`` are
-    the words of the line that notes quote. A part that is quoted is left out.
+    part is unused. A part counts as used if the segment without it states fewer fields, such as the
+    force, or if the part is about the sign of readings. ``quoted`` holds those parts of the line
+    that notes already quote; they are left out.
     """
     parts = next(finer_divisions(segment))
     unused = []

@@ -34,8 +34,8 @@ _LARGEST_PART = 64 * 2**20
 class SheetParts:
     """Contents of one sheet of a workbook other than the values of cells."""
 
-    #: dict of the units in the number formats of a sheet's cells: µm in the format ``0.0 "µm"``;
-    #: each key is a pair of the line number and the column index of a cell
+    #: dict with the unit in the number format of each cell that has one, such as µm in the format
+    #: ``0.0 "µm"``; each key is a pair of the line number and the column index of a cell
     units: dict[tuple[int, int], str] = field(default_factory=dict)
     hidden_lines: set[int] = field(default_factory=set)  #: line numbers of a sheet's hidden rows
     #: line number and column index of each cell that has a formula but no stored value
