@@ -203,8 +203,9 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
         ]
         text = f"{kind.__name__}({', '.join(assignments)})"
     while len(text) > longest and assignments:
-        # If the text of an attribute of another object is too long, only the name of the
-        # attribute's class is displayed.
+        # The attributes at the end are left out first. An object that is itself an attribute of a
+        # displayed object has less space: if it does not fit, only the name of its class is
+        # displayed.
         assignments = assignments[:-1] if longest == _LONGEST_REPR else []
         text = f"{kind.__name__}({', '.join([*assignments, '…'])})"
     return text
@@ -249,7 +250,7 @@ class Shown:
         return lines_of(screen_of(self), terminal_width())
 
     def details(self) -> str:
-        """Return all tables and sentences about this object, such as a result, as text."""
+        """Return a text with all tables and sentences about this object, for example a result."""
         return text_of(self, terminal_width())
 
     def _repr_html_(self) -> str:
@@ -325,8 +326,8 @@ _REGISTRATIONS: set[Callable[[], object]] = set()
 def register_when_displayed(register: Callable[[], object]) -> None:
     """Store the function ``register``, which is called later to define how results are displayed.
 
-    The call has no arguments, and is made when a result must be displayed whose class has no
-    display yet. Modules that are needed only for display are therefore loaded as late as possible.
+    It is called without arguments whenever a result is to be displayed. Modules that are needed
+    only for the display are therefore loaded as late as possible.
     """
     _REGISTRATIONS.add(register)
 

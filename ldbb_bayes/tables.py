@@ -154,10 +154,10 @@ class Table:
     def screen(self, width: int = 100) -> str:
         """Return the table as text for a screen. If the text is long, some columns are left out.
 
-        Lines have at most ``width`` characters, as in `text`. If the text has more than 45 lines,
-        the columns that `text` moves to lines beneath the rows are left out, and the last line
-        names the columns left out. No row is left out; the text may therefore still be longer than
-        a screen.
+        Lines have at most ``width`` characters. The method `text` writes the cells that do not fit
+        into a line on additional lines below their row. If its text has more than 45 lines, the
+        columns of these cells are left out here, and the last line names them. No row is left out;
+        the text may therefore still be longer than a screen.
         """
         layout = _TextLayout(self, width)
         text = layout.text()
@@ -321,9 +321,10 @@ class _TextLayout:
     def _lines_of_heads(self) -> list[str]:
         """Return lines of text with the headings of all columns that stand side by side.
 
-        Columns that do not fit side by side are left out; they are stated below the table or
-        beneath the rows. A heading may be broken into several lines. Empty lines are put above
-        headings with fewer lines than the longest one.
+        Columns that do not fit side by side have no heading here. Their cells are written on lines
+        below each row, or below the table if they are the same in all rows. A heading may be broken
+        into several lines. Empty lines are put above headings with fewer lines than the longest
+        one.
         """
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []
@@ -338,9 +339,10 @@ class _TextLayout:
         return lines
 
     def _line(self, cells: Sequence[str]) -> str:
-        """Return one line of the table: the cells of the columns that stand side by side, aligned.
+        """Return one line of the printed table, with aligned cells.
 
-        ``cells`` holds one text for every column of the table.
+        ``cells`` holds one text for every column of the table. The line contains only the cells of
+        the columns that stand side by side.
         """
         aligned = []
         for column in self._columns:
@@ -410,7 +412,7 @@ class ReadableFrame(pd.DataFrame):
         return table_of(_for_print(self)).screen(terminal_width())
 
     def details(self) -> str:
-        """Return the data frame as a table with all its columns and rows, as text."""
+        """Return a text that shows all columns and rows of the data frame as a table."""
         return table_of(_for_print(self, all_rows=True)).text(terminal_width())
 
     def _repr_html_(self) -> str:
@@ -445,8 +447,8 @@ class _RowsInstead(NamedTuple):
     The data frame itself keeps the rows that are not displayed.
     """
 
-    #: names of the rows that are replaced by substitutes; only `ReadableFrame.details` displays
-    #: them
+    #: names of the rows in whose place other rows are displayed; only `ReadableFrame.details`
+    #: displays the rows with these names
     replaced: tuple[str, ...]
     #: dictionary of the substitutes, which are displayed in place of some rows of a data frame. The
     #: keys are the names of the substitutes. Each value is a dictionary with the cells of one
@@ -454,7 +456,8 @@ class _RowsInstead(NamedTuple):
     displayed: Mapping[str, Mapping[str, Any]]
     #: index of the row of the data frame above which the substitutes are displayed
     position: int
-    #: number of rows that the data frame had when substitutes were defined for some of its rows
+    #: number of rows that the data frame had when it was decided which rows are displayed in place
+    #: of others; if the number has changed since then, the data frame is displayed as it is
     length: int
 
 
@@ -648,5 +651,5 @@ def _with_no_break_spaces(text: str) -> str:
 
 
 def _spaces_replaced(match: re.Match[str]) -> str:
-    """Return the text that a regular expression matched, with no-break spaces for spaces."""
+    """Return the matched text, in which each space is replaced by a no-break space."""
     return match[0].replace(" ", _NO_BREAK)

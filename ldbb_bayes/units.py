@@ -48,9 +48,9 @@ _COMPLIANCE_UNITS = {
     "rad/N": (1e9, "nrad/N"),
     "rad/(N mm)": (1e9, "µrad/(N m)"),
 }
-# Display unit of each internal unit of other quantities than compliances. The keys are the internal
-# units. Each value is a pair: the factor from the internal unit to the display unit, and the label
-# of the display unit.
+# Display units of the internal units of quantities that are not compliances. The keys are the
+# internal units. Each value is a pair: the factor from the internal unit to the display unit, and
+# the label of the display unit.
 _OTHER_UNITS = {
     "1": (1e6, "µm/m"),
     "1/mm": (1e9, "µm/m²"),
@@ -86,15 +86,15 @@ DISPLAY_UNITS = _display_units()
 
 
 class _Size(NamedTuple):
-    """Conversion of a unit to mm, N and rad, and the powers of length and force in its dimension.
+    """Size of a unit, and the exponents of length and force in its dimension.
 
-    For angles and ratios, both powers are zero. For mm/N, the power of length is 1 and the power of
-    force is −1.
+    For angles and ratios, both exponents are zero. For mm/N, the exponent of length is 1, and the
+    exponent of force is −1.
     """
 
-    factor: float  # value of a unit that a user may write, in mm, N and rad; 1e-3 for µm
-    length: int  # power of length in the dimension of a unit: 1 for mm/N
-    force: int  # power of force in the dimension of a unit: −1 for mm/N
+    factor: float  # size of a unit, expressed in mm, N or rad: 1e-3 for µm
+    length: int  # exponent of length in the dimension of a unit: 1 for mm/N
+    force: int  # exponent of force in the dimension of a unit: −1 for mm/N
 
 
 # Factors of the prefixes, such as k, that a user may write before the units m, N and rad.
@@ -105,8 +105,8 @@ def _units_to_write() -> dict[str, _Size]:
     """Return a dict from names of units that a user may write, such as kN, to their conversions.
 
     A conversion has three numbers. The first is the value of the unit, expressed in mm, N or rad.
-    The others are the power of length and the power of force in the dimension of the unit. For kN,
-    the three numbers are 1000, 0 and 1. A user may also write quotients and squares of these units.
+    The others are the exponents of length and of force in the dimension of the unit. For kN, the
+    three numbers are 1000, 0 and 1. A user may also write quotients and squares of these units.
     """
     sizes = {
         "1": _Size(1.0, 0, 0),
@@ -157,7 +157,7 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 def to_inside(text: str, unit: str, subject: str = "value", more: str = "") -> float:
-    """Convert a quantity that a text states with a unit to a number in an internal unit.
+    """Convert a text with a number and a unit to the number in an internal unit.
 
     For the text "0.5 nm/N" and the internal unit mm/N, the result is 5e-7. Any unit of the same
     kind as the internal unit may be used. Examples are nm/N, µm/kN or um/kN for a compliance,
@@ -271,9 +271,11 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 
 
 def _size_of(unit: str) -> _Size | None:
-    """Return the factor from a unit to mm, N and rad, and the unit's powers of length and force.
+    """Return the factor that converts a unit to internal units, and the unit's dimension.
 
-    Return None if ``unit`` is not the name of a unit.
+    Internal units are made of mm, N and rad; the factor for µm is 1e-3. The dimension consists of
+    the exponents of length and force: 1 and −1 for mm/N. Return None if ``unit`` is not the name of
+    a unit.
     """
     text = re.sub(r"\(([^()]*)\)", _as_quotients, unit.strip())
     text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))

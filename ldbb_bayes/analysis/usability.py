@@ -175,7 +175,7 @@ def _reservations(
 ) -> list[Reason]:
     """Return the reasons, found by the fit and the verdicts, to use a certificate with caution.
 
-    A verdict on a parameter states how far the readings determine it. ``stated`` are the names of
+    A verdict on a parameter states how well the readings determine it. ``stated`` are the names of
     the parameters on the certificate.
     """
     reasons = []

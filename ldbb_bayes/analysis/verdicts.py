@@ -1,6 +1,6 @@
 """Verdicts on parameters: each parameter is identified, prior-limited or confounded.
 
-A verdict states how far the readings determine a parameter. It is based on the sources of the
+A verdict states how well the readings determine a parameter. It is based on the sources of the
 parameter's uncertainty. Each source has a share in the variance of the parameter
 (`Information.shares`; the shares sum to one), and an origin: its standard uncertainty is measured
 by the readings of this campaign, stated (by a certificate or the user), or assumed by the model
@@ -102,7 +102,7 @@ _ROUNDING = 1e-12
 
 
 class Verdict(StrEnum):
-    """Verdict on a parameter, which states how far the readings determine the parameter.
+    """Verdict on a parameter, which states how well the readings determine the parameter.
 
     Every source of uncertainty has a share in the variance of the parameter, and an origin: its
     standard uncertainty is measured in this campaign, stated or assumed. The sources are the terms

@@ -103,7 +103,8 @@ class Workflow(Result):
     #: measured range (largest minus smallest reading) of every circle, and its prior predictive
     #: interval; the keys are names of tests
     prior_ranges: dict[str, PriorRange]
-    #: probability of the prior predictive intervals of the ranges of circles (``prior_ranges``)
+    #: probability with which, under the prior, the range of a circle lies within its prior
+    #: predictive interval in ``prior_ranges``
     prior_prob: float
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters of the model
     #: effective sample size for the mean (bulk ESS), the smallest of all parameters and

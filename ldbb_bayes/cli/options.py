@@ -61,11 +61,11 @@ CATALOGUE: Mapping[str, Any] = tomllib.loads(
 class Kind(NamedTuple):
     """Kind of value that a command-line option can have, and how the typed value is converted."""
 
-    #: Type in which Typer, the library that reads the command line, returns the typed value of an
+    #: Python type of the value that Typer, the library that reads the command line, returns for an
     #: option.
     typed: Any
-    #: Function that converts the typed value of an option; its arguments are this value and the
-    #: option's flag, which is used in error messages.
+    #: Function that converts the value that Typer returns for an option; its arguments are this
+    #: value and the option's flag, which is used in error messages.
     read: Callable[[Any, str], Any]
     #: Placeholder that stands for the option's value in the help, such as X,Y,Z; None for the usual
     #: placeholder of the type.

@@ -124,8 +124,8 @@ class _Sample:
     #: node's weight in the integral, divided by the probability of picking the node, times the
     #: number of times that it was picked.
     weight: Array
-    #: integral of a density, with the n nodes (points) from which the m nodes of the sample were
-    #: picked
+    #: result of integrating a density over n nodes (points), from which the m nodes of the sample
+    #: were picked
     integral: Integral
     #: degree, 1 or 2, of a polynomial that is fitted to values at the nodes (points) of the sample
     degree: int

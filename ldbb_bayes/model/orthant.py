@@ -458,7 +458,7 @@ class Orthant:
         return self._complete(x[:, 0].T, normal), log_weight[0]
 
     def log_proposal_weight(self, e: Array) -> Array:
-        """Return the log importance weight of one point e for each of w random vectors, shape (w,).
+        """Return the log importance weights of w points e, shape (w,), one for each random vector.
 
         The point must satisfy the constraints u = mean + spread @ e ≥ 0. The log weight is the
         logarithm of a ratio of two densities at e. The first is the density of the standard normal

@@ -263,12 +263,12 @@ class AnnexTranslation:
         return None
 
     def _translation_of_placeholder(self, name: str, value: str) -> str | None:
-        """Return the translation of the text that stands at a placeholder of a sentence.
+        """Return the translation of the text that replaces a placeholder in a sentence.
 
         ``name`` is the name of the placeholder, and ``value`` is the text. If the name begins with
         ``r`` (raw), the text must not be translated, and is returned unchanged. However, None is
-        returned if such a text has several sentences, because the placeholder then stands for more
-        than it should. For any other name, None is returned if a part of the text has no
+        returned if such a text has several sentences, because the placeholder then matches more
+        text than intended. For any other name, None is returned if a part of the text has no
         translation.
         """
         if not name.startswith("r"):

@@ -132,22 +132,23 @@ class Findings:
     def judged_quantities(self) -> JudgedQuantities:
         """Verdicts on the quantities that the test certificate states.
 
-        A verdict states how far the readings determine a quantity. If the estimates on the
+        A verdict states how well the readings determine a quantity. If the estimates on the
         certificate are averages over models, the verdicts are averages, too.
         """
         return judge_quantities(self.posterior_of_certificate)
 
     @property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdicts on how far the readings determine the parameters on the test certificate.
+        """Verdicts on the parameters that the test certificate states.
 
-        The keys are the names of the parameters.
+        A verdict states how well the readings determine a parameter. The keys are the names of the
+        parameters.
         """
         return self.judged_quantities.parameters
 
     @property
     def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
-        """Verdicts on how far the readings determine the change of each compliance with force.
+        """Verdicts on how well the readings determine the change of each compliance with force.
 
         The keys of the mapping are the names of the compliances.
         """
@@ -155,7 +156,7 @@ class Findings:
 
     @cached_property
     def verdicts_of_fit(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdicts on how far the readings determine each parameter of the fitted model.
+        """Verdicts on how well the readings determine each parameter of the fitted model.
 
         These verdicts are not averages over models. The keys of the mapping are the names of the
         parameters.

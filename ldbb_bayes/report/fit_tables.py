@@ -405,8 +405,9 @@ def _parameters_by_kind(result: Mapping[str, Any]) -> tuple[dict[str, Any], dict
     """Return two dictionaries from a fit's results: the compliances, and the other parameters.
 
     The keys are names of parameters, and the values are the entries of the parameters in the
-    results. Slopes, the coefficients of the change of a compliance with force, belong to the other
-    parameters. They are left out if the results also contain the changes over the tested forces.
+    results. Slopes, the coefficients of the change of a compliance with force, are counted among
+    the other parameters. Slopes are left out if the results also contain the changes of compliances
+    over the tested forces.
     """
     compliances = {}
     others = {}
@@ -537,7 +538,7 @@ def results_table(
     result
         Results of a fit, see `full_result`.
     verdicts
-        Verdicts on how far the readings determine each parameter of the fit. The keys are names of
+        Verdicts on how well the readings determine each parameter of the fit. The keys are names of
         parameters.
     shares
         Whether a verdict states a percentage for each effect that it names: the share of the
@@ -576,7 +577,7 @@ def coefficient_table(
     result
         Results of a fit, see `full_result`.
     verdicts
-        Verdicts on how far the readings determine each parameter of the fit. The keys are names of
+        Verdicts on how well the readings determine each parameter of the fit. The keys are names of
         parameters.
 
     Returns

@@ -26,7 +26,7 @@ def judged_quantities(
 ) -> dict[str, ParameterIdentifiability | ChangeIdentifiability]:
     """Return a dict of the verdicts on parameters and on changes of compliances with force.
 
-    A verdict states how far the readings determine a parameter or a change. The keys are the names
+    A verdict states how well the readings determine a parameter or a change. The keys are the names
     that tables show: for example, C_XXX for a compliance, and ΔC_XXX for its change over the tested
     forces. Slopes, which are the coefficients of this change, are left out.
     """
@@ -45,7 +45,7 @@ def judged_quantities(
 
 
 def verdicts_table(result: Identifiability) -> Table:
-    """Return a table of the verdicts on how far the readings determine each parameter.
+    """Return a table of the verdicts on how well the readings determine each parameter.
 
     The table has one row for each parameter. The columns are the present expanded uncertainty U (k
     = 2), the verdict, the cheapest remedy, and U with this remedy. A remedy is a certificate, or a
@@ -87,7 +87,7 @@ def certificates_table(result: Identifiability, *, is_short: bool = False) -> Ta
 
 @parts_of.register
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
-    """Return all tables and sentences on how far the readings determine the parameters.
+    """Return all tables and sentences on how well the readings determine the parameters.
 
     The tables are about the verdicts on the parameters, the certificates of the instrument, and the
     priors of the parameters. Two lists follow. The first names the combinations of parameters and

@@ -115,7 +115,7 @@ def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
 def _results_table(findings: Findings) -> pd.DataFrame:
     """Return a table of the fitted model's parameters, one row for each parameter.
 
-    The columns include U (k = 2), and the verdict on how far the readings determine the parameter.
+    The columns include U (k = 2), and the verdict on how well the readings determine the parameter.
     """
     summary = findings.summary
     verdicts = []

@@ -28,8 +28,8 @@ _WIDTH = 182.0  # width of the printed area of an A4 page [mm]
 _LEFT = 14.0  # left margin of an A4 page [mm]
 _TOP = 14.0  # top margin of an A4 page [mm]
 # Lowest position at which the content of a sheet of the test certificate may end [mm from the top
-# of the page]. The space below this position is a reserve, because lines of text are slightly
-# higher if a browser prints the sheet.
+# of the page]. The space below this position is kept free, because a browser that prints the sheet
+# makes lines of text slightly taller.
 _BOTTOM = 272.0
 # Highest position at which the fields for signatures may begin [mm from the top of the page].
 _SIGNATURES = 256.0

@@ -1,10 +1,10 @@
 """First sentences on sheet 1 of the test certificate. They state the results of a fit plainly.
 
-The sentences describe the machine under load, at most three findings, and the step that would help
-most. A finding is something on the machine to inspect or to repair, and is stated with its
-probability. There are four kinds of findings: a softer axis in a plane, a compliance that changes
-with force, a difference between the two directions of travel (backlash or servo mismatch), and a
-squareness error.
+The sentences describe the machine under load, state at most three findings, and name the step that
+would reduce the uncertainty of undetermined parameters most. A finding is something on the machine
+to inspect or to repair, and is stated with its probability. There are four kinds of findings: a
+softer axis in a plane, a compliance that changes with force, a difference between the two
+directions of travel (backlash or servo mismatch), and a squareness error.
 """
 
 from __future__ import annotations
@@ -266,11 +266,11 @@ def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
-    """Yield sentences on the things to inspect or to repair that the readings show.
+    """Yield one sentence for each thing on the machine that should be inspected or repaired.
 
-    Further sentences follow if the readings show nothing to inspect, or no change of stiffness with
-    force. If no plane has circles in both directions, a sentence says that the readings cannot show
-    backlash or servo mismatch.
+    If there is nothing to inspect, a sentence says so. Another sentence follows if the readings do
+    not show that the stiffness changes with force. If no plane has circles in both directions, the
+    last sentence says that the readings cannot show backlash or servo mismatch.
     """
     words = numbers.words
     findings = findings_of(numbers)

@@ -32,7 +32,7 @@ _MOST_DESIGNS = 2
 
 @screen_of.register
 def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
-    """Return a short version of the verdicts on how far the readings determine each parameter.
+    """Return a short version of the verdicts on how well the readings determine each parameter.
 
     The first table has one row for each parameter except slopes (coefficients of a compliance as a
     polynomial in force). Instead of the slopes, it has one row for the change of each compliance

@@ -28,9 +28,8 @@ _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that state the machine and the date. Both sheets of the test
 # certificate show these entries.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Sheet 1 of the test certificate states how the order of the tests is known, for example from their
-# start times. The keys are the possible sources of this knowledge. The values are the keys of the
-# texts that the certificate then shows.
+# Names of the texts with which sheet 1 of the test certificate states how the order of the tests is
+# known. The keys are the possible sources of this knowledge, such as the start times of the tests.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",

@@ -46,8 +46,8 @@ __all__ = ["SheetNumbers", "remark"]
 # A remark states that a compliance increases with force if the probability of an increase is at
 # least this value. The same limit applies to a decrease.
 _SURE = 0.95
-# The credible interval of a compliance C may begin below this fraction of the median of C. The test
-# certificate then states only a lower limit of the stiffness 1 / C.
+# If the credible interval of a compliance C begins below this fraction of the median of C, the test
+# certificate states only a lower limit of the stiffness 1 / C.
 _HARDLY_POSITIVE = 0.2
 # Table for ``str.translate`` that replaces the letter of a rotation (A, B or C) by the letter of
 # the axis about which it turns (X, Y or Z).
@@ -355,10 +355,10 @@ class SheetNumbers:
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
-        ``names`` are the names of the quantities, such as ``G``. The keys of the returned dict
-        begin with these names. If the force is 0 N, ``_no_load`` is added to the names. If several
-        planes were tested, the plane is added, too, as in ``G_YZ``. At 0 N, the symbol of a
-        quantity ends in _0.
+        ``names`` are the names of the quantities, such as ``G``. The result is a dict. Each of its
+        keys is a name, followed by ``_no_load`` if the force is 0 N, and by the plane if several
+        planes were tested: ``G``, ``G_YZ`` or ``G_no_load_YZ``. The symbol with which the
+        certificate denotes a quantity at 0 N ends in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.posterior_of_certificate, [force_N], prob=prob)
@@ -448,7 +448,7 @@ def _names_by_label(bound: BoundModel) -> dict[str, Any]:
 
 
 def remark(quantity: StatedQuantity, words: Words) -> str:
-    """Return a short remark on how far the readings determine a quantity.
+    """Return a short remark on how well the readings determine a quantity.
 
     Parameters
     ----------
@@ -476,7 +476,7 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
 def _change_remark(quantity: StatedQuantity, words: Words) -> str:
     """Return a remark on the change of a compliance with force.
 
-    The remark states whether the compliance increases or decreases, and the verdict on how far the
+    The remark states whether the compliance increases or decreases, and the verdict on how well the
     readings determine the change. If the sign of the change is uncertain, the remark has no
     verdict, because the verdict "identified" would seem to contradict the uncertain sign.
     """
@@ -492,7 +492,7 @@ def _change_remark(quantity: StatedQuantity, words: Words) -> str:
 
 
 def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, words: Words) -> str:
-    """Return a short remark on how far the readings determine a parameter or a change.
+    """Return a short remark on how well the readings determine a parameter or a change.
 
     ``entry`` is the verdict on a parameter, or on the change of a compliance with force.
     """

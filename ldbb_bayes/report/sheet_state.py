@@ -27,8 +27,8 @@ _MOST_UNDETERMINED = 12
 # probability lies between these two limits, so that the change is neither excluded nor certain.
 _CHANGE_IS_EXCLUDED = 0.05
 _CHANGE_IS_CERTAIN = 0.95
-# Limit for the probability that compliance changes with force. Only if the probability is above
-# this limit, the test certificate names the compliances whose changes have uncertain signs.
+# Limit for the probability that compliance changes with force. The test certificate names the
+# compliances whose changes have uncertain signs only if the probability is above this limit.
 _CHANGE_IS_LIKELY = 0.5
 
 

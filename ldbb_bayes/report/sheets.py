@@ -212,11 +212,10 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _sums(findings: Findings, words: Words) -> Iterator[str]:
-    """Yield one sentence on the compliances of the model that represent a sum of compliances.
+    """Yield a sentence that lists which compliances of the model stand for sums, and which sums.
 
-    The readings cannot separate the compliances in a sum. The sentence lists these compliances of
-    the model and the sums that they represent. Nothing is yielded if no compliance represents a
-    sum.
+    If the readings cannot separate some compliances of the machine, the model has a single
+    compliance, which stands for their sum. Nothing is yielded if there is no such compliance.
     """
     campaign = campaign_of(findings.posterior)
     machine = describe_machine(campaign.machine(), [test.circle for test in campaign.tests])
@@ -258,7 +257,7 @@ def _gum_sentence(numbers: SheetNumbers) -> str:
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     """Return explanations of the effects that the verdicts on parameters name.
 
-    Each effect is a model term, such as the mount. A verdict states how far the readings determine
+    Each effect is a model term, such as the mount. A verdict states how well the readings determine
     a parameter. The verdict names the effects with which the parameter is confounded, and the
     effect that contributes most to the parameter's variance. Each explanation is a text in the
     language of the test certificate.

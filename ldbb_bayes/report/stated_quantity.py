@@ -40,7 +40,7 @@ class StatedQuantity:
         Unit of ``estimate``, ``sd`` and ``interval``: a unit made of mm, N and rad for a parameter
         or a stiffness, um for a circular deviation, and deg for a direction.
     entry
-        Verdict on how far the readings determine the quantity. For a stiffness 1 / C, it is the
+        Verdict on how well the readings determine the quantity. For a stiffness 1 / C, it is the
         verdict on the compliance C. None for a quantity that is computed from several parameters.
     limit
         String with the limit if the sheet states only a limit of the quantity, and otherwise an

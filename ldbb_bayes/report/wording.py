@@ -178,7 +178,8 @@ _SURE = 0.95
 # rounding error.
 _ROUNDING = 1e-9
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
-_MOST_JOINED = 3  # largest number of campaigns outside control limits that a sentence names
+# If more campaigns than this lie outside the control limits, a sentence names only the first ones.
+_MOST_JOINED = 3
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 # Probabilities below this value, which would be rounded to 0.000, are stated as "< 0.001".
 _UNLIKELY = 5e-4
@@ -822,7 +823,7 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
 def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
     """Return a short string with a verdict, such as "confounded: mount 39 %, …".
 
-    A verdict states how far the readings determine a parameter. The string names one source of the
+    A verdict states how well the readings determine a parameter. The string names one source of the
     parameter's variance with its share. The ellipsis stands for further effects with which the
     parameter is confounded.
     """
@@ -914,16 +915,19 @@ def certificate_words(certificate: str) -> str:
 def verdict_words(
     entry: ParameterIdentifiability | ChangeIdentifiability, *, shares: bool = True
 ) -> str:
-    """Return a string with the verdict on how far the readings determine a parameter or a change.
+    """Return a string with the verdict on how well the readings determine a parameter or a change.
+
+    If the parameter or change is confounded, the string names the effects with which it is
+    confounded.
 
     Parameters
     ----------
     entry
         Verdict on the parameter, or on the change of a compliance with force.
     shares
-        Whether the string states the share of the variance that is due to each named effect. The
-        string names the effects with which the parameter is confounded or, if the parameter is
-        identified, the effect with the largest share of its variance.
+        Whether the string also states shares of the variance. If the parameter or change is
+        confounded, the share of each named effect is stated. If it is identified, the effect with
+        the largest share is named, and this share is stated.
 
     Returns
     -------
@@ -960,7 +964,7 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     """Return the most important sentences on the result of an identifiability analysis.
 
-    A verdict states how far the readings determine a parameter or the change of a compliance with
+    A verdict states how well the readings determine a parameter or the change of a compliance with
     force. The first sentence states how many parameters and changes have each verdict. Slopes
     (coefficients of the change with force) are not counted.
     """
@@ -1215,10 +1219,10 @@ def _holder_in_words(name: str) -> str:
 
 
 def next_circle_head(step: NextCircle) -> tuple[str, ...]:
-    """Return the first sentences on the next circle: its settings, or that the campaign may stop.
+    """Return the first sentences on the next circle.
 
-    The campaign may stop if every aim is reached. Otherwise the sentences name the best next
-    circle, and how many more circles are expected to be enough.
+    If every aim is reached, they say that the campaign may stop. Otherwise, they state the settings
+    of the best next circle, and how many more circles are expected to be enough.
     """
     best_circle = step.table.to_dict(orient="records")[0]
     return _sentences("next_circle_head", step, best_circle)
@@ -1388,7 +1392,7 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 def population_doubts(doubts: Any) -> tuple[str, ...]:
     """Return sentences on the limitations of the results for a population of machines.
 
-    ``doubts`` is the result for the population; one of its attributes lists the limitations. They
+    ``doubts`` is the result of `fit_population`; its attribute ``caveats`` lists limitations. They
     matter most if the population serves as a prior for another machine.
     """
     return _sentences("population_doubts", doubts)

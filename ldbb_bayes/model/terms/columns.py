@@ -68,8 +68,8 @@ class Scale(NamedTuple):
     symbol: str = ""  #: symbol of a hyper-parameter in reports, such as σ
     words: str = ""  #: description of a hyper-parameter in reports, such as white noise for σ
     #: kind of the hyper-parameter and of its prior: ``half-normal`` for a prior sd, ``decay`` for
-    #: the exponent of the decrease with the order, or ``circle`` for the factor λ that multiplies
-    #: the noise of one circle
+    #: the exponent with which prior sds decrease with the Fourier order, or ``circle`` for the
+    #: factor λ that multiplies the noise of one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:
@@ -82,8 +82,9 @@ class Source(NamedTuple):
 
     The product is hyper · circle · (order/6)^(−decay). ``hyper``, ``circle`` and ``decay`` name the
     hyper-parameters in this product: the scale of an effect, the factor λ on the noise of a circle,
-    and the exponent of the decrease with the order. If one of these names is None, the
-    corresponding factor of the product is 1. ``order`` is the order of the coefficient's harmonic.
+    and the exponent with which the prior sd decreases with the Fourier order. If one of these names
+    is None, the corresponding factor of the product is 1. ``order`` is the order of the
+    coefficient's harmonic.
     """
 
     hyper: Hyper | None = None

@@ -122,7 +122,9 @@ class JointLoad(Term):
         return deflections / force_N[:, None]
 
     def deflections(self, setting: Setting, axis: int, r: int, force_N: Array) -> Array:
-        """Return the nonlinear deflections of an axis on the circle of one test.
+        """Return the effects of the nonlinear deflections of an axis on the readings of one circle.
+
+        Each axis has three coefficients of nonlinear deflection.
 
         Parameters
         ----------
@@ -138,8 +140,8 @@ class JointLoad(Term):
 
         Returns
         -------
-        Fourier coefficients of the reading per unit of the axis' three coefficients, shape (n, 25,
-        3) [N].
+        For each of n forces, the 25 Fourier coefficients of the reading per unit of each of the
+        axis' three coefficients, shape (n, 25, 3) [N].
         """
         return self._deflections(
             setting,

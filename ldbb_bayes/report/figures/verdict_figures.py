@@ -1,6 +1,6 @@
 """Figures of verdicts and uncertainty budgets.
 
-A verdict states how far the readings determine a parameter. The figure of verdicts shows the prior
+A verdict states how well the readings determine a parameter. The figure of verdicts shows the prior
 and the posterior density of each parameter. A budget states the sources of an uncertainty.
 """
 
@@ -40,7 +40,7 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
     """Draw the prior and the posterior density of every parameter, with one panel per parameter.
 
     Both densities are normal; they ignore the condition that no compliance is negative. The colour
-    of the posterior density shows the verdict on how far the readings determine the parameter.
+    of the posterior density shows the verdict on how well the readings determine the parameter.
 
     Parameters
     ----------
