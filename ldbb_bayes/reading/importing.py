@@ -227,7 +227,7 @@ def _not_understood_of(recording: Recording) -> dict[str, str | CitedLine]:
     if unread is not None:
         notes["direction"] = quoted_line(unread.line, unread.text, "not understood")
     if "mount" not in recording.statements:
-        notes["mount"] = unread_mount([*lines_above, *recording.lines_below])
+        notes["mount"] = unread_mount([*lines_above, *recording.lines_around])
     if recording.fields.get("plane") is None:
         notes["plane"] = unread_plane([*recording.lines_of_all_tests, *lines_above])
     if recording.fields.get("radius_mm") is None:

@@ -13,6 +13,7 @@ from ldbb_bayes.reading.headers import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import LineStatement
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.texts_beside import TextBeside
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -112,6 +113,11 @@ class Recording:
     #: whether readings contain the deflection of the ball's mount. They may also state the sign of
     #: readings, the direction of travel, and how angles are counted
     lines_below: Sequence[tuple[int | str, str]] = ()
+    #: texts beside the table, or in its unused columns, that may state what lines below it may
+    #: state; each item holds the place of a text and the text
+    lines_beside: Sequence[tuple[int | str, str]] = ()
+    #: all texts beside the table, whether they may state something about the test or not
+    texts_beside: Sequence[TextBeside] = ()
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
@@ -139,11 +145,16 @@ class Recording:
 
     @property
     def lines_outside(self) -> list[tuple[int | str, str]]:
-        """Lines above and below the table of the test, and lines of sheets without a table.
+        """Lines above and below the table, texts beside it, and lines of sheets without a table.
 
         A line of a sheet without a table is included only if it applies to all tests.
         """
-        return [*self.lines_of_all_tests, *self.heading.lines_above, *self.lines_below]
+        return [*self.lines_of_all_tests, *self.heading.lines_above, *self.lines_around]
+
+    @property
+    def lines_around(self) -> list[tuple[int | str, str]]:
+        """Lines below the table of the test, and texts beside it that may state something."""
+        return [*self.lines_below, *self.lines_beside]
 
     @property
     def radius_mm(self) -> float:

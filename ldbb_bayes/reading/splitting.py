@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -51,9 +51,11 @@ from ldbb_bayes.reading.statistics_rows import (
     statistics_among,
     words_among_numbers,
 )
+from ldbb_bayes.reading.texts_beside import TextBeside, texts_beside, texts_of_test
 from ldbb_bayes.reading.travel_direction import with_sides_in_full
 from ldbb_bayes.reading.unit_columns import unit_columns
 from ldbb_bayes.reading.unit_lines import UNIT_KEYS
+from ldbb_bayes.reading.unit_sentences import units_in_sentences
 from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, UNITS, unit_named
 from ldbb_bayes.results import Array
 
@@ -84,10 +86,10 @@ _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_de
 # Regular expression for a number that may be a result of a measurement, such as 12 µm. It does not
 # match G2, G3 or a factor of −1.
 _RESULT = re.compile(r"(?<![^\W_])(?:\d\d|\d(?<![-−]1))")
-# Fields for which the lines below a table are searched: whether readings measure the radius or the
-# diameter, and whether they contain the deflection of the mount. Values of other fields are not
-# taken from these lines, because they may be results.
-_STATED_BELOW = ("measured", "mount")
+# Fields for which the lines below a table, and the texts beside it, are searched: whether readings
+# measure the radius or the diameter, and whether they contain the deflection of the mount. Values
+# of other fields are not taken from these lines, because they may be results.
+_STATED_AROUND = ("measured", "mount")
 # Fields of a test or of the campaign. If a sheet has no table, its lines may state values of these
 # fields. Such a value applies to all tests.
 FIELDS_OF_ALL_TESTS = {
@@ -355,9 +357,12 @@ def split_sheet(
     for row, label in enumerate(labels):
         rows_by_label.setdefault(label, []).append(row)
     field_columns = _field_columns(columns, labels, log)
-    unused = _unused_columns(columns, list(rows_by_label.values()))
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
-    lines_below = _lines_below(sheet, columns.lines)
+    texts_below = _texts_below(sheet, columns.lines)
+    lines_below = _without_results(texts_below)
+    columns_in_use = {*columns.unit_columns.values(), *columns.numbering, *field_columns.values()}
+    beside = texts_beside(sheet, columns.heading, columns.lines, columns_in_use)
+    unused = _unused_columns(columns, list(rows_by_label.values()), beside)
     for test_heading in columns.heading.split_by_readings():
         numbers = dict(shared_numbers)
         for column in test_heading.readings:
@@ -379,7 +384,9 @@ def split_sheet(
             statements = _statements_of_all_tests(overview.of_all_tests)
             statements |= columns.constant_statements(rows)
             statements |= statements_in(lines_above)
-            _add_statements_below(statements, lines_below)
+            lines_beside = texts_of_test(beside, {columns.lines[row] for row in all_rows})
+            _add_statements_around(statements, [*lines_below, *lines_beside])
+            _add_units_around(statements, test_heading, [*texts_below, *lines_beside])
             yield Recording(
                 sheet=sheet,
                 heading=replace(test_heading, lines_above=lines_above),
@@ -397,21 +404,31 @@ def split_sheet(
                 fields=fields,
                 lines_of_all_tests=overview.of_all_tests,
                 lines_below=lines_below,
+                lines_beside=lines_beside,
+                texts_beside=beside,
                 constant_columns=columns.constant_lines(rows),
                 numbering_headers=columns.numbering_headers,
                 unused_columns=unused,
             )
 
 
-def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
+def _texts_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
+    """Return the number and the text of each line below a table.
+
+    ``lines_of_table`` are the numbers of the lines of the table.
+    """
+    last_line = max(lines_of_table, default=0)
+    return list(sheet.texts(row for row in sheet.rows if row.line > last_line))
+
+
+def _without_results(lines: Lines) -> list[tuple[int | str, str]]:
     """Return the number and the text of each line below a table, leaving out possible results.
 
     A segment of a line is left out if it holds a number that may be a result of the test, as in
-    ``Circularity CW: 12 µm``. ``lines_of_table`` are the numbers of the lines of the table.
+    ``Circularity CW: 12 µm``.
     """
-    last_line = max(lines_of_table, default=0)
-    lines: list[tuple[int | str, str]] = []
-    for line, text in sheet.texts(row for row in sheet.rows if row.line > last_line):
+    remaining: list[tuple[int | str, str]] = []
+    for line, text in lines:
         text_without_results = text
         if _RESULT.search(text):
             segments = segments_of_line(text[:LONGEST_TEXT])
@@ -419,21 +436,42 @@ def _lines_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int 
                 segment for segment in segments if not _RESULT.search(segment)
             )
         if text_without_results:
-            lines.append((line, text_without_results))
-    return lines
+            remaining.append((line, text_without_results))
+    return remaining
 
 
-def _add_statements_below(statements: dict[str, list[LineStatement]], lines: Lines) -> None:
-    """Add to ``statements`` what lines below a table state about the readings.
+def _add_statements_around(statements: dict[str, list[LineStatement]], lines: Lines) -> None:
+    """Add to ``statements`` what lines below a table, and texts beside it, state about readings.
 
     These lines may state whether the readings measure the radius or the diameter, and whether they
     contain the deflection of the mount. Other numbers and texts below a table may be results of the
     measurement, and are not added.
     """
     statements_of_lines = statements_in(lines)
-    for key in _STATED_BELOW:
+    for key in _STATED_AROUND:
         if key in statements_of_lines:
             statements[key] = [*statements.get(key, ()), *statements_of_lines[key]]
+
+
+def _add_units_around(
+    statements: dict[str, list[LineStatement]], heading: Heading, lines: Lines
+) -> None:
+    """Add to ``statements`` the units of angles and readings that sentences around a table state.
+
+    An example is ``All deviations in 0.1 µm`` below the table. A unit is added only if neither the
+    header nor a line above the table states the unit. Other texts with a unit may be results.
+    """
+    for role in ("angle", "reading"):
+        key = f"{role}_unit"
+        if key in statements or role not in heading.roles or heading.units[heading.roles[role]]:
+            continue
+        stated = []
+        for line, text in lines:
+            unit = units_in_sentences(text).get(key)
+            if unit:
+                stated.append(LineStatement(unit, unit, line))
+        if stated:
+            statements[key] = stated
 
 
 def _note_unread_list(sheet: Sheet, headers: Sequence[str], log: AssumptionLog) -> None:
@@ -1038,17 +1076,21 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
     return fields
 
 
-def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]]) -> list[str]:
+def _unused_columns(
+    columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int]], beside: Sequence[TextBeside]
+) -> list[str]:
     """Return the headers of the columns of a table that are not used.
 
     A column without a role (angle, reading, …) counts as used only if it states a field, such as
     the radius, for every test. Two columns that together identify the tests also count as used. If
     an unused column has the same header and the same cells as a used column, its header is left out
     of the result. If only the headers are the same, the number of the unused column is added to its
-    header. The header of a column of times is included even if the start times of the tests are
-    taken from this column later. ``rows_of_tests`` holds the indices of the rows of each test.
-    ``columns`` is the table of the sheet.
+    header. A column that holds only texts which take part like lines below the table is left out.
+    The header of a column of times is included even if the start times of the tests are taken from
+    this column later. ``rows_of_tests`` holds the indices of the rows of each test, and ``beside``
+    the texts beside the table and in its columns. ``columns`` is the table of the sheet.
     """
+    texts = {entry.text for entry in beside}
     all_columns = range(len(columns.heading.headers))
     used_in_all_tests = {columns.place_of_column(column) for column in all_columns}
     for rows in rows_of_tests:
@@ -1059,7 +1101,7 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
     headers = []
     for column in unused_columns(columns.heading):
         is_used = columns.place_of_column(column) in used_in_all_tests
-        if is_used or column in columns.numbering:
+        if is_used or column in columns.numbering or _holds_texts(columns, column, texts):
             continue
         namesake = _namesake(columns.heading, column)
         if namesake is None:
@@ -1067,6 +1109,14 @@ def _unused_columns(columns: _SheetColumns, rows_of_tests: Sequence[Sequence[int
         elif columns.cells[column] != columns.cells[namesake]:
             headers.append(f"{columns.heading.headers[column]} (column {column + 1})")
     return headers
+
+
+def _holds_texts(columns: _SheetColumns, column: int, texts: Collection[str]) -> bool:
+    """Return whether all filled cells of a column, or its header, are among ``texts``."""
+    filled = [cell for cell in columns.cells[column] if cell]
+    if filled:
+        return all(cell in texts for cell in filled)
+    return columns.heading.headers[column] in texts
 
 
 def _namesake(heading: Heading, column: int) -> int | None:

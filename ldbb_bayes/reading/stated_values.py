@@ -391,7 +391,7 @@ def _directions_above(recording: Recording) -> _StatedSenses:
     """
     lines_above = recording.heading.lines_above
     names = [name for name in recording.names() if not name_is_about_angles(name)]
-    senses = directions_stated([*lines_above, *recording.lines_below], names)
+    senses = directions_stated([*lines_above, *recording.lines_around], names)
     if senses:
         return _StatedSenses(senses, _source_of_direction(recording))
     arcs = programmed_arcs(lines_above)
@@ -419,6 +419,8 @@ def _source_of_direction(recording: Recording) -> str:
             return "a line above the table"
     if directions_stated(recording.lines_below):
         return "a line below the table"
+    if directions_stated(recording.lines_beside):
+        return "a text beside the table"
     return "the name"
 
 

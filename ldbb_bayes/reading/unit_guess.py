@@ -31,7 +31,7 @@ from ldbb_bayes.reading.unit_lines import (
     unknown_unit_in,
 )
 from ldbb_bayes.reading.unit_sentences import fraction_mentioned
-from ldbb_bayes.reading.words import UNITS, size_of_unit
+from ldbb_bayes.reading.words import SHARE, UNITS, shares_mentioned, size_of_unit
 
 __all__ = ["assume_units"]
 
@@ -218,10 +218,7 @@ def _check_factors(recording: Recording) -> None:
     column = recording.heading.roles["reading"]
     header = recording.heading.headers[column]
     unit = recording.heading.units[column]
-    # A factor inside the unit, as in "10 µm", is not examined here, because the function that reads
-    # units raises an error for it.
-    is_unit_plain = re.search(r"\d", unit) is None
-    if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
+    if _has_unread_factor(header, unit):
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
     for line, content in _lines_about_test(recording):
         text = content.strip()[:_TEXT_SHOWN]
@@ -230,6 +227,20 @@ def _check_factors(recording: Recording) -> None:
         if unit and (mentions_scale(content) or _mentions_other(line, content, unit)):
             reason = quoted_line(line, content, "not used", _TEXT_SHOWN)
             recording.note("unit of the reading", unit, reason, "--unit")
+
+
+def _has_unread_factor(header: str, unit: str) -> bool:
+    """Return whether a header says that its readings are multiplied by a number.
+
+    The number may be a fraction of a unit that the header does not name, as in ``Error,
+    millionths``. ``unit`` is the unit that the header states; empty if it states none.
+    """
+    if not unit and SHARE.search(header):
+        return True
+    # A factor inside the unit, as in "10 µm", is not examined here, because the function that reads
+    # units raises an error for it.
+    is_unit_plain = re.search(r"\d", unit) is None
+    return is_unit_plain and header_has_factor(header) and not may_be_diameter(header)
 
 
 def _unread_factor(recording: Recording, shown: str) -> OpenQuestionError:
@@ -260,13 +271,15 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
 
     Lines outside the table of readings are searched, as are the names of the test, its sheet and
     its file. Lines that state a property of the test, such as its radius, are left out, because
-    their units are not those of the readings. The note is empty if no line or name mentions
-    ``unit``. Raise an `OpenQuestionError` if a line or name mentions another unit of readings, or
-    if a name mentions counts or a unit with a factor, such as 0.1um.
+    their units are not those of the readings. A line below the table counts only if it names a
+    fraction of a unit, such as tenths of a µm, because it may be a result. The note is empty if no
+    line or name mentions ``unit``. Raise an `OpenQuestionError` if a line or name mentions another
+    unit of readings, or if a name mentions counts or a unit with a factor, such as 0.1um.
     """
     note: str | CitedLine = ""
     mentions: list[tuple[str | CitedLine, str]] = []
-    for line, text in _lines_about_test(recording):
+    lines_below = [entry for entry in recording.lines_below if shares_mentioned(entry[1])]
+    for line, text in [*_lines_about_test(recording), *recording.lines_beside, *lines_below]:
         if not statements_in([(line, text)]):
             mentions.append((cited_line(line), text))
     mentions += [("its name", name) for name in recording.names_of_files()]

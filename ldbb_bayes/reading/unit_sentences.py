@@ -27,7 +27,8 @@ _WORDS = WORDS["unit_lines"]
 # and angle. The group ``behind`` matches the text after "in".
 _STATED_IN = {
     role: re.compile(
-        rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))* in (?P<behind>.*)",
+        rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))*"
+        r" (?P<in>in|en) (?P<behind>.*)",
         re.IGNORECASE,
     )
     for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
@@ -92,7 +93,9 @@ def units_in_sentences(text: str) -> dict[str, str]:
         phrase = phrase_and_remark["phrase"].strip()
         is_german = "winkel" in comparable(text)
         unit = _unit_of_phrase(phrase, (phrase_and_remark["remark"] or "").strip(), role, is_german)
-        if not unit and not phrase_and_remark["behind"].strip(" .;|\t)"):
+        is_at_end = not phrase_and_remark["behind"].strip(" .;|\t)")
+        # The French word "en" often stands before a word that is no unit, as in "mesures en XY".
+        if not unit and is_at_end and match["in"].lower() == "in":
             unit = _unknown_unit(phrase)
         if unit:
             stated[f"{role}_unit"] = unit

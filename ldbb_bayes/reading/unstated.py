@@ -186,8 +186,8 @@ def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutsid
 
     A line above the table counts as used if it states a field of a test or campaign, or the
     direction of travel. The same holds for the lines of a sheet without a table. A line below the
-    table counts as used only if it states the direction of travel. Cells beside the table count as
-    not used. ``last_line`` is the number of the last line of the table.
+    table, or a text beside it, counts as used only if it states the direction of travel.
+    ``last_line`` is the number of the last line of the table.
     """
     for line, text in (*recording.heading.lines_above, *recording.lines_of_all_tests):
         fields = set(statements_in([(line, text)])) - _CITED_WHERE_USED
@@ -195,21 +195,6 @@ def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutsid
     sheet = recording.sheet
     for line, text in sheet.texts(row for row in sheet.rows if row.line > last_line):
         yield _TextOutside(line, text, bool(directions_stated([(line, text)])))
-    for line, text in _texts_beside(recording):
-        yield _TextOutside(line, text, is_used=False)
-
-
-def _texts_beside(recording: Recording) -> Iterator[tuple[int, str]]:
-    """Yield the cells with text beside the rows of a test, in columns that have no header."""
-    heading = recording.heading
-    in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
-    for k, header in enumerate(heading.headers):
-        if header:
-            in_use.add(k)
-    lines = set(recording.lines)
-    for row in recording.sheet.rows:
-        if row.line not in lines:
-            continue
-        for k, cell in enumerate(row.cells):
-            if k not in in_use and _LETTER.search(cell):
-                yield row.line, cell
+    for entry in recording.texts_beside:
+        is_used = bool(entry.may_state and directions_stated([(entry.place, entry.text)]))
+        yield _TextOutside(entry.place, entry.text, is_used)

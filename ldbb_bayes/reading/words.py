@@ -96,7 +96,7 @@ _PREFIX = re.compile(
 # the names of the fractions, such as "tenth".
 _UNIT_IN_SHARES = {
     share: re.compile(
-        rf"(?<!\w)(?:{WORDS['shares'][share]})\s*(?:{WORDS['shares']['between']})*"
+        rf"(?<!\w)(?:{WORDS['shares'][share]})[\s\-]*(?:{WORDS['shares']['between']})*"
         r"(?P<unit>[^\W\d_]+)(?!\w)",
         re.IGNORECASE,
     )

@@ -225,10 +225,10 @@ def test_a_diameter_in_a_title_with_a_number_is_refused(tmp_path: Path) -> None:
 
 def test_cells_beside_the_table_are_told(tmp_path: Path) -> None:
     rows = [f"{5 * k},{k % 7}.25,," for k in range(72)]
-    rows[0] = "0,0.25,,Positive reading: bar shorter"
+    rows[0] = "0,0.25,,Gauge turned over"
     path = tmp_path / "100 N.csv"
     path.write_text("\n".join(["angle [deg],dR [um],,", *rows, ""]), encoding="utf-8")
-    assert "'Positive reading: bar shorter'" in notes_on(path)["texts not used"]
+    assert "'Gauge turned over'" in notes_on(path)["texts not used"]
 
 
 def test_texts_beyond_six_are_counted(tmp_path: Path) -> None:
