@@ -271,15 +271,13 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
 
     Lines outside the table of readings are searched, as are the names of the test, its sheet and
     its file. Lines that state a property of the test, such as its radius, are left out, because
-    their units are not those of the readings. A line below the table counts only if it names a
-    fraction of a unit, such as tenths of a µm, because it may be a result. The note is empty if no
-    line or name mentions ``unit``. Raise an `OpenQuestionError` if a line or name mentions another
+    their units are not those of the readings. The note is empty if no line or name mentions
+    ``unit``. Raise an `OpenQuestionError` if a line or name mentions another
     unit of readings, or if a name mentions counts or a unit with a factor, such as 0.1um.
     """
     note: str | CitedLine = ""
     mentions: list[tuple[str | CitedLine, str]] = []
-    lines_below = [entry for entry in recording.lines_below if shares_mentioned(entry[1])]
-    for line, text in [*_lines_about_test(recording), *recording.lines_beside, *lines_below]:
+    for line, text in _lines_on_units(recording):
         if not statements_in([(line, text)]):
             mentions.append((cited_line(line), text))
     mentions += [("its name", name) for name in recording.names_of_files()]
@@ -300,6 +298,17 @@ def _check_mentions(recording: Recording, unit: str) -> str | CitedLine:
                 list(UNITS["reading"]),
             )
     return note
+
+
+def _lines_on_units(recording: Recording) -> Lines:
+    """Return the lines outside the table that may mention the unit of the readings.
+
+    A line below the table is returned only if it names a fraction of a unit, such as tenths of a
+    µm, because other lines there may hold results.
+    """
+    lines = [*_lines_about_test(recording), *recording.lines_beside]
+    lines += [(line, text) for line, text in recording.lines_below if shares_mentioned(text)]
+    return lines
 
 
 def _other_fraction(text: str, unit: str) -> str:
