@@ -13,10 +13,16 @@ from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
-from ldbb_bayes.reading.line_parts import divide_line, statements_of_line
+from ldbb_bayes.reading.line_parts import divide_line, sentences_of_line, statements_of_line
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import name_as_words
 from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.qualifications import (
+    without_usual_view,
+    words_of_another_zero,
+    words_of_exception,
+    words_of_view,
+)
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.travel_direction import senses_in
 from ldbb_bayes.reading.unit_lines import unit_mentioned
@@ -44,6 +50,11 @@ _ZERO = re.compile(
 _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
 # Regular expression for the name of an axis before a word for "from", as in "+Y軸から".
 _ZERO_BEFORE_FROM = re.compile(_WORDS["zero_before_from"], re.IGNORECASE)
+_ZEROS = (_ZERO, _ZERO_BEHIND, _ZERO_BEFORE_FROM)
+# Regular expression for an axis after a word such as "towards".
+_TOWARDS = re.compile(
+    rf"(?:{_WORDS['towards']}) ?(?P<sign>[+\-−]?) ?(?P<axis>[XYZ])(?![^\W_])", re.IGNORECASE
+)
 # Regular expression for words which say that the sense of angles is reversed.
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 # Regular expression for words for the mathematical sense of angles, which is counter-clockwise.
@@ -90,6 +101,8 @@ _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
 # Regular expression for words which show that a line says in which sense angles are counted. In a
 # line without such words, a word such as "clockwise" may mean the direction of travel.
 _SENSE = re.compile(_WORDS["sense"], re.IGNORECASE)
+# Regular expression for words which show that a part of a line is about readings or an instrument.
+_OF_READINGS = re.compile(_WORDS["of_readings"], re.IGNORECASE)
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
 _RIGHT_ANGLE_DEG = 90.0
@@ -335,11 +348,104 @@ def _statement_about_angles(
     if is_header and _MINUS.search(text):
         sense = "CW"
     elif is_header or zero or _SENSE.search(text) or _ANGLE.search(text):
-        senses = senses_in(text)
-        if len(senses) == 1:
-            sense = senses.pop()
+        sense = _sense_in(text)
         _check_reversed(recording, source, text, is_header)
+    if zero or sense or is_header:
+        _check_qualified(recording, source, text)
     return _AngleStatement(zero, sense, source)
+
+
+def _sense_in(text: str) -> str:
+    """Return the sense of angles, CW or CCW, that a text names; empty if it names none or both.
+
+    A text that leads from one axis towards another, such as ``from +X towards -Y``, names a sense,
+    too.
+    """
+    senses = senses_in(text)
+    if len(senses) == 1:
+        return senses.pop()
+    return "" if senses else _sense_between_axes(text)
+
+
+def _sense_between_axes(text: str) -> str:
+    """Return the sense in which angles run from their zero towards the second axis of a text.
+
+    The result is empty if the text names no second axis after a word such as "towards". In all
+    planes (XY, YZ and ZX), the way from the first axis to the second is counter-clockwise.
+    """
+    zero = _zero_in(text)
+    match = _TOWARDS.search(text)
+    if not zero or match is None or match["axis"].upper() == zero[-1]:
+        return ""
+    is_next = "XYZX".find(zero[-1] + match["axis"].upper()) >= 0
+    n_turned = [is_next, zero[0] == "+", match["sign"] in ("", "+")].count(False)
+    return "CW" if n_turned % 2 else "CCW"
+
+
+def _check_qualified(recording: Recording, source: str | CitedLine, text: str) -> None:
+    """Raise an error if a text about angles holds words that change what it states.
+
+    Such words are a view from below, an angle that is added, "except", a second axis, or a second
+    sense. ``source`` tells where the text is, such as "line 3". No error is raised if the user
+    states what the words change.
+    """
+    if not _is_sense_given(recording):
+        _check_view(recording, source, text)
+    if not _is_zero_given(recording):
+        _check_shift(recording, source, text)
+    if not (_is_zero_given(recording) and _is_sense_given(recording)):
+        _check_exception(recording, source, text)
+    if len(_zeros_in(text)) > 1 and not _is_zero_given(recording):
+        raise _unknown_zero(recording, source, text.strip())
+    if len(senses_in(text)) > 1 and not _is_sense_given(recording):
+        raise _unknown_sense(recording, source, text)
+
+
+def _is_zero_given(recording: Recording) -> bool:
+    """Return whether the user states where angles begin."""
+    layout = recording.layout
+    return layout.angle_zero is not None or layout.angle_offset_deg is not None
+
+
+def _is_sense_given(recording: Recording) -> bool:
+    """Return whether the user states in which sense angles run."""
+    layout = recording.layout
+    return layout.angle_sense is not None or layout.angle_sign is not None
+
+
+def _check_view(recording: Recording, source: str | CitedLine, text: str) -> None:
+    """Raise an error if a text states the sense of angles as seen from below or from behind."""
+    view = words_of_view(text)
+    if view:
+        raise OpenQuestionError(
+            f"{recording.place}: angles must run clockwise or counter-clockwise as seen from above,"
+            f" got {view!r} in {source}. Say which: --angle-sense CW or CCW.",
+            "angle_sense",
+            ("CW", "CCW"),
+        )
+
+
+def _check_shift(recording: Recording, source: str | CitedLine, text: str) -> None:
+    """Raise an error if a text adds a number to angles, or gives an angle besides the zero."""
+    shift = words_of_another_zero(_part_about_angles(text))
+    if shift:
+        raise InputError(
+            f"{recording.place}: angles must begin at an axis, got {text.strip()!r} with {shift!r}"
+            f" in {source}. Give --angle-offset-deg, the angle of the plane's first axis as the"
+            " file counts (and --angle-sign -1 if it counts clockwise); or --angle-zero, if they do"
+            " begin at one."
+        )
+
+
+def _check_exception(recording: Recording, source: str | CitedLine, text: str) -> None:
+    """Raise an error if a text limits what it states by a word such as "except"."""
+    exception = words_of_exception(_part_about_angles(text))
+    if exception:
+        raise InputError(
+            f"{recording.place}: the angle must be said once for all tests, got {text.strip()!r}"
+            f" with {exception!r} in {source}. Give --angle-zero and --angle-sense. Tests that"
+            " differ need an import of their own."
+        )
 
 
 def name_is_about_angles(name: str) -> bool:
@@ -383,13 +489,45 @@ def _zero_in(text: str) -> str:
 
     The result is an empty string if the text names no such axis.
     """
-    match = _ZERO.search(text) or _ZERO_BEHIND.search(text) or _ZERO_BEFORE_FROM.search(text)
-    if match is None:
-        return ""
+    text = without_usual_view(text)
+    for pattern in _ZEROS:
+        match = pattern.search(text)
+        if match is not None:
+            return _axis_of(match)
+    return ""
+
+
+def _zeros_in(text: str) -> set[str]:
+    """Return all axes, such as +Y, at which angles begin according to a text."""
+    text = without_usual_view(text)
+    zeros = set()
+    for pattern in _ZEROS:
+        for match in pattern.finditer(text):
+            zeros.add(_axis_of(match))
+    return zeros
+
+
+def _axis_of(match: re.Match[str]) -> str:
+    """Return the axis with its sign, such as +Y, from a match of one of the patterns for zeros."""
     signs = {match["sign"], match["behind"] or "", match.groupdict().get("negative") or ""}
     if signs <= {"", "+"}:
         return f"+{match['axis'].upper()}"
     return f"-{match['axis'].upper()}"
+
+
+def _part_about_angles(text: str) -> str:
+    """Return the sentences of a text that are about angles, without their parts on readings.
+
+    Words such as "offset" in the other sentences and parts do not concern the angles.
+    """
+    parts = []
+    for sentence in sentences_of_line(text):
+        if not (_SUBJECT.search(sentence) or _zero_in(sentence) or senses_in(sentence)):
+            continue
+        for part in divide_line(sentence):
+            if _SUBJECT.search(part) or not _OF_READINGS.search(part):
+                parts.append(part)
+    return ",".join(parts)
 
 
 def _check_reversed(
@@ -409,7 +547,15 @@ def _check_reversed(
         return
     if _REVERSED.search(text) is None:
         return
-    raise OpenQuestionError(
+    raise _unknown_sense(recording, source, text)
+
+
+def _unknown_sense(recording: Recording, source: str | CitedLine, text: str) -> OpenQuestionError:
+    """Return the error for a text about angles from which no sense can be read.
+
+    ``source`` tells where the text is, such as "line 3".
+    """
+    return OpenQuestionError(
         f"{recording.place}: angles must run clockwise or counter-clockwise, got"
         f" {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --angle-sense CW or CCW.",
         "angle_sense",

@@ -8,7 +8,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 
-__all__ = ["divide_line", "finer_divisions", "segments_of_line", "statements_of_line"]
+__all__ = [
+    "divide_line",
+    "finer_divisions",
+    "segments_of_line",
+    "sentences_of_line",
+    "statements_of_line",
+]
 
 # Regular expression for a mark that ends a sentence or a cell of a line.
 _STRONG_MARK = re.compile(r"[;|\t]|\.(?=\s)")
@@ -30,6 +36,11 @@ _AND = r"\s(?:and|und|et|y)\s"
 def divide_line(text: str) -> list[str]:
     """Return the parts into which semicolons, ``|``, tabs, full stops and commas divide a line."""
     return _ANY_MARK.split(text)
+
+
+def sentences_of_line(text: str) -> list[str]:
+    """Return the parts into which semicolons, ``|``, tabs and full stops divide a line."""
+    return _STRONG_MARK.split(text)
 
 
 def finer_divisions(text: str) -> Iterator[list[str]]:

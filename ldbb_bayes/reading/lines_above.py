@@ -207,6 +207,9 @@ _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
 # Regular expression for all that follows the first number in a list of numbers, such as " N, 390 N"
 # in "36 N, 390 N".
 _FURTHER_NUMBERS = re.compile(rf"(?:\s?[^\W\d_]+)?(?:{_FURTHER_NUMBER})+[\s;,|]*")
+# Regular expression for a text behind a number, with a second number that is added to it or
+# subtracted from it, as in "26 N + 10 N", or by which it is to be multiplied.
+_COMPUTED = re.compile(WORDS["qualifications"]["computed"], re.IGNORECASE)
 # Reason that a message gives if the value of a quantity is not known because the line has a list of
 # numbers.
 _LIST_OF_NUMBERS = "several numbers"
@@ -380,12 +383,18 @@ def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
 def _lists_numbers(match: re.Match[str], units: Mapping[str, float]) -> bool:
     """Return whether several numbers follow the name of a quantity: ``load [lbf]: 8 8 80 80``.
 
-    The list must reach to the end of the line. A single number that is merely repeated does not
+    The same holds for a number that is computed from two, as in ``Force: 26 N + 10 N``. A list must
+    reach to the end of the line. A single number that is merely repeated does not
     count as a list, and neither do numbers with a unit of another quantity. ``units`` are the
     permitted units of the quantity.
     """
     number = match["number"]
     behind = match.string[match.end("number") :]
+    computed = _COMPUTED.match(behind)
+    if computed is not None and _unit_among(computed["unit"] or "", units) is not None:
+        return True
+    if computed is not None and (computed["word"] or computed["times"]):
+        return True
     if _FURTHER_NUMBERS.fullmatch(behind) is None:
         return False
     if any(_unit_among(word, units) is None for word in re.findall(r"[^\W\d_]+", behind)):

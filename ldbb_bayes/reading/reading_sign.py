@@ -38,6 +38,8 @@ _TURNED = re.compile(_WORDS["turned"], re.IGNORECASE)
 # Regular expression for a number other than −1. A line with such a number states a value and not a
 # sign.
 _OTHER_NUMBER = re.compile(r"(?<![^\W_])\d(?<![-−]1)(?<![-−] 1)|(?<![^\W_])\d{2}")
+# Regular expression for an angle, such as "30 deg". A text with an angle is not about readings.
+_ANGLE = re.compile(r"\d ?(?:°(?! ?[CF]\b)|deg(?:rees?)?\b(?! ?[CF]\b))", re.IGNORECASE)
 # Regular expression for a unit in brackets at the beginning of a header.
 _UNIT_IN_FRONT = re.compile(r"^\s*[\[(<{][^\])>}]*[\])>}]\s*(?=[-−–\w])")
 # Regular expression for a header which shows that the sign of its readings is or may be reversed.
@@ -401,7 +403,7 @@ def _meanings_of_sign_words(text: str) -> list[str]:
     word for a sign and a word for a longer or shorter bar.
     """
     text = text[:LONGEST_TEXT]
-    if _OTHER_SUBJECT.search(text) or names_extension(text):
+    if _OTHER_SUBJECT.search(text) or _ANGLE.search(text) or names_extension(text):
         return []
     words = _meanings_of_words(text)
     if not _has_sign_and_length(words):

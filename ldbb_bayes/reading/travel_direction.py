@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from ldbb_bayes.reading.line_parts import segments_of_line, statements_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.programmed_circles import programs_arc
+from ldbb_bayes.reading.qualifications import words_of_exception, words_of_view
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
 __all__ = [
@@ -188,9 +189,29 @@ def directions_stated(
     for _, content in lines:
         text = content[:LONGEST_TEXT]
         for statement in statements_of_line(text, _is_about_angles_and_travel):
+            if _is_qualified(statement):
+                continue
             stated = _directions_in_statement(statement) or _directions_in_segments(statement)
             directions = directions | stated
     return directions
+
+
+def _is_qualified(text: str) -> bool:
+    """Return whether a statement holds words that change the direction that it names.
+
+    Examples are ``CW (seen from below)`` and ``CW, except test 2``.
+    """
+    if words_of_view(text):
+        return True
+    was_named = False
+    for segment in segments_of_line(text):
+        exception = words_of_exception(segment)
+        is_named = bool(senses_in(segment)) or NAMES_DIRECTION.search(segment) is not None
+        continues = was_named and segment.strip().startswith(exception)
+        if exception and (is_named or continues):
+            return True
+        was_named = is_named
+    return False
 
 
 def _directions_in_segments(text: str) -> set[str]:
