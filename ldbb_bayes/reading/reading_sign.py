@@ -42,6 +42,9 @@ _OTHER_NUMBER = re.compile(r"(?<![^\W_])\d(?<![-−]1)(?<![-−] 1)|(?<![^\W_])\
 _ANGLE = re.compile(r"\d ?(?:°(?! ?[CF]\b)|deg(?:rees?)?\b(?! ?[CF]\b))", re.IGNORECASE)
 # Regular expression for a unit in brackets at the beginning of a header.
 _UNIT_IN_FRONT = re.compile(r"^\s*[\[(<{][^\])>}]*[\])>}]\s*(?=[-−–\w])")
+# Regular expression for the unit "in" (inch) behind a dash at the end of a header, as in "dR - in".
+# The dash is then no minus sign, and "in" does not mean inward.
+_INCHES_AT_END = re.compile(r"\s+[-−–]\s*in\s*$", re.IGNORECASE)
 # Regular expression for a header which shows that the sign of its readings is or may be reversed.
 _TURNED_HEADER = re.compile(_WORDS["header"])
 # Regular expression for a word in the name of a file which shows that the sign of readings is
@@ -232,7 +235,9 @@ def _texts_about_sign(recording: Recording, header: str) -> list[tuple[str | Cit
     The texts are the header of the readings (``header``) and the statements in lines outside the
     table. A source says where a text stands, such as "line 3".
     """
-    texts: list[tuple[str | CitedLine, str]] = [(f"the header {header!r}", header)]
+    texts: list[tuple[str | CitedLine, str]] = [
+        (f"the header {header!r}", _INCHES_AT_END.sub("", header))
+    ]
     for line, text in recording.lines_outside:
         texts += [(cited_line(line), statement) for statement in _statements_in_line(text)]
     return texts

@@ -98,3 +98,13 @@ def test_inches_that_may_be_a_word_are_asked(tmp_path: Path) -> None:
         lb.import_campaign(path)
     imported = lb.import_campaign(path, layout=Layout(reading_unit="inch"))
     assert imported.campaign.tests[0].reading_um[1] == pytest.approx(25.4)
+
+
+@pytest.mark.parametrize(("header", "sign"), [("dR 100 N - in", 1.0), ("-dR 100 N - in", -1.0)])
+def test_inches_behind_a_dash_do_not_state_the_sign(
+    header: str, sign: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "100N.csv"
+    rows = [f"{5 * k},{k / 100_000}" for k in range(72)]
+    path.write_text("\n".join([f"Angle [deg],{header}", *rows, ""]))
+    assert lb.import_campaign(path).campaign.tests[0].reading_um[1] == pytest.approx(sign * 0.254)
