@@ -83,10 +83,16 @@ class _StatedValue(NamedTuple):
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
     """Fill in fields of a campaign and its tests from the files, unless options have set them.
 
-    Files state fields in the lines above their tables; the names of files and sheets may state the
-    plane. Planes and temperatures become fields of each test. All other fields become fields of the
-    campaign, and so does the plane if it is the same for all tests. If no ``machine_id`` is stated,
-    the serial number of the machine is used, or else the type of the machine.
+    Lines above a table and in sheets without a table may state any of these fields. Columns whose
+    cells are all equal may state the feed, lines below a table the deflection of the mount, and
+    names of files, sheets, columns and tests the plane. Every value that is taken from a file is
+    noted in the log. Lines and names are not used for a test if the user or the column of the field
+    states the value; the log notes a contradiction.
+
+    Planes and temperatures become fields of each test. The other fields become fields of the
+    campaign, and so does the plane if it is the same for all tests. A feed that differs between
+    tests is not stored. If the user states no ``machine_id``, the serial number of the machine is
+    used, or else the type of the machine, or else None.
 
     Parameters
     ----------
@@ -96,6 +102,13 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
     recordings
         Rows and statements of each test in the files. The planes and temperatures of the tests are
         added.
+
+    Raises
+    ------
+    InputError
+        If statements about a field contradict each other, if a plane is unknown, or if a line says
+        that readings are raw although the user states that they are compensated for the deflection
+        of the mount.
     """
     for key in _OPTIONS:
         places = _places_by_value(recordings, key)
@@ -115,8 +128,9 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
     Each key of the dict is a value, and its entry is a text that says which line or name states the
     value. Every value is added to the log of assumptions. If the field is the plane, the value is
     also stored in the fields of the test for which it is stated. If the user or a column of the
-    table states the field for a test, lines and names are not used for this test. Raise an
-    `InputError` for contradictory statements.
+    table states the field for a test, lines and names are not used for this test, and the log only
+    notes if they contradict the user or the column. Raise an `InputError` for contradictory
+    statements or an unknown plane.
 
     Parameters
     ----------
@@ -170,8 +184,10 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """Return a dict with the values that a file states for a field of a test.
 
     The keys are the values; each entry also says where its value is stated. Values are stated by
-    lines above the table. A plane may also be stated by the name of the test, of its column, of its
-    sheet or of its file. ``field`` is the name of the field, such as radius_mm.
+    lines above the table, by lines of sheets without a table and, for some fields, by columns with
+    equal cells or by lines below the table. A plane may also be stated by the name of the test, of
+    its column, of its sheet or of its file. Numbers are rounded, and NaN is left out. ``field`` is
+    the name of the field, such as radius_mm.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -211,7 +227,8 @@ def _source_of_named_plane(recording: Recording) -> str:
 def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
-    Return None if neither of them states the field. ``key`` is the name of the field. The value of
+    The user's entry [[test]] of the layout comes first, then the column, then the user's options.
+    Return None if none of them states the field. ``key`` is the name of the field. The value of
     the field ``mount``, which says whether readings are compensated for the deflection of the
     mount, is returned as the text "compensated" or "raw".
     """
@@ -230,11 +247,10 @@ def _certain_value(recording: Recording, key: str) -> Any:
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
-    """Add a note to the log if a line or name contradicts the value from the user or a column.
+    """Add a note to the log for each value in a line or name that differs from a certain value.
 
-    The names of the test, its column, its sheet and its file are compared, too. Raise an
-    `InputError` if a line says that the readings are raw, but the user states that they are
-    compensated for the deflection of the mount.
+    The certain value comes from the user or a column. Raise an `InputError` if a line says that the
+    readings are raw, but the user states that they are compensated for the deflection of the mount.
 
     Parameters
     ----------
@@ -268,7 +284,8 @@ def _plane_of_column(recording: Recording, plane: str) -> str:
     exception: a column may give the letters in the other order, such as XZ for ZX. If the option
     --plane then states the usual name ZX, this name is returned, and it also replaces the plane in
     the fields of the test. The log notes this. If the column and the option state different planes,
-    the log notes this, too. Raise an `InputError` for an unknown plane in the column.
+    the log notes this, too, and the plane of the column is kept. Raise an `InputError` for an
+    unknown plane in the column.
     """
     option = recording.campaign.get("plane")
     column_plane = recording.fields.get("plane")
@@ -287,8 +304,9 @@ def _plane_of_column(recording: Recording, plane: str) -> str:
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
     """Raise an `InputError` for an unknown plane, or for contradictory statements about a field.
 
-    ``key`` is the name of the field. The keys of ``places`` are the values stated for the field.
-    For each value, ``places`` holds a text that says where the value is stated.
+    Fields such as the operator and the feed may have several values, and cause no error. ``key`` is
+    the name of the field. The keys of ``places`` are the values stated for the field. For each
+    value, ``places`` holds a text that says where the value is stated.
     """
     if key == "plane":
         for plane, place in places.items():
@@ -314,10 +332,10 @@ def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str])
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
     """Set the field ``key`` of the campaign from the different values that its files state.
 
-    If the files name several people, places or instruments, the field lists all of them. The latest
-    of several dates of calibration is used, and the earliest of several dates of measurement. If
-    the files state different feeds, the feed of the campaign is not set. ``values`` are the
-    different values that the files state.
+    For the mount, the value becomes a `MountCompensation`. If the files name several people, places
+    or instruments, the field lists all of them. The latest of several dates of calibration is used,
+    and the earliest of several dates of measurement. If the files state different feeds, the feed
+    of the campaign is not set. ``values`` are the different values that the files state.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
@@ -330,8 +348,9 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 
 
 def _take_temperature(recording: Recording) -> None:
-    """Set the temperature of a test from the first line above its table that states a temperature.
+    """Set the temperature of a test from the first line that states a temperature.
 
+    The line stands above the table or in a sheet without a table. The log notes the temperature.
     Nothing is done if the user or a column of the table already states the temperature.
     """
     statements = recording.statements.get("temperature_C", ())
@@ -355,8 +374,9 @@ def find_resolution(
     """Determine the resolution of the bar's readout from the steps between the readings.
 
     A resolution that the user or a file states is kept. The resolution is determined only if, in
-    every test, the smallest step between readings can be the resolution of a readout: 0.001 µm to 5
-    µm, and at most a tenth of the range of the readings.
+    every test, the readings have a common step that can be the resolution of a readout: 0.001 µm to
+    5 µm, and at most a tenth of the range of the readings. It is the smallest of these steps,
+    rounded to three digits.
 
     Parameters
     ----------
@@ -433,8 +453,8 @@ def note_assumed_fields(
 def _without_doubt(reason: CitedLine) -> CitedLine:
     """Return a note on a length that may be the radius, without its remark if the length is 150 mm.
 
-    An example of such a length is ``R=150``. The remark says that the length is not used. It is
-    left out for 150 mm, because this radius is assumed anyway.
+    ``reason`` is the note. An example of such a length is ``R=150``. The remark says that the
+    length is not used. It is left out for 150 mm, because this radius is assumed anyway.
     """
     if _USUAL_RADIUS.fullmatch(reason.quoted):
         return quoted_line(reason.line, reason.quoted)
@@ -446,8 +466,8 @@ def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
 
     The law gives the force of the ball bar as a linear function of the pressure. If a test states
     both a force and a pressure, the stated force is compared with the force that the law gives for
-    the pressure. A note is added if they differ by more than 5 %. For tests that state only a
-    pressure, a note says that their forces are computed with the law.
+    the pressure. One note lists all tests in which they differ by more than 5 %. If any tests state
+    only a pressure, one note says that their forces are computed with the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

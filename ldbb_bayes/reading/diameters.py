@@ -14,17 +14,17 @@ from ldbb_bayes.reading.measured_length import (
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
 
-__all__ = ["halve_diameters"]
+__all__ = ["halve_readings_of_diameter"]
 
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
 
 
-def halve_diameters(recording: Recording) -> None:
+def halve_readings_of_diameter(recording: Recording) -> None:
     """Halve the readings of a test if they measure the diameter, and note that they were halved.
 
-    The user, the header of the column of readings, or a line above the table states whether the
-    readings measure the radius or the diameter.
+    The user, the header of the column of readings, or a line outside the table states whether the
+    readings measure the radius or the diameter. Nothing is done for a test without readings.
 
     Raises
     ------

@@ -28,7 +28,7 @@ from ldbb_bayes.reading.circle_centre import take_centres, without_centre
 from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
 from ldbb_bayes.reading.columns_of_tests import advice_on_tests
 from ldbb_bayes.reading.companion_files import or_left_out
-from ldbb_bayes.reading.diameters import halve_diameters
+from ldbb_bayes.reading.diameters import halve_readings_of_diameter
 from ldbb_bayes.reading.file_patterns import matching
 from ldbb_bayes.reading.force_laws import check_force_law
 from ldbb_bayes.reading.half_circles import MeasuredArc, join_half_circles
@@ -330,11 +330,17 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 
 
 def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
-    """Set the fields of a test, such as force, radius and direction, from the layout and the file.
+    """Set the fields of a test, such as force and radius, and halve readings of the diameter.
+
+    The values come from the user's options, the layout and the file. They are stored in
+    ``recording.fields``, and values that were taken from the file are noted in the log. The entries
+    ``file`` and ``start_deg`` of the layout's [[test]] are not fields of the test. The readings of
+    the test are halved if they measure the diameter of the circle instead of its radius.
 
     ``loads`` holds the force or pressure of this test, taken from the lists in the layout. If
     ``loads`` is not empty, it replaces the force and pressure that an entry [[test]] of the layout
-    states for this test.
+    states for this test. Raise an `InputError` if sources contradict each other, if nothing states
+    the force or pressure, or if it is unclear whether the readings measure the diameter.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -348,7 +354,7 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
         fields["name"] = recording.name_of_file(recording.title)
     fields["direction"] = direction_of(recording)
     fields |= loads_of(recording)
-    halve_diameters(recording)
+    halve_readings_of_diameter(recording)
     fields["radius_mm"] = quantity_of(recording, "radius_mm", fields.get("radius_mm"))
 
 

@@ -51,11 +51,12 @@ _TEXT_SHOWN = 60
 
 
 def check_feed_is_whole(recording: Recording) -> None:
-    """Raise an error if a line gives the feed as a percentage other than 100 %, as in "Feed 50 %".
+    """Raise an `InputError` if a line gives the feed as a percentage other than 100 %.
 
-    No error is raised if the user states the feed, or if the table holds angles. ``recording``
-    holds the rows of the test in its file, and everything that the file or the user states about
-    the test.
+    An example is ``Feed 50 %``. The lines are those above the table and those of sheets without a
+    table. No error is raised if the user states the feed, or if the table holds angles.
+    ``recording`` holds the rows of the test in its file, and everything that the file or the user
+    states about the test.
     """
     if recording.stated_value("feed_mm_per_min") is not None or "angle" in recording.numbers:
         return
@@ -71,7 +72,8 @@ def check_feed_is_whole(recording: Recording) -> None:
 def unread_run_in(recording: Recording) -> CitedLine | None:
     """Return a note on the first line that may state a run-in, such as ``Overlap 45 deg``.
 
-    An overlap may lie before or after the circle. Return None if no line states a run-in.
+    An overlap may lie before or after the circle. The lines are those of sheets without a table and
+    those above the table. Return None if no line states a run-in.
     ``recording`` holds the rows of the test in its file, and everything that the file or the user
     states about the test.
     """
@@ -83,6 +85,8 @@ def unread_run_in(recording: Recording) -> CitedLine | None:
 
 def start_at_axis(recording: Recording, plane: str) -> float | None:
     """Return the angle [deg] of the axis at which a circle starts; None if no line names an axis.
+
+    The lines are those of sheets without a table and those above the table.
 
     Parameters
     ----------
@@ -140,8 +144,9 @@ def start_of_programme(recording: Recording, plane: str, direction: str | None) 
     Raises
     ------
     InputError
-        If a line programs the circle without its centre, if the start lies outside the plane, or if
-        lines program circles that start at different points.
+        If the start of a circle does not follow from the programme, for example because the line
+        states no centre. The error is also raised if a start lies outside the plane, or if lines
+        program circles that start at different points.
     """
     starts: dict[float, ProgrammedArc] = {}
     for arc in _circles_in_programme(recording, direction):
@@ -162,14 +167,17 @@ def start_of_programme(recording: Recording, plane: str, direction: str | None) 
 def _circles_in_programme(recording: Recording, direction: str | None) -> list[ProgrammedArc]:
     """Return those arcs of a programme that have the radius and the direction of the test.
 
-    The programme stands above the table, or in a sheet without a table. If no arc has the radius of
-    the test, all arcs in its direction are returned. ``direction`` is CW or CCW. If it is None,
-    arcs in both directions are returned.
+    The programme stands above the table. If no line above the table is an arc or the word G2 or G3,
+    the programme is taken from sheets without a table. Lines that are only the word G2 or G3 are
+    left out of the result. If no arc has the radius of the test, all arcs in its direction are
+    returned. ``direction`` is CW or CCW. If it is None, arcs in both directions are returned.
+    ``recording`` holds the rows of the test in its file, and everything that the file or the user
+    states about the test.
     """
     lines = recording.heading.lines_above
     arcs = []
     for arc in programmed_arcs(lines) or programmed_arcs(recording.lines_of_all_tests):
-        if arc.is_path and direction in (None, arc.direction):
+        if not arc.is_bare_word and direction in (None, arc.direction):
             arcs.append(arc)
     radius_mm = recording.radius_mm
     circles = []
@@ -180,7 +188,11 @@ def _circles_in_programme(recording: Recording, direction: str | None) -> list[P
 
 
 def _start_in_plane(recording: Recording, arc: ProgrammedArc, plane: str) -> float:
-    """Return the angle [deg] at which an arc starts, counted from the first axis of the plane."""
+    """Return the angle at which an arc starts, counted from the first axis of the plane.
+
+    The angle is at least 0 and below 360 [deg]. Raise an `InputError` if the start does not follow
+    from the programme, or lies outside the plane. ``recording`` states the radius of the test.
+    """
     start_mm = arc.start_mm or {}
     limit = _IN_PLANE * recording.radius_mm
     is_in_plane = all(

@@ -48,10 +48,11 @@ class OverviewLines:
 def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
     """Return whether a sheet is a list of tests, with a row for each test.
 
-    In a list of tests, one column names tests, each of them once. At most a few rows with numbers
-    lack a name in this column. A log of readings over time is therefore not taken for a list of
-    tests, although both may have columns of times. ``names`` are the names of the other sheets and
-    files that are imported; these names are taken as names of tests.
+    In a list of tests, one column names tests, each of them once. At most 8 rows with two or more
+    numbers lack a name in this column. A log of readings over time is therefore not taken for a
+    list of tests, although both may have columns of times. Only the first 1000 rows of the sheet
+    are examined. ``names`` are the names of the other sheets and files that are imported; these
+    names are taken as names of tests.
     """
     wanted = {_without_blanks(name) for name in names}
     rows = [sheet.cells_as_written(row) for row in sheet.rows[:LONGEST_OVERVIEW]]
@@ -62,8 +63,9 @@ def lists_tests(sheet: Sheet, names: Collection[str]) -> bool:
 def _names_tests(rows: Sequence[Sequence[str]], column: int, wanted: set[str]) -> bool:
     """Return whether a sheet is a list of tests whose names stand in a certain column.
 
-    ``rows`` are the cells of each row of the sheet, ``column`` is the index of this column, and
-    ``wanted`` are the names of tests, without blanks.
+    Each name must stand in the column only once. At most 8 rows with two or more numbers may lack a
+    name in the column. ``rows`` are the cells of each row of the sheet, ``column`` is the index of
+    this column, and ``wanted`` are the names of tests, without blanks.
     """
     names = []
     n_rows_of_numbers = 0
@@ -84,7 +86,7 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
     sheet may hold a list of tests: a table with one row for each test. A row of the list describes
     the given test if one of its cells is among ``names``, the possible spellings of the test's
     name. Each cell of this row is returned as ``header: cell``. Lines outside such lists apply to
-    all tests.
+    all tests. Only the first 1000 rows of each sheet are examined.
     """
     lines = OverviewLines()
     wanted = {_without_blanks(name) for name in names}
@@ -97,12 +99,13 @@ def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLine
     """Add to ``lines`` what a sheet without a table of readings states about a given test.
 
     These statements are the lines that apply to all tests and, if the sheet holds a list of tests,
-    the cells that describe the given test. ``wanted`` holds the possible spellings of the name of
-    this test, without blanks.
+    the cells that describe the given test. Below the header of the list, rows of several cells that
+    do not begin with a label describe other tests, and are left out. ``wanted`` holds the possible
+    spellings of the name of the given test, without blanks.
     """
     header: list[str] = []
     # cells of the last row that names columns; this row may be the header of a list of tests
-    words: list[str] = []
+    possible_header: list[str] = []
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         place = f"{row.line} of {sheet.place}"
         cells = sheet.cells_as_written(row)
@@ -110,14 +113,14 @@ def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLine
         if not filled:
             continue
         if _is_row_of_test(filled, wanted):
-            lines.of_this_test += _labelled_cells(place, header or words, cells)
+            lines.of_this_test += _labelled_cells(place, header or possible_header, cells)
         elif _heads_a_list(filled):
             header = cells
         elif not header or len(filled) == 1 or _has_label(filled[0]):
             separator = sheet.separator or ";"
             lines.of_all_tests.append((place, separator.join(filled)))
             if names_columns(filled):
-                words = cells
+                possible_header = cells
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
@@ -145,7 +148,8 @@ def _labelled_cells(
     """Return the place and text of each filled cell of a row in a list of tests.
 
     ``place`` holds the line number and the sheet. Each text is ``header: cell``, with the header of
-    the cell's column. If the cell is a direction such as CW, the text is ``direction: CW``.
+    the cell's column. If the cell is a direction such as CW, the text is ``direction: CW``. Cells
+    without a header are left out. ``header`` and ``cells`` hold one text for each column.
     """
     labelled = []
     for name, cell in zip(header, cells, strict=False):
@@ -157,7 +161,10 @@ def _labelled_cells(
 
 
 def _has_label(cell: str) -> bool:
-    """Return whether a cell contains the label of a value, such as ``Radius`` or ``Place:``."""
+    """Return whether a cell is or contains the label of a value: ``Radius`` or ``Place: Hall 3``.
+
+    A colon marks a label if it ends the cell or follows anything but a digit.
+    """
     name = unit_of(cell).name.rstrip(" :")
     is_known = is_label(name) or comparable(name) in WORDS["reading_sign"]["labels"]
     return is_known or re.search(r"\D:|:$", cell) is not None
@@ -166,9 +173,15 @@ def _has_label(cell: str) -> bool:
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row is the header of a list of tests.
 
-    A row with a label and a value, such as ``Radius | 100 mm``, is not a header. Nor is a row of
-    two cells whose second cell is a statement, such as ``positive reading: bar shorter``.
-    ``filled`` are the cells of the row that are not empty.
+    ``filled`` are the cells of the row that are not empty. The row must have the form of a header
+    (`names_columns`), and a cell must name a role, such as force, or a field of a test. The first
+    cell does not count if it is a label, such as ``Radius``, or if the row has only two cells. A
+    row of a label and one other cell is a header only if the other cell is the header of a column
+    of tests, as in ``Radius | Test``.
+
+    A row is not a header if one of its cells is a direction such as CW, ends with a colon, or
+    begins with a number, as in ``Radius | 100 mm``. Nor is a row of two cells whose second cell is
+    a statement, such as ``positive reading: bar shorter``.
     """
     if _is_statement(filled) or not names_columns(filled):
         return False
@@ -176,17 +189,23 @@ def _heads_a_list(filled: Sequence[str]) -> bool:
         return False
     first_is_label = _has_label(filled[0])
     if len(filled) == 2 and first_is_label:
-        return has_role(unit_of(filled[1]).name, "test")
+        return _names_column_of_tests(filled[1])
     candidates = filled
     if len(filled) == 2 or first_is_label:
         candidates = filled[1:]
     return any(names_any_role(cell) or cell in PER_TEST for cell in candidates)
 
 
+def _names_column_of_tests(cell: str) -> bool:
+    """Return whether a cell is the header of a column that names tests, such as Test or Run."""
+    return has_role(unit_of(cell).name, "test")
+
+
 def _is_statement(filled: Sequence[str]) -> bool:
     """Return whether a row states a direction, or consists of a label and a statement.
 
-    Examples are the rows ``Sens | horaire`` and ``Sign | positive reading: bar shorter``.
+    Examples are the rows ``Sens | horaire`` and ``Sign | positive reading: bar shorter``. A cell is
+    a statement if it contains a colon and a blank between two words.
     ``filled`` are the cells of the row that are not empty.
     """
     if any(direction_named(cell) in ("CW", "CCW") for cell in filled):

@@ -82,9 +82,8 @@ class ProgrammedArc(NamedTuple):
     start_mm: Mapping[str, float] | None
     #: feed rate that applies to the arc; None if no block (line) of the NC programme states a feed
     feed: ProgrammedFeed | None
-    #: whether the block (line) of the NC programme describes an arc completely; false if it is only
-    #: the word G2 or G3
-    is_path: bool
+    #: whether the block (line) of the NC programme is only the word G2 or G3, without coordinates
+    is_bare_word: bool
 
 
 @dataclass
@@ -118,6 +117,8 @@ def programs_arc(text: str) -> bool:
 def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedArc]:
     """Return the arcs that are programmed in lines of text, in the order of the lines.
 
+    A line that is only the word G2 or G3 counts as an arc, too.
+
     Parameters
     ----------
     lines
@@ -143,8 +144,9 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
 def _read_block(programme: _Programme, line: int | str, text: str) -> ProgrammedArc | None:
     """Return the arc that a block (line) of a programme describes; None if it describes no arc.
 
-    ``text`` is the block. Values that later blocks need are stored in ``programme``: the feed, the
-    end of a motion, and the pole (centre of later arcs).
+    ``text`` is the block, and ``line`` its line number. A block that is only the word G2 or G3 is
+    also an arc. Values that later blocks need are stored in ``programme``: the feed, the end of a
+    motion, and the pole (centre of later arcs).
     """
     path = _ARC.search(text) or _ARC_AROUND_POLE.search(text)
     is_motion = path is not None or _STRAIGHT.search(text) is not None
@@ -161,7 +163,7 @@ def _read_block(programme: _Programme, line: int | str, text: str) -> Programmed
             _radius_of_arc(programme, text, start),
             start,
             programme.feed,
-            is_path=path is not None,
+            is_bare_word=path is None,
         )
     if is_motion:
         programme.position |= _coordinates(programme, text)

@@ -259,12 +259,16 @@ def _statements_in_line(text: str) -> list[str]:
     """Divide a line into statements, so that those about the sign of readings can be found.
 
     In ``Angles from Y, clockwise; positive: bar shorter``, only the last statement is about the
-    sign of readings. A line is not divided if the whole line states one sign, or if none of its
-    statements is about the sign of readings.
+    sign of readings. The line is not divided in three cases:
+
+    - The whole line states one sign.
+    - The whole line is about the sign of readings, but no statement in it has both a word for a
+      sign and a word for a longer or shorter bar. An example is ``Readings inverted; bar
+      horizontal``.
+    - No statement in the line is about the sign of readings.
     """
     text = text[:LONGEST_TEXT]
-    is_about_signs_alone = _OTHER_SUBJECT.search(text) is None
-    if is_about_signs_alone and _sign_from_meanings(_meanings_of_sign_words(text)) is not None:
+    if _sign_from_meanings(_meanings_of_sign_words(text)) is not None:
         return [text]
     statements = divide_line(text)
     if any(_meanings_of_sign_words(statement) for statement in statements):

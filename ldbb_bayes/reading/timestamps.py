@@ -137,7 +137,7 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
     """
     stamps = []
     end = 0
-    text = _in_numbers(text[:LONGEST_TEXT])
+    text = _in_usual_form(text[:LONGEST_TEXT])
     for match in _STAMP.finditer(text):
         words_before = text[end : match.start()]
         end = match.end()
@@ -162,7 +162,7 @@ def unread_stamp(text: str) -> str:
     at this time, or that something else happened, such as a calibration.
     """
     end = 0
-    text = _in_numbers(text[:LONGEST_TEXT])
+    text = _in_usual_form(text[:LONGEST_TEXT])
     for match in _STAMP.finditer(text):
         words_before = text[end : match.start()]
         end = match.end()
@@ -174,18 +174,20 @@ def unread_stamp(text: str) -> str:
     return ""
 
 
-def _in_numbers(text: str) -> str:
-    """Replace dates and times in a text by forms that have only numbers and names of months.
+def _in_usual_form(text: str) -> str:
+    """Replace East Asian dates and times, and dates such as 10 de junio de 2026, by usual forms.
 
-    For example, ``2026年11月20日 14时3分`` becomes ``2026-11-20 14:03``.
+    For example, ``2026年11月20日 14时3分`` becomes ``2026-11-20 14:03``, ``下午2:03`` becomes
+    ``2:03 PM``, and ``10 de junio de 2026`` becomes ``10 junio 2026``. Other dates and times are
+    not changed.
     """
     text = _DATE_WITH_MARKS.sub(r"\g<year>-\g<month>-\g<day>", text)
-    text = _TIME_WITH_MARKS.sub(_time_in_numbers, text)
+    text = _TIME_WITH_MARKS.sub(_time_without_marks, text)
     text = _HALF_DAY_IN_FRONT.sub(_time_with_half_day, text)
     return _DATE_WITH_WORDS.sub(r"\g<day> \g<month> \g<year>", text)
 
 
-def _time_in_numbers(match: re.Match[str]) -> str:
+def _time_without_marks(match: re.Match[str]) -> str:
     """Return a time of day with East Asian marks in the usual form: ``14:03`` for 14时3分."""
     parts = [part.zfill(2) for part in match.groups() if part]
     return ":".join(parts)

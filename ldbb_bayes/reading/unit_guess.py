@@ -408,8 +408,9 @@ def _angle_unit_of_span(span: float) -> str:
 def _other_turn(recording: Recording) -> list[str]:
     """Return the units, such as gon, in which the angles of a test cover a whole turn.
 
-    Degrees and radians are not considered. The list is empty if the angles cover whole turns in
-    degrees.
+    Degrees and radians are not considered. The list is empty if the angles cover a whole turn in
+    none of the units, if there are fewer than two angles, or if the angles cover whole turns in
+    degrees, in steps of at most 45°.
     """
     angles = recording.numbers["angle"]
     if len(angles) < 2:
