@@ -64,9 +64,11 @@ _MOST_AVERAGED = 16
 class Contribution:
     """One line of an uncertainty budget: the contribution of one source to one parameter."""
 
-    #: name of the source of uncertainty: a nuisance coefficient (of an effect not of interest), a
-    #: kind of noise in the readings, ``Parameters`` for the priors of the parameters, or "other …"
-    #: for all coefficients of one model term whose shares are small
+    #: name of the source of uncertainty: the name of a nuisance coefficient (a coefficient of an
+    #: effect that is not of interest); the name of a kind of noise, such as ``ReadingNoise``;
+    #: ``Parameters`` for the priors of the parameters; ``ModelChoice`` for the differences between
+    #: averaged models; or a name such as "other Mount", for all coefficients of the term ``Mount``
+    #: that each have a small share
     source: str
     term: str  #: model term, such as ``Mount``, that the source of uncertainty belongs to
     #: type of evaluation of the uncertainty (GUM 2.3.2, 2.3.3): "A" if it is evaluated from the

@@ -78,9 +78,8 @@ class Validation(Result):
     #: error messages for replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
     failures: tuple[str, ...]
-    #: indices (from 0) of the simulated campaigns, in the order of the rows of ``ranks``, whose
-    #: posterior was sampled with emcee because the importance weights of independent draws were not
-    #: reliable
+    #: indices (from 0) of the rows of ``ranks`` for which the posterior was sampled with emcee,
+    #: because the importance weights of independent draws were not reliable
     by_emcee: tuple[int, ...] = ()
 
     @property

@@ -155,7 +155,8 @@ def predict_circularity(
 class PathDraws(NamedTuple):
     """Posterior draws of the circular-test quantities (ISO 230-4) of one tool path.
 
-    The tool path is the one that the machine drives in one plane at one force of the bar.
+    The tool path is the path along which the machine moves the tool in one plane, at one force of
+    the bar.
     """
 
     #: a dict with the plane of the tool path, the radius of the path [mm] and the force of the bar

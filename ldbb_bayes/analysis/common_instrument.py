@@ -58,8 +58,8 @@ class JointDifference(NamedTuple):
     difference: Array
     #: standard uncertainties of the differences of n parameters between two campaigns, shape (n,)
     sd: Array
-    #: the error of the common instrument whose estimates from the two campaigns differ most; None
-    #: if there is no error of the instrument about which both campaigns give information
+    #: the instrument error for which the estimates from the two campaigns disagree most; None if no
+    #: instrument error can be estimated from both campaigns
     conflict: Conflict | None
 
 

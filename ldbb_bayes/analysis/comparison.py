@@ -72,10 +72,10 @@ __all__ = [
 # the compliance or, if ``slopes_of_estimate`` of the prior is false, the prior standard deviation
 # of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# Smallest loss of log evidence [nat] at which the readings reject an assumption. Every model makes
-# an assumption about what differs at random from circle to circle, for example the position of the
-# set-up. Comparisons are repeated with other assumptions. Another assumption is rejected if its log
-# evidence is lower by at least this number than that of the models' own assumption.
+# Limit at which the readings reject an assumption [nat]. Every model makes an assumption about what
+# differs at random from circle to circle, for example the position of the set-up. The models are
+# also compared under alternative assumptions. An alternative is rejected if its log evidence is at
+# least this number below that of the assumption that the models make.
 _REJECTED = 5.0
 # Smallest loss of log evidence [nat] at which an assumption about the random differences between
 # circles counts as clearly rejected. Two models are compared with the assumption that they make,
@@ -139,8 +139,11 @@ class ComparedModel:
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    #: expected log predictive density (elpd), leaving one force out (lofo): sum, over the tests, of
-    #: the log density of each test given the other tests [nat]; NaN if no test was left out
+    #: estimate of the expected log predictive density (elpd) by cross-validation [nat]: each test
+    #: is predicted from all other tests, and the log densities of the tests under these predictions
+    #: are added. NaN if no cross-validation was made. ``lofo`` in the name stands for "leave one
+    #: force out", but what is left out is one test at a time, even if other tests have the same
+    #: force.
     elpd_lofo: Number
     #: standard error of the expected log predictive density ``elpd_lofo`` [nat], from the standard
     #: deviation of the log densities of the tests
@@ -162,9 +165,9 @@ class ComparedModel:
 class ComparedTest:
     """One test of a campaign, predicted from the other tests.
 
-    In the names of fields, ``lofo`` means "leave one force out": these fields compare the test's
-    readings with their prediction from the other tests. `JudgedTest` explains the p-values,
-    ``lofo_worst_order`` and ``flag``.
+    In the names of fields, ``lofo`` stands for "leave one force out". These fields compare the
+    readings of one test with their prediction from all other tests, even if other tests have the
+    same force. `JudgedTest` explains the p-values, ``lofo_worst_order`` and ``flag``.
     """
 
     force_N: float
@@ -253,14 +256,13 @@ class Comparison(Result):
     #: widths of the slopes' prior, stated as ``slope_scale``, at which the log Bayes factor of the
     #: second model over the first changes sign. Slopes are changes of compliance with force.
     prior_sensitivity_crossings: tuple[float, ...]
-    #: log Bayes factor of the second model over the first under several assumptions. The first
-    #: entry is for the models' own assumption about the random differences between circles. The
-    #: last entry is for models without nuisance terms (effects not of interest), in which circles
-    #: differ at random by white noise alone. The entries between are for other assumptions about
-    #: the random differences. If ``explanations`` is not None, two more entries follow directly
-    #: after the first: the average over all combinations of alternative explanations (effects, such
-    #: as a nonlinear mount, that influence the readings in a similar way to a change of compliance
-    #: with force), and the value for models without alternative explanations.
+    #: log Bayes factors of the second model over the first, in this order: (1) under the models'
+    #: own assumption about the random differences between circles; (2) if ``explanations`` is not
+    #: None, two values: averaged over all combinations of alternative explanations, and without any
+    #: of them; (3) under other assumptions about the random differences; (4) for models without
+    #: nuisance terms (effects not of interest), in which circles differ by white noise alone. An
+    #: alternative explanation is an effect, such as a nonlinear mount, that changes the readings in
+    #: a similar way to a change of compliance with force.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if compliance is constant in all compared models, or if only evidences were computed
@@ -273,11 +275,12 @@ class Comparison(Result):
     #: of the compliances change with force. The keys are the names of the compliances. Empty if
     #: ``slopes`` is empty.
     compliance_against_force: dict[str, Curve]
-    #: comparison of every test with its prediction from the other tests, by name of the test; empty
-    #: if no test was left out
+    #: comparison of each test with its prediction from the other tests; the keys are the names of
+    #: the tests. Empty if no cross-validation was made.
     tests: dict[str, ComparedTest]
-    #: table of constant compliances, fitted to the tests at each pair of neighbouring forces (see
-    #: `local_fits`); empty if all tests have the same force, or if only evidences were computed
+    #: table of compliances that are fitted separately to each pair of neighbouring forces and taken
+    #: as constant within the pair, as the function `local_fits` returns it. Empty if all tests have
+    #: the same force, or if only evidences were computed.
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. The log evidences of the first two models are
     #: also computed under other assumptions about the random differences between circles. Under an
@@ -364,10 +367,10 @@ class Comparison(Result):
     def allowed(self, assumed: Assumed) -> bool:
         """Return whether the readings allow an assumption about random differences between circles.
 
-        The models themselves make one such assumption. ``assumed`` holds the log evidences of the
-        first two of the compared models under another assumption. The readings allow this other
-        assumption if it lowers the log evidence by less than 5 nat. Under each of the two
-        assumptions, the larger of the two log evidences is used.
+        The first two of the compared models make an assumption of their own; ``assumed`` holds
+        their log evidences under a different assumption. For each of the two assumptions, the log
+        evidence of the better model is taken. The readings allow the different assumption if this
+        value is less than 5 nat below the value for the models' own assumption.
         """
         return self.gain(assumed) > -_REJECTED
 
@@ -446,8 +449,8 @@ class _ComparisonPlan:
     #: in which the width of the prior is proportional to this scale. The dict is empty if neither
     #: model has slopes, or if the two models differ only in this prior.
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
-    #: the first two of the compared models as the caller gave them, in a dict with one entry. The
-    #: key is a label which says that these models keep their own assumption about the random
+    #: dict with one entry. Its value is the pair of the first two compared models, as the caller
+    #: gave them. Its key is a label of the assumption that these two models make about the random
     #: differences between circles.
     unchanged: dict[str, tuple[HybridModel, ...]]
     #: copies of the first two of the compared models that make other assumptions about the random
@@ -852,11 +855,10 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 
 
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
-    """Return the log Bayes factors of two models, one for each of several priors of the slopes.
+    """Return the log Bayes factor of two models for each of several widths of the slopes' prior.
 
-    Slopes are changes of compliance with force. Their priors are narrower or wider: the prior
-    standard deviations are proportional to the numbers in ``scales``. ``assumed`` holds, for each
-    of these numbers, the comparison of the two models with the prior that belongs to it.
+    Slopes are changes of compliance with force. ``scales`` holds the widths of their prior, stated
+    as ``slope_scale``. ``assumed`` holds the comparison of the two models for each width.
     """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
@@ -889,11 +891,12 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
 
 
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
-    """Return, for every other model, its expected log predictive density minus the first model's.
+    """Return by how much each model exceeds the first in expected log predictive density [nat].
 
     ``log_densities`` holds, for each model, the log density of every test given the other tests
-    [nat]. The keys of the result have the form "linear/constant", where "constant" is the name of
-    the first model. The result is empty if no test is left out.
+    [nat]. The result compares each model except the first with the first model. Its keys have the
+    form "linear/constant", where "constant" is the name of the first model. The result is empty if
+    the tests were not predicted from each other.
     """
     first, *other_names = log_densities
     differences = {}

@@ -319,8 +319,8 @@ def _row_of_value(name: str, value: StatedValue) -> dict[str, object]:
 def _row_of_direction(name: str, direction: AxialDirection) -> dict[str, object]:
     """Return the table row of a direction in a plane; the keys are names of columns.
 
-    ``name`` is the name of the direction, such as "stiffest direction". The median is not computed;
-    the mean direction is stated in its place.
+    ``name`` is the name of the direction, such as "stiffest direction". The column ``median`` holds
+    the mean direction, because no median is computed for directions.
     """
     return {
         "quantity": name,

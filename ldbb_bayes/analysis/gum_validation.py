@@ -89,9 +89,10 @@ class GumComparison(Result):
     #: coverage intervals (computed with the GUM's law of propagation and from the posterior) agree
     #: if their endpoints differ by at most this value.
     tolerance: float
-    #: largest number of significant digits, from 0 to 2, for which the two coverage intervals
-    #: (computed with the GUM's law of propagation and from the posterior) agree. The digits are
-    #: those of the standard uncertainty ``sd``.
+    #: largest number n of significant digits of the standard uncertainty ``sd``, from 0 to 2, such
+    #: that the two coverage intervals (computed with the GUM's law of propagation and from the
+    #: posterior) agree within the numerical tolerance that follows from n (JCGM 101, 7.9.2). 0 if
+    #: they do not agree even for n = 1.
     digits: int
 
     @property
@@ -162,12 +163,12 @@ class GumValidation(Result):
 
     @property
     def validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose intervals by the GUM and by the posterior agree."""
+        """Names of the parameters for which the GUM's and the posterior's intervals agree."""
         return tuple(name for name, entry in self.parameters.items() if entry.validated)
 
     @property
     def not_validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose intervals by the GUM and by the posterior do not agree."""
+        """Names of the parameters for which the GUM's and the posterior's intervals disagree."""
         return tuple(name for name, entry in self.parameters.items() if not entry.validated)
 
 
@@ -274,10 +275,11 @@ def numerical_tolerance(u: float, digits: int) -> float:
 def agreeing_digits(distance: float, u: float) -> int:
     """Return the largest number of significant digits, at most two, for which two intervals agree.
 
-    The digits are those of the standard uncertainty ``u``. ``distance`` is the larger of two
-    distances: between the lower endpoints of the intervals, and between their upper endpoints. The
-    intervals agree for a number of digits if ``distance`` is at most the `numerical_tolerance` for
-    this number. If the intervals do not agree even for one digit, the result is zero.
+    The digits are those of the standard uncertainty ``u``. For each number of digits, there is a
+    tolerance (`numerical_tolerance`). The intervals agree if ``distance`` is at most this
+    tolerance. ``distance`` is the larger of two distances: between the lower endpoints of the
+    intervals, and between their upper endpoints. If the intervals do not agree even for one digit,
+    the result is zero.
     """
     for digits in range(_MOST_DIGITS, 0, -1):
         if distance <= numerical_tolerance(u, digits):

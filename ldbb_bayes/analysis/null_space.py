@@ -25,8 +25,8 @@ EXACT_SHARE = 0.05
 # the remaining combination changes no reading noticeably.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # Coefficients with small effects are dropped from a combination only if the remaining combination
-# changes each reading by at most this share of ``NullSpace.limit``. This limit is the largest
-# change of a reading that is too small to be seen.
+# changes each reading by at most this share of ``NullSpace.limit``. A change of a reading up to
+# that limit is too small to be seen.
 _SPARSE_LIMIT_SHARE = 0.5
 # Rows of a matrix are chosen as pivots, one after the other. In each step, only the part of a row
 # that is orthogonal to the rows chosen before is considered. A preferred row is chosen before all
@@ -51,8 +51,9 @@ class NullSpace:
     Parameters
     ----------
     scaled
-        Change of each of the n readings when each of the m coefficients alone changes by its prior
-        standard deviation, shape (n, m). The parameters of interest come first.
+        Effects of the m coefficients on the n readings, shape (n, m). Each column holds the changes
+        of the readings if only one coefficient changes, by its prior standard deviation. The
+        parameters of interest come first.
     parameters
         Number of parameters of interest.
     limit
@@ -62,16 +63,16 @@ class NullSpace:
     def __init__(self, scaled: Array, parameters: int, limit: float) -> None:
         """Prepare the search for combinations of coefficients that change no reading.
 
-        ``scaled``, shape (n, m), holds the change of each of the n readings when each of the m
-        coefficients alone changes by its prior standard deviation. The first ``parameters``
+        Each column of ``scaled``, shape (n, m), holds the changes of the n readings if only one of
+        the m coefficients changes, by its prior standard deviation. The first ``parameters``
         coefficients are the parameters of interest. A change of a reading by at most ``limit``
         counts as no change.
         """
         self.scaled = scaled
         self.parameters = parameters
         self.limit = limit
-        #: largest change of a reading when each of the m coefficients alone changes by its prior
-        #: standard deviation, shape (m,)
+        #: for each of the m coefficients, the largest change of any reading if only this
+        #: coefficient changes, by its prior standard deviation; shape (m,)
         self.largest = np.abs(scaled).max(axis=0)
         # Triangular factor R of the decomposition Q R of the matrix ``scaled``, which holds the
         # effects of the model's coefficients on the readings. R has fewer rows than ``scaled``, but

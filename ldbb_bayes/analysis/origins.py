@@ -248,10 +248,6 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
     The result is ``MEASURED`` if the readings determine the standard deviation, ``STATED`` if a
     certificate or the user states it, and otherwise ``ASSUMED``. ``name`` is the class name of the
     model term that causes the scatter, or the name of the reading noise.
-
-    The origin is measured if the readings determine the standard deviation, and stated if a
-    certificate or the user states it. Otherwise, the origin is assumed. ``name`` is the class name
-    of the model term that causes the scatter, or the name of the reading noise.
     """
     if name == NOISE:
         return Origin.MEASURED

@@ -56,9 +56,10 @@ _SMALL_P_VALUE = 0.05
 # Factor by which the number of replicates (simulated circles) is increased when a test is compared
 # with its replicates a second time.
 _MORE_REPLICATES = 2
-# Number of replicates (simulated circles) from each posterior draw when a test is compared with its
-# replicates a second time. The number is small, because replicates from the same draw are
-# correlated, and a small p-value is reliable only with many draws.
+# Number of replicates (simulated circles) from each posterior draw in the second, more accurate
+# comparison of a test with its replicates. A small p-value is reliable only if the replicates come
+# from many draws, because replicates from the same draw are correlated. Few replicates are
+# therefore taken from each of many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 
@@ -81,9 +82,10 @@ class JudgedTest:
     #: whether the test is flagged as not in agreement with the other tests. A test is flagged if
     #: its family-wise p-value is below 2 % and more than half of the tests remain unflagged.
     flag: bool
-    #: −ln of the probability that another circle deviates more from the prediction than the test,
-    #: in the Fourier order in which the test deviates most. If several tests have the same p-value,
-    #: the one with the largest ``distance`` is flagged first.
+    #: negative logarithm of the probability (from a χ² distribution) that another circle of the
+    #: same machine would deviate from the prediction more than the test does, in the Fourier order
+    #: ``worst_order``. If several tests have the same p-value, the one with the largest
+    #: ``distance`` is flagged first.
     distance: float
 
 
@@ -227,8 +229,9 @@ def judge_tests(
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
     """Return the quadrature nodes of the first model.
 
-    Nodes are weighted values of the hyper-parameters. ``nodes_by_model`` holds the nodes of all
-    models. The caller needs only the campaign, which the nodes of every model contain.
+    Nodes are weighted values of the hyper-parameters, together with the model applied to the
+    campaign. ``nodes_by_model`` holds the nodes of all models. The caller uses only properties of
+    the campaign, which are the same for all models.
     """
     return next(iter(nodes_by_model.values()))
 

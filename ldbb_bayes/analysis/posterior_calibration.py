@@ -138,13 +138,14 @@ def calibrate_posterior(
 
 
 class _EnlargedCampaigns(NamedTuple):
-    """Settings of all replicates: copies of a campaign, each enlarged by simulated readings.
+    """Settings that all replicates share.
 
-    ``campaign`` is the measured campaign. ``beta``, shape (replicates, p), holds posterior draws of
-    the p parameters, and ``phi``, shape (replicates, h), posterior draws of the h hyper-parameters.
-    The draws in one row of ``beta`` and ``phi`` are the true values of one replicate, from which
-    its readings are simulated. The true values are then ranked among ``draws`` posterior draws of
-    the enlarged campaign.
+    A replicate is a copy of the measured campaign, enlarged by simulated readings. ``campaign`` is
+    the measured campaign. ``beta``, shape (replicates, p), holds posterior draws of the p
+    parameters, and ``phi``, shape (replicates, h), posterior draws of the h hyper-parameters. The
+    draws in one row of ``beta`` and ``phi`` are the true values of one replicate, from which its
+    readings are simulated. ``draws`` is the number of draws from the posterior of the enlarged
+    campaign, among which the true values are then ranked.
     """
 
     model: HybridModel
@@ -184,12 +185,12 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return the campaign with a time for each test, so that a repetition can keep the times.
+    """Return the campaign with a time for each test.
 
-    A campaign that states times is returned unchanged. Without times, drift is computed from the
-    order of the tests. Each test then gets a time in proportion to its position in the list. The
-    repeated tests have the same times as the original tests. The mean time, from which drift is
-    measured, is therefore the same with and without the repetition.
+    The times are needed when the campaign is enlarged by a repetition of its tests. The repeated
+    tests have the same times as the original tests, so that the mean time, from which drift is
+    measured, does not change. A campaign that states times is returned unchanged. In any other
+    campaign, each test gets a time in proportion to its position in the list.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign

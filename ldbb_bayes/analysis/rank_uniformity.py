@@ -21,11 +21,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections in the search for the width of the band that contains the empirical
-# distribution of ranks. For each k, the band has limits for the number of ranks that are at most k.
-# The search finds the largest probability with which the number for a single k may be outside its
-# limits, so that the numbers for all k are inside with the required probability. The error of the
-# result is then below 1e-12.
+# Number of bisections in the search for the band that contains the empirical distribution of ranks.
+# For every number k, the band has a lower and an upper limit for how many ranks are at most k. All
+# limits follow from one probability: that of being outside the limits at a single k. The search
+# finds the largest value of this probability for which the limits are met at all k together with
+# the required probability. With this number of bisections, the error of the value is below 1e-12.
 _BISECTIONS = 40
 
 

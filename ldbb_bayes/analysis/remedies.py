@@ -6,10 +6,10 @@ tried: the standard uncertainty of every parameter is computed for the changed p
 campaign with the certificate (`Information`). The hyper-parameters φ, such as the standard
 deviation of the noise, keep their values (`HyperPrior.carried`).
 
-A change of a plan that adds circles adds up to as many circles as the plan has. The uncertainty
-would also decrease if all readings were taken twice under the same conditions. Circles under other
-conditions (order, direction of travel, angles of the balls or radius) are therefore a remedy only
-if they reduce the uncertainty more than taking all readings twice does. More circles under the same
+If a remedy adds circles to a plan, it at most doubles their number. The uncertainty would also
+decrease if all readings were taken twice under the same conditions. Circles under other conditions
+(order, direction of travel, angles of the balls or radius) are therefore a remedy only if they
+reduce the uncertainty more than taking all readings twice does. More circles under the same
 conditions are recommended only if most of the variance comes from scatter between readings or
 between circles, whose standard deviation the readings determine. Other effects are modelled as the
 same in every circle, and do not average out.

@@ -140,11 +140,11 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # There is one model for every combination of slopes (changes of compliance with force) and
-    # alternative explanations of the same readings. `subsets` lists the models with slopes first,
-    # and the model without any explanation last. In the following arrays, the first row therefore
-    # holds the models with slopes, the second row the models without slopes, and the last column
-    # the two models without alternative explanations.
+    # Every model either has slopes (changes of compliance with force) or not, and has some, all or
+    # none of the alternative explanations. `subsets` lists the models with slopes first. The
+    # following arrays therefore have two rows: the first for the models with slopes, the second for
+    # those without. They have one column for each combination of alternative explanations; the last
+    # column is for no alternative explanation.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]

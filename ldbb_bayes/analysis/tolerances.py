@@ -30,13 +30,13 @@ _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
 # Quantities of the machine's circular path that may have a tolerance. The keys are the names of the
-# quantities. A tolerance may be a single number without a sign. The values of the dictionary state
-# whether such a number is an upper or a lower limit.
+# quantities. Each value states how a tolerance that is a single number without a sign is
+# understood: as an upper or as a lower limit of the quantity.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 # Stiffnesses in a plane for which the user may state a tolerance: the least and the greatest
 # stiffness along the bar, and the ratio of the greatest to the least. The keys are the names of
-# these quantities. A tolerance may be a single number without a sign. The values of the dictionary
-# state whether such a number is an upper or a lower limit.
+# these quantities. Each value states how a tolerance that is a single number without a sign is
+# understood: as an upper or as a lower limit of the quantity.
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
 # Internal units of the stiffnesses in ``STIFFNESS_QUANTITIES``; the ratio has no unit.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}

@@ -52,8 +52,8 @@ class Reason(Result):
     """Reason why values on a test certificate cannot be used, or must be used with caution."""
 
     kind: ReasonKind
-    #: names of the parameters or tests concerned by a reason against the use of a certificate's
-    #: values; empty if the reason concerns all values
+    #: names of the parameters or tests to which the reason applies; empty if it applies to all
+    #: values on the certificate
     names: tuple[str, ...] = ()
     #: names of the model terms or parameters whose effects the readings cannot distinguish from the
     #: effects of the parameters in ``names``

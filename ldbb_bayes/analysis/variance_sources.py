@@ -55,8 +55,8 @@ class VarianceSource(Result):
     """
 
     name: str
-    #: whether the standard uncertainty of a source of uncertainty is measured in this campaign,
-    #: stated or assumed
+    #: origin of the source's standard uncertainty: measured in this campaign, stated by a
+    #: certificate or by the user, or assumed
     origin: Origin
     share: float  #: share of a parameter's variance that one source of uncertainty causes
 
@@ -161,14 +161,13 @@ class ModelVariance:
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the variances that q quantities would have if assumed effects were known exactly.
 
-        An effect is a model term, identified by its class name, or a parameter, identified by its
-        name. ``partners`` are the names of effects. Three things are taken to be known exactly: the
-        named parameters, those coefficients of the named model terms whose prior standard deviation
-        is assumed (neither measured nor stated), and the scatter caused by the named terms if its
-        standard deviation is assumed. All other coefficients stay uncertain. For example, a
-        certificate may state the deflection of the mount, but not how the deflection bends with
-        force. Of the term ``Mount``, only the coefficient of this curvature is then taken to be
-        known.
+        ``partners`` are the names of the effects that are taken to be known: class names of model
+        terms, and names of parameters. A named parameter is taken to be known exactly. Of a named
+        model term, only the parts whose standard deviation is assumed (neither measured nor stated)
+        are taken to be known: single coefficients, or the scatter that the term causes. All other
+        coefficients stay uncertain. For example, a certificate may state the deflection of the
+        mount, but not its curvature (its deviation from a straight line against force). Of the term
+        ``Mount``, only the coefficient of the curvature is then taken to be known.
 
         The q quantities are parameters, and changes of compliances with force. The result has the
         shape (q,).
@@ -206,12 +205,11 @@ class ModelVariance:
 
 @dataclass(frozen=True, eq=False)
 class AveragedVariance:
-    """Variances of q quantities in an average over models, and the sources of these variances.
-
-    The quantities are parameters, and changes of compliances with force.
+    """Variances of q quantities, averaged over models, and the sources of these variances.
 
     ``models`` holds the variances under each model; there may be a single model. The first
-    ``number_of_parameters`` quantities are parameters: those that at least one of the models has.
+    ``number_of_parameters`` quantities are all parameters that occur in at least one model; the
+    others are changes of compliances with force.
     """
 
     models: tuple[ModelVariance, ...]

@@ -1,4 +1,4 @@
-"""Which compliances change with force: probabilities, and averaged curves.
+"""Probabilities that compliances change with force, and averaged curves of the compliances.
 
 A slope is the change of a compliance with force. Every compliance may have a slope or none, and
 each subset of slopes defines a model, whose evidence is computed. Curves of compliance against

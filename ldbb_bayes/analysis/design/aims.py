@@ -68,8 +68,8 @@ class UncertaintyAim:
     #: weights w of the p parameters β in the combination w·β, shape (p,); the parameters are in
     #: units of their prior standard deviations
     weights: Array
-    #: largest standard uncertainty of the combination w·β of the parameters β at which the aim is
-    #: reached
+    #: the aim is reached if the standard uncertainty of the combination w·β of the parameters β is
+    #: at most this value
     target: float
     #: ratio of two standard uncertainties of the combination w·β, given the readings of the circles
     #: run so far. The numerator is the standard uncertainty with unknown hyper-parameters. The

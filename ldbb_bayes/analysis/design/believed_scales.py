@@ -122,9 +122,9 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # Three matrices are computed that have the eigenvectors of the Fisher information matrix, but
-    # other eigenvalues. The signs and the order of the eigenvectors are arbitrary, but have no
-    # effect on these matrices.
+    # The three matrices computed below (``weight``, ``noise`` and the root of the covariance) have
+    # the eigenvectors of the Fisher information matrix, but other eigenvalues. The order and the
+    # signs in which ``eigh`` returns the eigenvectors have no influence on them.
     weight = _matrices_with(axes, size / (size + 1.0))
     noise = _matrices_with(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)
@@ -196,10 +196,10 @@ class _EffectBlock(NamedTuple):
     and c of these columns. In these c columns, the elements in all other rows are zero.
     """
 
-    # place of this block's n readings in the list of all reduced readings. Reduced readings are
-    # combinations of the readings of a test; the list holds those of all tests.
+    # indices of this block's n reduced readings in the list of the reduced readings of all tests. A
+    # reduced reading is a combination of the readings of one test.
     readings: slice
-    # place of this block's c effects in the list of all effects on the readings
+    # indices of this block's c effects in the list of all effects on the readings
     effects: slice
     # block of the design matrix: change of each of n reduced readings per unit of each of c
     # effects, shape (n, c)
@@ -317,9 +317,8 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
         slice(0, all_readings), slice(0, common_effects), on_all_tests.columns
     )
     blocks = [first_block]
-    # The readings of all tests are numbered one after the other, and so are all effects.
-    # ``readings`` and ``effects`` are the numbers of readings and effects that come before those of
-    # the next test.
+    # Readings are counted through all tests, and so are effects. ``readings`` and ``effects`` state
+    # how many of them come before the next test; they are the first indices of this test.
     readings = 0
     effects = common_effects
     for on_one_test in on_single_tests:

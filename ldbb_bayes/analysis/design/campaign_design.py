@@ -102,9 +102,9 @@ class Judged(Forecast):
     #: table of the tests of the compared design, one row per test. The columns are force_N and
     #: those that `Design.columns` names.
     tests: Records
-    #: efficiency of the compared design by the criterion of the recommended design. It is 1 if the
-    #: compared design is as good as the best division of the same number of tests among the
-    #: candidate tests, and 0 if it does not determine all parameters.
+    #: efficiency of the compared design, computed with the criterion by which the recommended
+    #: design was chosen. It is 1 if no choice of equally many tests from the candidates would be
+    #: better, and 0 if the compared design does not determine all parameters.
     efficiency: float
 
 
@@ -112,10 +112,9 @@ class Judged(Forecast):
 class Limits(Result):
     """Weaknesses of a design that more runs of the same tests would not remove."""
 
-    #: number of different forces of the tests, if there are too few of them: the tests then cannot
-    #: show whether compliances are polynomials in force of a higher degree than in the model. None
-    #: if there are enough forces, or if the tests are analysed together with tests that have
-    #: already been run.
+    #: number of different forces of the tests, if it is too small to show whether the compliances
+    #: are polynomials in force of a higher degree than in the model. None if it is large enough, or
+    #: if the tests are analysed together with tests that have already been run.
     levels: int | None
     #: direction of travel of each plane whose circles all run in the same direction although the
     #: model includes hysteresis; the keys are the planes
@@ -128,8 +127,7 @@ class Limits(Result):
     #: test were run very many times
     shared: tuple[str, ...]
     #: combinations of coefficients of the model whose effects cancel in every reading. Each
-    #: combination contains at least one of the parameters in ``shared``, which more runs would
-    #: hardly improve.
+    #: combination contains at least one of the parameters in ``shared``.
     degeneracies: tuple[Degeneracy, ...]
     #: ways to separate the coefficients of each combination in ``degeneracies``: kinds of further
     #: tests, or a calibration. The entries have the order of ``degeneracies``.
@@ -183,9 +181,9 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design by its criterion. It is 1 if the design is as good as the best
-    #: division of the same number of tests among the candidate tests (``shares``), and smaller if
-    #: it is worse.
+    #: efficiency of the design, computed with the criterion by which it was chosen. It is 1 if the
+    #: design is as good as the optimal ``shares`` of the candidate tests, and smaller if it is
+    #: worse.
     efficiency: float
     #: optimality certificate: it states whether it is proven that no other shares of the candidate
     #: tests give a better value of the design criterion than ``shares``

@@ -109,9 +109,10 @@ def add_foreseen_tests(
         kinds.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
-    # A design may be analysed without the tests that have already been run. The kinds of these
-    # tests are therefore stated without directions of travel: a candidate whose kind includes a
-    # direction counts as a new kind, even if a test in this direction has been run.
+    # Kinds of tests that need not be added. The pilot's tests are entered here without their
+    # directions of travel, because a design may be analysed without these tests. If the kind of a
+    # candidate includes a direction, the candidate therefore counts as new, even if the pilot has a
+    # test in this direction.
     known_kinds = {_kind_of(test, None, uses_radius) for test in pilot.scope}
     known_kinds |= {_kind_of(test, test.direction, uses_radius) for test in pilot.foreseen}
     new_tests = []
@@ -127,8 +128,8 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
     """Return whether the parameters of the model depend on the radii of the circles.
 
     The parameters depend on the radii only if the centre of a circle, or the coordinate frame of a
-    joint, does not lie at the machine's origin. ``tests`` are the tests of designs. The tests of
-    ``pilot``, the campaign that the designs start from, are considered too.
+    joint, does not lie at the machine's origin. ``pilot`` is the campaign or plan that a design
+    starts from, and ``tests`` are further tests that may be run. The tests of both are considered.
     """
     if any(any(frame) for frame in pilot.frames_mm.values()):
         return True
@@ -155,9 +156,9 @@ def _tests_by_kind(
     tests of other designs.
 
     The kind of a test consists of its plane, set-up, centre, radius and direction of travel. The
-    radius is left out if ``uses_radius`` is false. The direction is left out in two cases: for
-    candidates in a plane whose candidates do not run in both directions, and for all tests of other
-    designs.
+    radius is left out if ``uses_radius`` is false. The direction is left out for all tests of other
+    designs. For the candidates in a plane, it is left out unless some of them run clockwise and
+    others counterclockwise.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -215,10 +216,10 @@ def bind_tests(
     """Return the model applied to planned tests, alone or together with the pilot's tests.
 
     The model takes its reference force, its range of force and the estimate Ĉ of the compliances
-    from the pilot. The model also has the parameters that only the pilot's tests can determine,
-    even if these tests are left out. Hysteresis is an exception, because its coefficients depend on
-    the directions of travel: if the pilot's tests are left out, their directions have no influence
-    on which of these coefficients the model has.
+    from the pilot. Even if the pilot's tests are left out, the model keeps the parameters that only
+    these tests can determine. The coefficients of hysteresis are an exception: which of them the
+    model has depends on the directions of travel, and the directions of tests that are left out do
+    not count.
 
     Parameters
     ----------

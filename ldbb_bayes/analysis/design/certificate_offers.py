@@ -44,7 +44,9 @@ _MOST_OFFERS = 5
 class CertificateOffer(Result):
     """One certificate that could be bought: the values that it states, and its price."""
 
-    name: str  #: name of the calibration certificate, such as "balls of grade G10"
+    #: name of the calibration certificate. For example, "balls of grade G10" is a certificate that
+    #: states the grade, and with it the largest form error, of both balls.
+    name: str
     price: float  #: price of the calibration certificate, in the unit of money of `Costs`
     #: values that the calibration certificate states for properties of the instrument; the keys are
     #: the names of these properties as attributes of `Instrument`

@@ -93,10 +93,11 @@ class CheapestCampaigns:
 
     #: the campaigns that reach all goals for uncertainties, the cheapest first
     campaigns: tuple[FoundCampaign, ...]
-    #: campaign that comes nearest to the goals for uncertainties, if no campaign reaches them. Only
-    #: the largest campaign of each family (same ball angles, radii and certificates) is considered.
-    #: The nearest one meets all goals on the largest share of the possible machines. None if one of
-    #: these campaigns reaches the goals, or if no forecast with unknown hyper-parameters was made.
+    #: campaign that comes nearest to the goals for uncertainties: the one that meets all goals on
+    #: the largest share of the possible machines (random draws of the parameters and
+    #: hyper-parameters). Only the largest campaign of each family (same ball angles, radii and
+    #: certificates) is considered. None if one of these campaigns reaches the goals, or if no
+    #: forecast with unknown hyper-parameters was made.
     nearest: FoundCampaign | None
 
 
@@ -176,12 +177,13 @@ class _Progress:
 
 @dataclass(order=True)
 class _QueuedFamily:
-    """A family of campaigns that waits in the queue of families to search.
+    """A family of campaigns that is still to be searched, as an entry of the queue of families.
 
-    The queue is sorted by the lowest price that the next campaign to try in each family can have.
+    The queue is sorted by ``price``, a lower limit of the price of the campaign that is tried next
+    in the family.
     """
 
-    #: lowest price that the next campaign to try in this family can have
+    #: lower limit of the price of the campaign that is tried next in this family of campaigns
     price: float
     #: number of the family in the list of campaign families; families with equal prices are
     #: searched in the order of these numbers
@@ -366,7 +368,11 @@ class _Search:
         return shares_of_machines(campaign.stated, self._goals)[""]
 
     def _is_met(self, campaign: FoundCampaign) -> bool:
-        """Return whether a campaign reaches all uncertainty goals on enough possible machines."""
+        """Return whether a campaign reaches all uncertainty goals with the required probability.
+
+        The probability is the share of the possible machines (random draws of the parameters and
+        hyper-parameters) on which the campaign reaches all goals.
+        """
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:

@@ -174,10 +174,11 @@ class _LogBayesFactorDistribution:
     # ln det C, where C is the posterior covariance of the slopes (changes of compliance with
     # force), for each of K values of the hyper-parameters, shape (K,)
     log_volume: Array
-    # quasi-random samples from a standard normal distribution for K values of the hyper-parameters,
-    # shape (K, samples, s − 1). The posterior mean of s slopes (changes of compliance with force)
-    # has s independent components z. The samples stand for all components except the one with the
-    # largest variance; for this one, probabilities are computed from the normal distribution.
+    # quasi-random standard normal numbers, shape (K, samples, s − 1), for K values of the
+    # hyper-parameters. The posterior mean of s slopes (changes of compliance with force) has s
+    # independent normal components z. The component with the largest variance is not sampled: its
+    # probabilities are computed from the normal distribution. The numbers are samples of the other
+    # components, scaled to mean 0 and variance 1.
     points: Array
 
     def expected(self, mean: Array, variance: Array) -> float:

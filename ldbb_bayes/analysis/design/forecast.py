@@ -1,19 +1,20 @@
 """Forecast of tests before they are run: expected uncertainties and information gain.
 
 `design` uses this forecast for the tests that it recommends, `identify` uses it for a plan, and the
-browser page uses it for the tests that are set with its sliders. A forecast depends on the model,
-on the tests, and on the distribution of the scales of noise and effects before the tests. This
-distribution is the posterior given the readings of a pilot (the campaign that a design starts
-from). If there are no readings, it is the prior.
+browser page uses it for the tests that are set with its sliders.
 
 β are the parameters (compliances, their changes with force, and geometric errors), φ the
-hyper-parameters (such as the standard deviation of the noise). A state is one possible machine:
-values of φ and β. In every state, the size of the noise differs from circle to circle. The analysis
-of the tests does not know the true scales; its posterior of the scales is represented by several
-draws (`believed_scales`). The variance that the analysis states is the mean of the variances given
-these draws, plus the variance of the estimates over these draws. The stated variance accounts for
-the condition that no compliance is negative. The expected uncertainty is the median of the stated
-uncertainties over all states.
+hyper-parameters (such as the standard deviation of the noise). A forecast depends on the model, on
+the tests, and on the distribution of φ and β before the tests. This distribution is the posterior
+given the readings of a pilot (the campaign that a design starts from). If there are no readings, it
+is the prior.
+
+A state is one possible machine: values of φ and β, drawn from this distribution. In every state,
+the size of the noise differs from circle to circle. The analysis of the tests does not know φ; its
+posterior of φ is represented by several draws (`believed_scales`). The variance that the analysis
+states for a parameter is the mean of its variances given these draws, plus the variance of its
+estimates over these draws. The stated variance accounts for the condition that no compliance is
+negative. The expected uncertainty is the median of the stated uncertainties over all states.
 """
 
 from __future__ import annotations
@@ -183,11 +184,15 @@ def forecast_plan(
 
 @dataclass(frozen=True, eq=False)
 class StatedByMachines:
-    """Standard uncertainties that analyses of planned tests would state for n possible machines."""
+    """Standard uncertainties that an analysis of planned tests would give on n possible machines.
+
+    A possible machine is a random draw of the parameters and hyper-parameters. For each machine,
+    the analysis of its readings is simulated.
+    """
 
     names: tuple[str, ...]  #: names of the p parameters of the model
     beta: Array  #: values of the p parameters on each machine, shape (n, p), in mm, N, rad
-    #: standard uncertainties of the p parameters that the analysis would state on each of the n
+    #: standard uncertainties that the analysis would give for the p parameters of each of the n
     #: machines, shape (n, p), in units composed of mm, N and rad
     u: Array
 
@@ -196,7 +201,7 @@ class StatedByMachines:
 def stated_by_machines(
     model: HybridModel, plan: Campaign, *, machines: int | None = None
 ) -> StatedByMachines:
-    """Return the standard uncertainties that an analysis would state for n possible machines.
+    """Return the standard uncertainties that an analysis would give on n possible machines.
 
     The analysis uses the readings of the tests of ``plan``, which are not known yet.
     `forecast_plan` returns the medians of these uncertainties over the machines. The model must
@@ -410,11 +415,12 @@ def stated_variances(
     """Forecast the posterior variances that analyses of planned tests would give.
 
     A state is one possible machine. States in which a compliance is negative at a force of the new
-    tests are left out, unless no state would remain. For every remaining state, possible results of
-    an analysis (posterior means) are drawn at random. In the analysis, several sets of values
-    represent the posterior of the hyper-parameters (such as the standard deviation of the noise).
-    The resulting variance of a parameter is the mean of its posterior variances over these sets,
-    plus the variance of its posterior means over these sets.
+    tests are left out, unless no state would remain. For every remaining state, one or several
+    analyses are simulated: posterior means of the parameters are drawn at random. An analysis does
+    not know the hyper-parameters (such as the standard deviation of the noise); n sets of values
+    represent their posterior. The variance that the analysis states for a parameter is the mean of
+    its posterior variances given these sets, plus the variance of its posterior means given these
+    sets.
 
     Parameters
     ----------
@@ -455,8 +461,8 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
     """Return, for each possible state of the machine, whether all compliances are at least zero.
 
     A state is a set of values of the machine's parameters. The result has the shape (states,). All
-    values are true in two cases: the model allows negative compliances, or every state has a
-    negative compliance.
+    values are true if the model allows negative compliances. They are also all true if every state
+    has a negative compliance, because no state would otherwise be left for the forecast.
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)

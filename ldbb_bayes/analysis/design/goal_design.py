@@ -114,7 +114,9 @@ class GoalPlan(Result):
     #: force_N, further settings, and count, which is the number of times to run the test.
     tests: Records
     circles: int
-    certificates: tuple[str, ...]  #: calibration certificates to buy, such as "balls of grade G10"
+    #: names of the calibration certificates to buy. For example, "balls of grade G10" is a
+    #: certificate that states the grade, and with it the largest form error, of both balls.
+    certificates: tuple[str, ...]
     minutes: float  #: machine time of the campaign [min]
     #: price of the campaign's machine time and certificates, in the unit of money of `Costs`
     price: float

@@ -59,9 +59,10 @@ __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 # Largest numerical error allowed for the log evidence of a model [nat]. The error is small compared
 # with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
 _TOLERANCE = 0.2
-# To estimate how many circles a campaign still needs, up to ``_MOST_CIRCLES`` circles are added one
-# by one until all aims are expected to be reached. They are chosen from the ``_CONTINUED`` best
-# next circles; a circle may be chosen several times.
+# Number of best candidates for the next circle from which further circles are chosen, when the
+# number of circles that a campaign still needs is estimated. Circles are then added one by one, at
+# most ``_MOST_CIRCLES``, until all aims are expected to be reached. A candidate may be chosen
+# several times.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
 # The uncertainty after very many circles is computed as if each of the best next circles were run
@@ -345,12 +346,12 @@ def _goals_so_far(
 def _tolerances_so_far(
     tolerances: Mapping[str, ToleranceState], after: Array
 ) -> dict[str, ToleranceSoFar]:
-    """Return the state of each tolerance: now, and as expected after the best next circle.
+    """Return, for each tolerance, the present decision and what the best next circle may decide.
 
-    The state is the present decision whether a quantity conforms with its tolerance, and the
-    probability that a decision is possible after the best next circle. ``after`` are the
-    covariances of the parameters after this circle. The result is a dict; its keys are the names of
-    the quantities with tolerances.
+    The present decision states whether the quantity conforms with its tolerance. For the best next
+    circle, the probability is given that a decision is then possible. ``after`` are the covariances
+    of the parameters after this circle. The result is a dict; its keys are the names of the
+    quantities with tolerances.
     """
     return {name: state.so_far(after) for name, state in tolerances.items()}
 

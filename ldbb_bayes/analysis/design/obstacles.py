@@ -34,7 +34,7 @@ _ALL_CERTIFICATES = "all certificates together"
 
 @dataclass(frozen=True)
 class Obstacle(Result):
-    """Reason why no number of circles reaches an uncertainty goal, and a helpful certificate."""
+    """Why no number of circles can meet an uncertainty goal, and which certificate would help."""
 
     #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
     #: circles, in the unit of the parameter

@@ -35,8 +35,9 @@ __all__ = ["QuickForecast", "limits_of_goals"]
 # standard uncertainty that the goal permits; s is this number. For two equal values r and s = 16,
 # the result is 4 % too large.
 _SHARPNESS = 16.0
-# Largest number of passes of the search for a campaign. In each pass, the search tries to exchange
-# one circle of every candidate test in the campaign for a circle of a better candidate.
+# Largest number of passes of the search for a campaign. A campaign states how many circles of each
+# candidate test are run. In each pass, the search goes through the candidates that are run, and
+# tries to replace one circle of each by a circle of a better candidate.
 _MOST_PASSES = 4
 # An exchange of circles must reduce the distance from the goals by more than this number. Rounding
 # errors alone therefore do not cause an exchange.
@@ -169,8 +170,8 @@ class QuickForecast:
     def _covariance(self, counts: Array) -> Array:
         """Return the covariances of all p coefficients after a campaign, shape (K, p, p).
 
-        There is one covariance matrix for each of K values of the hyper-parameters. ``counts`` is
-        the campaign's number of circles of every candidate test.
+        There is one covariance matrix for each of K values of the hyper-parameters. ``counts``,
+        shape (candidates,), holds the number of circles of each candidate test in the campaign.
         """
         support = np.flatnonzero(counts)
         rows = self._rows[:, support] * np.sqrt(counts[support])[:, None, None]
@@ -208,10 +209,11 @@ class QuickForecast:
         return self._distance(np.array(variances).swapaxes(0, 1))
 
     def _log_ratio(self, variances: Array) -> Array:
-        """Return ln(u/u*) for variances u² of the goals' parameters, shape (..., K, goals).
+        """Return ln(u/u*) of every goal, at K values of the hyper-parameters φ.
 
-        u* are the largest standard uncertainties that the goals permit, at K values of the
-        hyper-parameters φ.
+        u is the standard uncertainty of the goal's parameter, and u* the largest standard
+        uncertainty that the goal permits. ``variances`` holds the values of u². It has the same
+        shape as the result, (..., K, goals).
         """
         return np.asarray(0.5 * np.log(variances) - np.log(self._limits))
 

@@ -1,10 +1,11 @@
-"""Search for the design with the best whole numbers of tests (an exact design).
+"""Search for the best design with whole numbers of runs (an exact design).
 
 A candidate is a test that could be run, once or several times. A design states the number of runs
 of each candidate. The criterion Φ is the figure of merit that the search maximises. The search
-starts from several designs: the best fractions of the tests, rounded to whole numbers, and random
-designs. In each design, the search replaces one test at a time by a better candidate, until none of
-the replacements that are tried improves the design (coordinate exchange).
+starts from several designs. In the first, the numbers of runs are the optimal ones, which need not
+be whole numbers, rounded to whole numbers. The other designs are random. In each design, the search
+replaces one test at a time by a better candidate, until none of the replacements that are tried
+improves the design (coordinate exchange).
 """
 
 from __future__ import annotations
@@ -78,14 +79,14 @@ _MERGING_LOSS = 1e-4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
-    """Return whole numbers of tests that are closest to given shares of the number of all tests.
+    """Round given shares of the candidates to whole numbers of runs, whose sum is ``tests``.
 
     The method is that of Pukelsheim and Rieder (1992).
 
     Parameters
     ----------
     share
-        Share of each candidate (test that could be run) in the number of tests, shape
+        Share of each candidate (test that could be run) in the number of all runs, shape
         (candidates,).
     tests
         Number of tests.
@@ -347,9 +348,9 @@ class Search:
         ``levels`` is one or two. ``counts`` holds the number of runs of each candidate in the
         original design. This design is returned unchanged if it has enough different forces.
         Otherwise, one of its tests is replaced by a candidate at another force, drawn at random
-        with ``rng``. Forces that are nearly equal do not count as different. If no candidate
-        therefore has a force that differs enough from that of the other tests, the other tests are
-        moved to the lowest force, and the candidate is then drawn again.
+        with ``rng``. Forces that are nearly equal do not count as different. If the force of no
+        candidate differs enough from that of the other tests, the other tests are first replaced by
+        tests of the candidate with the lowest force.
         """
         if self._is_feasible(counts):
             return counts

@@ -48,9 +48,9 @@ _ZERO_SHARE = 1e-10
 # solver starts, each share is raised to at least this number divided by the number of candidates
 # whose shares are optimized. All shares are then divided by their sum.
 _STARTING_SHARE = 0.02
-# The solver SLSQP minimises minus the design criterion. If a design with the shares of the
-# candidate tests that the solver tries does not determine all parameters, the criterion cannot be
-# computed, and the solver gets this large value instead.
+# The solver SLSQP minimises the negative of the design criterion. It may try shares of the
+# candidate tests with which the tests do not determine all parameters. The criterion cannot be
+# computed for such shares, and the solver gets this large value instead.
 _UNDETERMINED_LOSS = 1e6
 # Tolerances of the solver SLSQP, which computes the best shares of the candidate tests in rounds.
 # The first round uses ``_LOOSE_TOLERANCE``. The tolerance of a later round is at most
@@ -93,8 +93,8 @@ class Optimum(Shown):
 
     A candidate is a test that could be run. Its share is its number of runs divided by N. The
     criterion Φ is the figure of merit of the design. The sensitivity of candidate i is N ∂Φ/∂n_i,
-    where n_i is its number of runs. If the shares are the best, no sensitivity exceeds the mean of
-    all sensitivities, weighted by the shares.
+    where n_i is its number of runs. If the shares are optimal, no sensitivity exceeds the weighted
+    mean of the sensitivities, in which each candidate's share is its weight.
     """
 
     #: share of each candidate test: its number of runs divided by the number of all runs, shape
@@ -106,7 +106,7 @@ class Optimum(Shown):
     #: number of tests, times the number of all tests, shape (candidates,)
     sensitivity: Array
     #: mean of the derivatives ``sensitivity`` of the design criterion, weighted by ``share``; if
-    #: the shares are the best, no derivative exceeds this mean
+    #: the shares are optimal, no derivative exceeds this mean
     bound: float
 
     @property

@@ -31,7 +31,11 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """K equally likely states of the machine before the tests of a design."""
+    """K equally likely states of the machine before the tests of a design.
+
+    A state is one possible machine: values of its parameters and hyper-parameters. The states are
+    drawn from the distribution that describes what is known before the tests.
+    """
 
     #: values of the h hyper-parameters φ (such as the standard deviation of the noise) in each of
     #: the K states, shape (K, h). Lengths are in mm; the other hyper-parameters have no unit.
@@ -106,10 +110,10 @@ def extend_hyper_parameters(
     if pilot is not bound.campaign:
         pilot_bound = _hyper_posterior(bound.model, pilot).bound
     pilot_column = {name: k for k, name in enumerate(pilot_bound.hyper_prior.names)}
-    # Each circle that has already been run has a factor λ, by which its noise is multiplied.
-    # ``circles_run`` holds the names of these factors in ``bound``, the model of the circles run
-    # and the new circles. The same factor may have a different name in the model of the pilot, the
-    # campaign that the design starts from.
+    # The noise of each circle that has already been run is multiplied by a factor λ. ``bound`` is
+    # the model of these circles and the new ones together; ``circles_run`` holds the names of the
+    # factors in ``bound``. In the model of the pilot (the campaign that the design starts from),
+    # the same factor may have another name.
     circles_run = bound.setting.circle[:run].tolist()
     pilot_circle = dict(zip(circles_run, pilot_bound.setting.circle.tolist(), strict=False))
 
