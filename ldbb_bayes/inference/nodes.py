@@ -36,12 +36,13 @@ from ldbb_bayes.units import value_and_uncertainty
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 
 # Step of central differences, from which derivatives of the log density of the hyper-parameters are
-# computed. The step is in units of normal scores, coordinates in which all priors are standard
-# normal except those of the factors on the noise of single circles.
+# computed. The step is in units of normal scores: coordinates in which every prior is standard
+# normal, except the priors of factors that multiply the noise of single circles.
 _DIFFERENCE_STEP = 0.05
-# A curvature (negative second derivative) of the log density below this value is replaced by this
-# value. The derivatives are with respect to normal scores of the hyper-parameters, coordinates in
-# which all priors are standard normal except those of the factors on the noise of single circles.
+# If a curvature (negative second derivative) of the log density is below this value, it is replaced
+# by this value. The derivatives are with respect to normal scores. These are coordinates of the
+# hyper-parameters in which every prior is standard normal, except the priors of factors that
+# multiply the noise of single circles.
 _LEAST_CURVATURE = 0.3
 # The search for a mode (maximum) ends when a step increases the log density by at most this value
 # [nat].
@@ -54,9 +55,9 @@ _BEST_STARTS = _STARTS // 4
 # Largest number of starting points of the search for modes (maxima) of the posterior.
 _BASINS = 3
 # Two modes (maxima) of the posterior, or two starting points of the search for modes, count as
-# separate if their distance exceeds this value. The distance is measured in normal scores of the
-# hyper-parameters, coordinates in which all priors are standard normal except those of the factors
-# on the noise of single circles.
+# separate if their distance exceeds this value. The distance is measured in normal scores. These
+# are coordinates of the hyper-parameters in which every prior is standard normal, except the priors
+# of factors that multiply the noise of single circles.
 _SEPARATION = 1.5
 # Another maximum of the log posterior density of the hyper-parameters is negligible if it is lower
 # than the highest maximum by this value [nat] or more.
@@ -65,10 +66,10 @@ _NEGLIGIBLE_DEPTH = 12.0
 # held near zero. The coordinate of this hyper-parameter is held below its value at the mode by this
 # number of posterior standard deviations.
 _BELOW_MODE = 4.0
-# Maxima of the density with one hyper-parameter held near zero are neglected if they are too low.
-# The search for such a maximum is not begun if the log density at its start is lower than at the
-# mode by more than ``_NEGLIGIBLE_START`` [nat]. A maximum that was found is neglected if it is
-# lower than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
+# The posterior density may have a further maximum where one hyper-parameter is near zero. It is not
+# searched for if, at the point where the search would start, the log density is lower than at the
+# mode by more than ``_NEGLIGIBLE_START`` [nat]. If it is found, it is neglected if it is lower than
+# the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
 # Maxima of the posterior density are also sought with one hyper-parameter held near zero. Such a
@@ -179,9 +180,9 @@ class HyperPosterior:
     def _scores(self) -> NormalScores:
         """Transformation between normal scores and unbounded coordinates of hyper-parameters.
 
-        Normal scores are coordinates in which all priors are standard normal except those of the
-        factors on the noise of single circles. Unbounded coordinates are mostly ln(value − lower
-        bound).
+        In normal scores, every prior is standard normal, except the priors of factors that multiply
+        the noise of single circles. The unbounded coordinate of a hyper-parameter is in most cases
+        ln(value − lower bound).
         """
         return NormalScores(self.bound.hyper_prior)
 
@@ -189,11 +190,12 @@ class HyperPosterior:
     def modes(self) -> list[tuple[Array, Array]]:
         """Modes (maxima) of the posterior density, at most three, the highest first.
 
-        The density is taken in normal scores of the h hyper-parameters, coordinates in which all
-        priors are standard normal except those of the factors on the noise of single circles
-        (`normal_scores`). Negligible modes are left out. Each mode is described by two arrays. The
-        first, shape (h,), holds its scores. The second, shape (h, h), is a square root of the
-        inverse of minus the Hessian of the log density at the mode.
+        The density is a function of the normal scores of the h hyper-parameters (module
+        `normal_scores`). In these coordinates every prior is standard normal, except the priors of
+        factors that multiply the noise of single circles. Negligible modes are left out. Each mode
+        is described by two arrays. The first, shape (h,), holds the coordinates of the mode. The
+        second, shape (h, h), is a square root of the inverse of minus the Hessian of the log
+        density at the mode.
         """
         summits: list[Array] = []
 
@@ -222,12 +224,13 @@ class HyperPosterior:
 
     @property
     def mode(self) -> Array:
-        """Highest maximum of the posterior density of the h hyper-parameters φ, shape (h,).
+        """Values of the h hyper-parameters φ where their posterior density is highest, shape (h,).
 
-        The hyper-parameters are quantities such as the standard deviation of the noise. The maximum
-        is found in normal scores, coordinates in which all priors are standard normal except those
-        of the factors on the noise of single circles. It is returned in the unbounded coordinates
-        of φ, mostly ln(φ − lower bound).
+        The hyper-parameters are quantities such as the standard deviation of the noise. The values
+        are returned in unbounded coordinates, which for most hyper-parameters are ln(φ − lower
+        bound). The density, however, is that of the normal scores: other coordinates, in which
+        every prior is standard normal, except the priors of factors that multiply the noise of
+        single circles.
         """
         return self._scores.free(self.modes[0][0])
 
@@ -295,9 +298,9 @@ class HyperPosterior:
     def _integral(self, tolerance: float) -> Integral:
         """Return the integral of the smooth posterior density, computed once for each tolerance.
 
-        The posterior density may have the probability that no compliance is negative as a factor;
-        in the smooth density, this factor is replaced by a smooth upper bound. ``tolerance`` is the
-        error allowed in the log integral [nat].
+        If the field ``truncated`` is true, one factor of the posterior density is the probability
+        that no compliance is negative. The smooth density has a smooth upper bound in place of this
+        probability. ``tolerance`` is the error allowed in the log integral [nat].
         """
         if tolerance not in self._integrals:
             self._integrals[tolerance] = self._integrate(tolerance)
@@ -306,12 +309,12 @@ class HyperPosterior:
     def _integrate(self, tolerance: float, *, step: float | None = None) -> Integral:
         """Return the integral of the smooth posterior density, with nodes in unbounded coordinates.
 
-        Nodes are weighted values of the hyper-parameters. The posterior density may have the
-        probability that no compliance is negative as a factor; in the smooth density, this factor
-        is replaced by a smooth upper bound. ``tolerance`` is the error allowed in the log integral
-        [nat]. ``step`` is the first spacing of the nodes if they form a lattice, in standard
-        deviations of the Gaussian fitted at the highest mode; by default, it is computed from the
-        tolerance.
+        Nodes are weighted values of the hyper-parameters. If the field ``truncated`` is true, one
+        factor of the posterior density is the probability that no compliance is negative. The
+        smooth density has a smooth upper bound in place of this probability. ``tolerance`` is the
+        error allowed in the log integral [nat]. ``step`` is the first spacing of the nodes if they
+        form a lattice, in standard deviations of the Gaussian fitted at the highest mode; by
+        default, it is computed from the tolerance.
         """
         integral = integrate(
             self._smooth_of_scores,
@@ -357,13 +360,14 @@ class HyperPosterior:
         noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
-            # Return the log posterior density at those nodes (values of the hyper-parameters) of
-            # ``integral`` whose indices are ``index``. It is the log density in ``integral`` plus
-            # ln P, where P is the probability that no compliance is negative. If the density in
-            # ``integral`` contains an upper bound of P, the log of this bound is subtracted. ln P
-            # has two numerical errors: one that may be common to all nodes is returned with the
-            # density; the random error, which is independent between nodes, is stored in ``noise``.
-            # ``orthant`` computes P from the Gaussian density of the compliances at each node.
+            # Return the log posterior density at some nodes of ``integral``; ``index`` holds their
+            # indices. (Nodes are values of the hyper-parameters.) The result is the log density
+            # stored in ``integral`` plus ln P, where P is the probability that no compliance is
+            # negative. If the density in ``integral`` contains an upper bound of P, the log of this
+            # bound is subtracted. ln P has two numerical errors. The error that may be common to
+            # all nodes is returned with the density. The random error, which is independent between
+            # nodes, is stored in ``noise``. ``orthant`` computes P from the Gaussian density of the
+            # compliances at each node.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
             log_density = integral.log_density[index] + probability.log_value
@@ -378,10 +382,11 @@ class HyperPosterior:
         errors = np.zeros(len(integral.free))
 
         def log_factor(index: Index) -> Array:
-            # Return the log probability that no compliance is negative, for those nodes (values of
-            # the hyper-parameters) of ``integral`` whose indices are ``index``. If the density in
-            # ``integral`` contains an upper bound of this probability, the log of the bound is
-            # subtracted. The error of each value is stored in ``errors``.
+            # Return the log probability that no compliance is negative at some nodes of
+            # ``integral``; ``index`` holds their indices. (Nodes are values of the
+            # hyper-parameters.) If the density in ``integral`` contains an upper bound of this
+            # probability, the log of the bound is subtracted. The error of each value is stored in
+            # ``errors``.
             values = evaluate(index)
             errors[index] = values.error
             return values.log_density - integral.log_density[index]
@@ -465,8 +470,8 @@ class HyperPosterior:
 
         The mixture is fitted to the posterior density, and further values can be drawn from the
         mixture. The values with their weights represent the posterior. If ``truncated`` is true,
-        the posterior density has a factor: the probability that no compliance is negative. Here, an
-        upper bound of this probability is used in its place.
+        one factor of the posterior density is the probability that no compliance is negative. The
+        values are weighted with an upper bound of this probability instead.
         """
         sample = importance_sample(
             self._smooth_of_scores,
@@ -480,11 +485,11 @@ class HyperPosterior:
     def coarse_probability(self) -> ProbabilityInside:
         """Rough posterior probability that no compliance is negative.
 
-        The error allowed in the logarithm of the probability is 0.02 nat. The probability is
-        averaged over as few nodes (values of the hyper-parameters) as this tolerance allows. The
-        nodes are picked from ``plain.proposal``, the random nodes of the density that allows
-        negative compliances. If even the average over all nodes is not accurate enough, the error
-        is larger.
+        The result is the mean, over nodes (values of the hyper-parameters), of the probability
+        given the hyper-parameters. The nodes are picked from ``plain.proposal``: weighted random
+        values that represent the posterior in which compliances may be negative. More nodes are
+        picked until the error of the log probability is at most 0.02 nat, but not more than
+        ``plain.proposal`` holds. If these are too few, the error exceeds 0.02 nat.
         """
         return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
 
@@ -493,8 +498,8 @@ class HyperPosterior:
         """Coarse nodes of the posterior density: weighted values of the hyper-parameters.
 
         The error allowed in the log integral from coarse nodes is 0.2 nat. If ``truncated`` is
-        true, the posterior density has the probability that no compliance is negative as a factor.
-        Here, an upper bound of this probability is used in its place.
+        true, one factor of the posterior density is the probability that no compliance is negative.
+        The coarse nodes are computed with an upper bound of this probability instead.
         """
         return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
@@ -503,8 +508,8 @@ class HyperPosterior:
         """Coarse nodes (weighted values of the hyper-parameters) of the posterior density.
 
         They are the nodes of `coarse` with more accurate weights. If ``truncated`` is true, each
-        weight in `coarse` has as a factor an upper bound of the probability that no compliance is
-        negative. Here, the factor is the probability itself.
+        weight in `coarse` was multiplied by an upper bound of the probability that no compliance is
+        negative. Here, this bound is replaced by the probability itself.
         """
         return self._replace_bound(self.coarse)
 
@@ -512,19 +517,19 @@ class HyperPosterior:
     def sample_nodes(self) -> Integral:
         """Random values of the hyper-parameters, weighted to represent their posterior density.
 
-        The values are those in `proposal`. If ``truncated`` is true, each weight in `proposal` has
-        as a factor an upper bound of the probability that no compliance is negative. Here, the
-        factor is the probability itself.
+        The values are those in `proposal`. If ``truncated`` is true, each weight in `proposal` was
+        multiplied by an upper bound of the probability that no compliance is negative. Here, this
+        bound is replaced by the probability itself.
         """
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
         """Return an integral with more accurate weights of its nodes.
 
-        Nodes are values of the hyper-parameters. Each weight in the given ``integral`` has as a
-        factor an upper bound of the probability that no compliance is negative. In the result, the
-        factor is the probability itself. If ``truncated`` is false, the weights have no such
-        factor, and the integral is returned unchanged.
+        Nodes are values of the hyper-parameters. If ``truncated`` is true, each weight in the given
+        ``integral`` was multiplied by an upper bound of the probability that no compliance is
+        negative. In the result, this bound is replaced by the probability itself. If ``truncated``
+        is false, ``integral`` is returned unchanged.
         """
         if not self.truncated:
             return integral
@@ -536,9 +541,9 @@ class HyperPosterior:
         If the mode of a similar density was given, it is the first point. At most three further
         points are chosen from many points for their high density and for a sufficient distance from
         each other. The further points are always needed, because a search from the mode of a
-        similar density may end at a lower maximum. Each point, shape (h,), holds the h
-        hyper-parameters in normal scores, coordinates in which all priors are standard normal
-        except those of the factors on the noise of single circles.
+        similar density may end at a lower maximum. Each point, shape (h,), holds the normal scores
+        of the h hyper-parameters. In these coordinates every prior is standard normal, except the
+        priors of factors that multiply the noise of single circles.
         """
         similar: list[Array] = []
         if self._near is not None:
@@ -562,9 +567,9 @@ class HyperPosterior:
         zero, the most probable values of the other hyper-parameters may differ from those at the
         mode. The proposal (the density from which points are drawn) covers this region if it is
         also fitted at these maxima. Each maximum is described by two arrays. The first, shape (h,),
-        holds its normal scores, coordinates in which all priors are standard normal except those of
-        the factors on the noise of single circles. The second, shape (h, h), is a square root of
-        the inverse of minus the Hessian of the log density there.
+        holds its normal scores: coordinates in which every prior is standard normal, except the
+        priors of factors that multiply the noise of single circles. The second, shape (h, h), is a
+        square root of the inverse of minus the Hessian of the log density there.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -610,10 +615,11 @@ class HyperPosterior:
     def _smooth_of_scores(self, scores: Array) -> Array:
         """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
 
-        ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters, coordinates in
-        which all priors are standard normal except those of the factors on the noise of single
-        circles. The posterior density may have the probability that no compliance is negative as a
-        factor; in the smooth density, this factor is replaced by a smooth upper bound.
+        ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters. In these
+        coordinates every prior is standard normal, except the priors of factors that multiply the
+        noise of single circles. If the field ``truncated`` is true, one factor of the posterior
+        density is the probability that no compliance is negative. The smooth density has a smooth
+        upper bound in place of this probability.
         """
         log_density = self.log_density(self._scores.free(scores), smooth=True)
         return np.asarray(log_density + self._scores.log_jacobian(scores))
@@ -623,15 +629,16 @@ class HyperPosterior:
 
         The results have the shapes (h,) and (h, h).
 
-        ``point``, shape (h,), holds the normal scores of the h hyper-parameters. Normal scores are
-        coordinates in which all priors are standard normal except those of the factors on the noise
-        of single circles. The density is the posterior density of the normal scores. It may have
-        the probability that no compliance is negative as a factor; in the smooth density, this
-        factor is replaced by a smooth upper bound. Some hyper-parameters are noise factors, each of
-        which multiplies the noise of one circle. The noise factors of two circles hardly depend on
-        each other. If ``exact`` is False, mixed second derivatives with respect to two noise
-        factors are therefore taken to be zero. The work then grows only in proportion to the number
-        of circles.
+        ``point``, shape (h,), holds the normal scores of the h hyper-parameters, and the density is
+        the posterior density of these scores. In normal scores, every prior is standard normal,
+        except the priors of noise factors. A noise factor is a hyper-parameter that multiplies the
+        noise of one circle. If the field ``truncated`` is true, one factor of the posterior density
+        is the probability that no compliance is negative. The smooth density has a smooth upper
+        bound in place of this probability.
+
+        Two noise factors hardly depend on each other. If ``exact`` is False, mixed second
+        derivatives with respect to two noise factors are therefore set to zero. The work then grows
+        only in proportion to the number of circles.
         """
         is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -662,8 +669,8 @@ def _is_separate(point: Array, points: list[Array]) -> bool:
     """Return whether a point is separate from all ``points``: farther than 1.5 from each of them.
 
     A point, shape (h,), holds the h hyper-parameters (such as the standard deviation of the noise)
-    in normal scores: coordinates in which all priors are standard normal except those of the
-    factors on the noise of single circles.
+    in normal scores: coordinates in which every prior is standard normal, except the priors of
+    factors that multiply the noise of single circles.
     """
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 

@@ -157,14 +157,13 @@ class NodesWithoutTest:
         return Nodes(posterior, integral, sampled.value_error)
 
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
-        """Return an integral with new values of a test's noise factor, drawn from the prior.
+        """Return an integral in which the noise factor of the test left out has its prior again.
 
-        The nodes of the integral are values of the hyper-parameters. One of the hyper-parameters is
-        the noise factor of the test that is left out; it multiplies the noise of the test's circle.
-        Its values at all nodes are replaced by random draws. The density of ``integral`` contains
-        the Gaussian density ``factor`` in place of the prior of this noise factor; the density of
-        the result contains the prior. The weights of the nodes and the value of the integral do not
-        change.
+        A noise factor is a hyper-parameter that multiplies the noise of one test's circle. In
+        ``integral``, the Gaussian density ``factor`` was used instead of the prior of this noise
+        factor. In the result, the density contains the prior, and the values of the noise factor at
+        the nodes (values of the hyper-parameters) are drawn at random from the prior. The weights
+        of the nodes and the value of the integral therefore stay the same.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

@@ -71,10 +71,13 @@ class NormalScores:
     def _mean(self) -> Array:
         """Means of the normal priors of k hyper-parameters before truncation, shape (k,).
 
-        The k hyper-parameters are those with truncated normal priors: lengths and decays.
+        The k hyper-parameters are those with truncated normal priors: lengths, such as the standard
+        deviation of the noise, and decays, the powers by which form error falls with its Fourier
+        order.
         """
-        # Lengths have half-normal priors, which are normal with mean zero before they are
-        # truncated. For decays, the prior's field ``scale`` holds the mean.
+        # Hyper-parameters that are lengths have half-normal priors, that is, normal priors of mean
+        # zero that are truncated at a lower bound. For a decay (power by which form error falls
+        # with its Fourier order), the prior's field ``scale`` holds the mean.
         mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
         return np.asarray(mean[self._has_normal_prior])
 
@@ -120,10 +123,10 @@ class NormalScores:
     def _values(self, scores: Array) -> Array:
         """Return the values of k hyper-parameters with truncated normal priors, shape (..., k).
 
-        The values are computed from ``scores``, shape (..., h), which holds the normal scores of
-        all h hyper-parameters: the k hyper-parameters with truncated normal priors, and the noise
-        factors of circles. The prior of a normal score is standard normal; for a noise factor, the
-        logarithm takes the place of the normal score.
+        The values are computed from ``scores``, shape (..., h), which has one number for each of h
+        hyper-parameters. For the k hyper-parameters with truncated normal priors, this number is
+        the normal score, whose prior is standard normal. All others are noise factors of circles;
+        their numbers are not used.
         """
         log_probability = log_ndtr(-scores[..., self._has_normal_prior]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)
@@ -144,9 +147,10 @@ class NormalScores:
         """Return ln(φ − a) and ln(b − φ), each of shape (..., k).
 
         φ are the k hyper-parameters with truncated normal priors, and a and b their lower and upper
-        bounds. If b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (..., h), holds
-        the normal scores of all h hyper-parameters. The prior of a normal score is standard normal;
-        for the noise factor of a circle, the logarithm takes the place of the normal score.
+        bounds. If b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (..., h), has one
+        number for each of h hyper-parameters. For the k hyper-parameters with truncated normal
+        priors, this number is the normal score, whose prior is standard normal. All others are
+        noise factors of circles; their numbers are not used.
         """
         lower, upper = self._bounds
         values = self._values(scores)

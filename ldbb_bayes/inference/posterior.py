@@ -100,9 +100,10 @@ _SMALL_FILE_BYTES = 2**20
 # computed; draws from another edition are refused. The presets ``first`` and ``paper`` are the same
 # in all editions.
 MODEL_EDITION = 3
-# Cache of the campaigns from which posteriors were computed, the oldest first. A key holds all that
-# a posterior states about its campaign. Because of the cache, all analyses of a posterior use the
-# same `Campaign` object and the results that are stored in it.
+# Cache of the campaigns from which posteriors were computed, the oldest first. A key (function
+# `_campaign_key`) consists of the record of a campaign in a posterior, as JSON text, and of the
+# campaign's test indices, angles and readings, as bytes. Because of the cache, all analyses of a
+# posterior use the same `Campaign` object and the results that are stored in it.
 _CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
 # Largest number of campaigns in the cache of campaigns from which posteriors were computed.
 _KEPT_CAMPAIGNS = 8
@@ -567,10 +568,9 @@ def curves_of(
     ``force_N``, shape (n,), holds the forces F [N]. C(F) is computed from the compliance at the
     reference force and its slopes (changes with force); see `compliance_curves`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
-    several models, the draws are in the order of `model_draws_of`. Draws of models with the same
-    alternative explanations (effects that look like a change of compliance with force) are then
-    next to each other. ``seed`` determines the random draws of effects that are not among the
-    parameters.
+    several models, the draws are sorted as in `model_draws_of`: by the alternative explanations
+    (effects that look like a change of compliance with force) that their models contain. ``seed``
+    determines the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [
@@ -593,10 +593,9 @@ def elastic_draws_of(
     ``circles`` holds the indices of the tests for whose circles the deflection is returned.
     ``force_N``, shape (n,), holds n forces of the bar [N], see `elastic_draws`. At most ``size``
     draws are used; if ``size`` is None, all draws are used. If the posterior is an average over
-    several models, the draws are in the order of `model_draws_of`. Draws of models with the same
-    alternative explanations (effects that look like a change of compliance with force) are then
-    next to each other. ``seed`` determines the random draws of effects that are not among the
-    parameters.
+    several models, the draws are sorted as in `model_draws_of`: by the alternative explanations
+    (effects that look like a change of compliance with force) that their models contain. ``seed``
+    determines the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     by_model = [

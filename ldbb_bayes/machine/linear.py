@@ -217,15 +217,15 @@ class Kept:
     #: compliances; the values are weights. The estimated value contains the sum of these
     #: compliances, each multiplied by its weight.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each compliance in ``names`` (those that circular tests can separate), whether the laws
-    #: of physics exclude negative values. For example, they do if the compliance is a deflection in
-    #: the direction of the load that causes it
+    #: whether physics excludes negative values of each compliance in ``names`` (the compliances
+    #: that circular tests can separate). Negative values are excluded, for example, for a
+    #: deflection in the direction of the load that causes it.
     not_negative: tuple[bool, ...]
     #: names of the compliances that never change a reading of a circular test
     null: tuple[str, ...]
     #: names of the compliances that are not kept, because their effect on the reading is a linear
-    #: combination of the effects of several kept compliances (those in ``names``). If the effects
-    #: of several compliances left out are proportional to each other, only one of them is named.
+    #: combination of the effects of several kept compliances (those in ``names``). If several such
+    #: compliances have effects proportional to each other, only one of them is named.
     dependent: tuple[str, ...]
     #: rank of the matrix with one column for each compliance that may change a reading; a column
     #: holds the readings per unit of the compliance, at equally spaced angles of full circles
@@ -240,11 +240,11 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
     The compliances and sets (Table 2 of the article on the model) are computed numerically from the
     readings per unit compliance. A compliance of a joint is its motion in one direction per unit of
-    one force or moment. The function examines all compliances whose motion and load lie in a tested
-    plane, and all other compliances that change a reading. Compliances that change readings in
-    proportion to each other form a set. For the machine in the article, the representatives are
-    those of the article. The compliance that represents a set is chosen by these rules, the most
-    important first:
+    one force or moment. Compliances whose motion and load lie in a tested plane are examined in any
+    case, all others only if they change a reading. Compliances that change the readings in
+    proportion to each other form a set, and one compliance of each set represents it in the result.
+    For the machine in the article, the rules below choose the same compliances as the article. The
+    rules are, the most important first:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer a displacement caused by a force to a rotation caused by a force, and the latter to a
@@ -460,14 +460,14 @@ class _TableOrder(NamedTuple):
     # number of rotary components of the compliance: 0, 1 or 2. A compliance relates a motion to a
     # load; the motion counts if it is a rotation, and the load counts if it is a moment
     rotations: int
-    # place, in the order of Table 1 of the article on the model, of the displacement or rotation to
-    # which the index i of the compliance C_ijk refers
+    # number for the index i of the compliance C_ijk, which denotes a displacement or rotation: its
+    # position in the order that Table 1 of the article on the model uses
     twist: int
-    # place, in the order of Table 1 of the article on the model, of the force or moment to which
-    # the index j of the compliance C_ijk refers
+    # number for the index j of the compliance C_ijk, which denotes a force or moment: its position
+    # in the order that Table 1 of the article on the model uses
     wrench: int
-    # place, in the order of Table 1 of the article on the model, of the joint (machine axis X, Y or
-    # Z) to which the index k of the compliance C_ijk refers
+    # number for the index k of the compliance C_ijk, which denotes a joint (machine axis X, Y or
+    # Z): its position in the order that Table 1 of the article on the model uses
     joint: int
 
 

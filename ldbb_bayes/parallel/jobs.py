@@ -30,8 +30,8 @@ _JOBS_PER_WORKER = 4
 # workers is not known.
 _JOBS_IN_FLIGHT = 64
 # Lock that lets only one thread of a process run a job at a time. The threads share the linear
-# algebra library BLAS and the settings for warnings, so that their jobs must not run at the same
-# time. One thread may take the lock twice, because a job may itself run jobs.
+# algebra library BLAS and Python's settings for warnings; their jobs must therefore not run at the
+# same time. One thread may take the lock twice, because a job may itself run jobs.
 _TURN = threading.RLock()
 
 

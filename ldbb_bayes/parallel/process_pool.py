@@ -35,7 +35,8 @@ __all__ = [
 ]
 
 # Error message if worker processes end at once because the user's script lacks the line ``if
-# __name__ == "__main__":``. Every worker imports the script, which must then do no work.
+# __name__ == "__main__":``. Every worker imports the script. Without this line, the import would
+# run the whole script again.
 _UNGUARDED_SCRIPT = (
     "worker processes must be able to start, got some that ended at once. A script must do its work"
     ' under `if __name__ == "__main__":`, because every worker imports it.'
@@ -239,10 +240,11 @@ def _send(connection: Connection, answer: _Answer) -> None:
 
 
 def _not_picklable(answer: _Answer, error: Exception) -> TypeError:
-    """Return the error to send if the result or the exception of a job cannot be pickled.
+    """Return an exception to send in place of a job's outcome that cannot be pickled.
 
-    ``answer`` holds the result or the exception of the job. The notes of an exception, which state
-    where it was raised, are copied to the error. ``error`` is the exception that pickling raised.
+    ``answer`` holds the outcome: the result of the job, or the exception that the job raised. The
+    notes of such an exception state where it was raised; they are copied to the returned exception.
+    ``error`` is the exception that pickling raised.
     """
     reason = TypeError(
         f"{type(answer.content).__name__} must be picklable, got: {error}. Return arrays, numbers"
