@@ -93,14 +93,15 @@ class Update(NamedTuple):
     #: the set of these m columns is called the border of the group. Several groups may have the
     #: same border; different borders share no column.
     borders: int
-    #: Smallest row index i of the entries P_ij that an `Update` describes. P is the precision
-    #: matrix. When a group of its columns is eliminated, m later columns change. They are numbered
-    #: from 0 to m − 1; i and j are such numbers, and j = m is the right-hand side.
+    #: When a group of columns of the precision matrix P is eliminated, m later columns change; here
+    #: they are numbered 0 to m − 1. An `Update` describes changes of entries P_ij, where i and j
+    #: are such numbers; the right-hand side is one more column, with the number j = m. ``first`` is
+    #: the smallest row number i.
     first: int
-    #: The row indices i of the entries P_ij that an `Update` describes are smaller than this
-    #: number. P is the precision matrix. When a group of its columns is eliminated, m later columns
-    #: change. They are numbered from 0 to m − 1; i and j are such numbers, and j = m is the
-    #: right-hand side.
+    #: When a group of columns of the precision matrix P is eliminated, m later columns change; here
+    #: they are numbered 0 to m − 1. An `Update` describes changes of entries P_ij, where i and j
+    #: are such numbers; the right-hand side is one more column, with the number j = m. All row
+    #: numbers i are smaller than ``stop``.
     stop: int
     #: For each entry P_ij of the precision matrix that changes, the index of the row of the
     #: workspace in which it is stored. The workspace is the array that holds all entries of P. When
@@ -261,12 +262,12 @@ class EliminationPlan:
         return start + len(group.columns) * width
 
     def _front(self, families: list[_Family], signs: Array) -> Front:
-        """Return a `Front`: the groups of columns in ``families``, which are eliminated together.
+        """Return a `Front`: groups of columns of a matrix that are eliminated at the same time.
 
         Eliminating a group of columns of a matrix changes some later columns. Groups that change
-        the same later columns form a family. All groups of the front have equal numbers of columns,
-        and they change equal numbers of later columns. They are in the order of ``families``.
-        ``signs`` holds the sign, 1 or −1, of the prior variance of each coefficient.
+        the same later columns form a family. The front consists of all groups in ``families``, in
+        the same order. All these groups have equal numbers of columns and change equal numbers of
+        later columns. ``signs`` holds the sign, 1 or −1, of the prior variance of each coefficient.
         `Observations.signs` explains why a prior variance may be negative.
         """
         groups = [group for family in families for group in family.groups]
@@ -317,10 +318,11 @@ class EliminationPlan:
         """Return the rows of the workspace that hold the entries P_ij changed by one `Update`.
 
         P is the matrix that is factorised, and the workspace is the array that stores its entries.
-        ``border`` holds the indices of the m later columns that change when a group of columns is
-        eliminated; i and j are positions in ``border``. i runs from ``first`` to ``stop`` − 1, and
-        j from ``first`` to m, where m stands for the right-hand side. The result has the shape
-        (stop − first, m + 1 − first).
+        Eliminating a group of columns of P changes m later columns, whose indices are in
+        ``border``. The row i and the column j of an entry are stated as positions in ``border``,
+        from 0 to m − 1; the right-hand side is one more column, with the position j = m. The
+        `Update` changes the entries with i from ``first`` to ``stop`` − 1 and j from ``first`` to
+        m. The result has the shape (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -551,9 +553,11 @@ class DesignRows:
     def _eliminate(self, columns: Array, signs: Array, last: NDArray[np.intp]) -> Elimination:
         """Return the Cholesky elimination of the coefficients of some columns.
 
-        ``columns`` are columns of the design matrix, shape (rows, columns), and ``signs`` the signs
-        ±1 of the prior variances of their coefficients. ``last`` holds the indices of the columns
-        that are eliminated after all others.
+        ``columns``, shape (rows, m), holds the m columns of the design matrix that are eliminated.
+        ``signs``, shape (m,), holds the sign, 1 or −1, of the prior variance of each coefficient. A
+        coefficient with a negative variance reduces the noise covariance of the readings instead of
+        increasing it. ``last`` holds the indices of the columns that are eliminated after all
+        others.
         """
         pattern = columns != 0.0
         plan = _elimination_plan(
@@ -604,11 +608,11 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 
 
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
-    """Divide families into lists in which no two families change the same later column.
+    """Divide families of column groups into lists of families that can be treated together.
 
-    A family consists of groups of columns of a matrix that change the same later columns when they
-    are eliminated. The families of a list have equal numbers of groups and are consecutive in
-    ``families``.
+    Eliminating a group of columns of a matrix changes some later columns. The groups of one family
+    all change the same later columns; two families of the same list never change the same column.
+    The families of a list also have equal numbers of groups and are consecutive in ``families``.
     """
     lists: list[list[_Family]] = []
     used_columns: set[int] = set()

@@ -268,9 +268,11 @@ class Gaussian(Shown):
 
     @cached_property
     def _factors(self) -> _Factors:
-        """Mean of each Gaussian function of q coefficients, and factors of its precision matrix.
+        """Means of the Gaussian functions, and factors L and S of their precision matrices.
 
-        Mean and factors are computed from the fields ``precision`` and ``shift``.
+        A Gaussian function of q coefficients has a precision matrix P = S⁻¹ L Lᵀ S⁻¹, with a lower
+        triangular matrix L and a diagonal matrix S. Means and factors are computed from the fields
+        ``precision`` and ``shift``.
         """
         diagonal = np.diagonal(self.precision, axis1=-2, axis2=-1)
         scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))

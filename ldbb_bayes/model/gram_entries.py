@@ -69,9 +69,10 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index of the first column in ``products``, counted within its group of columns. Gram entries
-    #: are scalar products of columns of the design matrix. For each column, those in rows with a
-    #: smaller index than this one lie above the diagonal; they are not needed and are left out.
+    #: Index of the first column whose Gram entries are in ``products``, counted within its group of
+    #: columns. Gram entries are scalar products of columns of the design matrix. The products with
+    #: columns of a smaller index than ``first`` lie above the diagonal; they are not needed and are
+    #: left out.
     first: int
     #: For each group of columns of the design matrix, the kinds of rows in which these columns are
     #: not zero, shape (groups, k). Rows with the same variance are of one kind. A kind is stated as
@@ -80,9 +81,10 @@ class _DenseGram(NamedTuple):
     #: zero.
     kinds: NDArray[np.intp]
     #: Scalar products of each column of the design matrix with itself, with later columns and with
-    #: the readings. The shape is (groups, columns, products, k), for several groups of columns, at
-    #: most four columns of each group, and the products of each column. Each product is a sum over
-    #: the rows of one of k kinds; rows with the same variance are of one kind.
+    #: the readings. The shape is (groups, columns, products, k). The dimensions are the groups of
+    #: columns, at most four columns of each group, the products of a column, and k kinds of rows
+    #: (rows with the same variance are of one kind). Each product is a sum over the rows of one
+    #: kind.
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:
@@ -205,11 +207,12 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     """Return the Gram entries of one block as dense arrays, if dense arrays save time.
 
     Gram entries are scalar products of columns of the design matrix. A block holds the scalar
-    products for several groups of columns. The result is a list of arrays, each for at most four
-    columns of every group. The list is empty if a sparse matrix saves more time, because most of
-    the entries are zero or because only few are not zero. Rows of the design matrix with the same
-    variance are of one kind. ``gram``, shape (entries, kinds), holds the Gram entries of all
-    blocks: one column for each kind, with the scalar products over the rows of this kind alone.
+    products for several groups of columns. The result is a list of arrays: one for the first four
+    columns of every group, one for the next four, and so on. The list is empty if the share of
+    nonzero entries is small, or if their total number is small; a sparse matrix then saves more
+    time. Rows of the design matrix with the same variance are of one kind. ``gram``, shape
+    (entries, kinds), holds the Gram entries of all blocks: one column for each kind, with the
+    scalar products over the rows of this kind alone.
     """
     groups = block.shape[0]
     columns = block.shape[1]

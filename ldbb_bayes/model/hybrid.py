@@ -209,8 +209,8 @@ class HybridModel(Result):
         """Return the default model, with proper priors and without negative compliances.
 
         The model has all nuisances (effects that are modelled but not of interest) except those
-        that are only added on request. ``degree`` is the degree of the compliance as a polynomial
-        in force, 0, 1 or 2.
+        that are only added on request. Each compliance is a polynomial in force of the degree
+        ``degree``: 0, 1 or 2.
         """
         return cls(degree)
 
@@ -219,27 +219,27 @@ class HybridModel(Result):
         """Return the model's first edition (preset ``first``), with fewer effects than the default.
 
         The prior sd of a form error of the balls with n waves around the circle is proportional to
-        1/n, instead of a power of n that is estimated from the readings. ``degree`` is the degree
-        of the compliance as a polynomial in force, 0, 1 or 2.
+        1/n, instead of a power of n that is estimated from the readings. Each compliance is a
+        polynomial in force of the degree ``degree``: 0, 1 or 2.
         """
         return cls(degree, first_edition(), Prior.first(), preset="first")
 
     @classmethod
     def paper(cls, degree: int = 0) -> HybridModel:
-        """Return the model that gives the point estimate of the article on the model (Eq. 31).
+        """Return the model whose point estimates are least-squares estimates (preset ``paper``).
 
-        The model has flat priors and no nuisances (effects modelled but not of interest), and its
-        compliances may be negative. ``degree`` is the degree of the compliance as a polynomial in
-        force, 0, 1 or 2.
+        Eq. 31 in the article on the hybrid model gives these estimates. The model has flat priors
+        and no nuisances (effects modelled but not of interest), and its compliances may be
+        negative. Each compliance is a polynomial in force of the degree ``degree``: 0, 1 or 2.
         """
         return cls(degree, (), Prior.paper(), preset="paper")
 
     @classmethod
     def from_preset(cls, preset: str, degree: int) -> HybridModel:
-        """Return the model of a preset, whose name is ``default``, ``first`` or ``paper``.
+        """Return the model of the preset with the name ``preset``: default, first or paper.
 
-        ``degree`` is the degree of the compliance as a polynomial in force, 0, 1 or 2. Raise an
-        `InputError` for any other name.
+        Each compliance of the model is a polynomial in force of the degree ``degree``: 0, 1 or 2.
+        Raise an `InputError` if there is no preset of this name.
         """
         presets = {"default": cls.default, "first": cls.first, "paper": cls.paper}
         check_known("preset", [preset], presets)
@@ -760,15 +760,15 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the test conditions, with effects linearised about estimates of the parameters.
+        """Return the test conditions, with the estimates about which the model is linearised.
 
         Test conditions are, for example, the forces and radii of all tests. The parameters are the
         compliances and geometric errors of the machine. Some effects on the readings depend
-        nonlinearly on the parameters; they are linearised about estimates of these (module
-        `linearisation`). If the campaign is a plan that was designed from another campaign (its
-        pilot), the parameters are estimated from the pilot. Otherwise they are estimated from
-        ``reduced``, the reduced readings of all tests (at most 25 numbers for each test). The
-        estimates are also stored in the attribute ``estimate``.
+        nonlinearly on the parameters. The model replaces them by linear approximations near
+        estimates of the parameters (module `linearisation`). If the campaign is a plan that was
+        designed from another campaign (its pilot), the parameters are estimated from the pilot.
+        Otherwise they are estimated from ``reduced``, the reduced readings of all tests (at most 25
+        numbers for each test). The estimates are also stored in the attribute ``estimate``.
         """
         setting = self._with_noise_factors(
             setting_of(
@@ -1191,12 +1191,13 @@ class BoundModel(Shown):
         )
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the test conditions, with effects linearised about given parameters of interest β.
+        """Return the test conditions for a model that is linearised about given parameters β.
 
-        ``beta``, shape (p,), holds the p parameters β in mm, N and rad; they replace the estimated
-        parameters. Some effects on the readings, such as that of an error of the angle, depend
-        nonlinearly on the parameters of the machine. The result is a `Setting` with which such
-        effects are linearised about β (``linearise``).
+        Some effects on the readings, such as that of an error of the angle, depend nonlinearly on
+        the machine's compliances and geometric errors. The model replaces them by linear
+        approximations near given compliances and geometric errors. In the returned `Setting`, these
+        are taken from ``beta``; they replace the estimated ones. ``beta``, shape (p,), holds the p
+        parameters of interest in mm, N and rad.
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta

@@ -371,10 +371,11 @@ class HyperPrior:
     def starts(self, level: Array) -> Array:
         """Return points from which the search for the posterior's maximum starts, shape (..., h).
 
-        The points are in the unbounded coordinates of the h hyper-parameters, mostly ln(value −
-        lower bound), that the method `free` defines. ``level``, shape (..., h), holds a number
-        between 0 and 1 for each coordinate. For lengths, 0 selects a large and 1 a small value; for
-        hyper-parameters without unit, 0 selects a small and 1 a large value.
+        The points are given in the unbounded coordinates of the h hyper-parameters (method `free`).
+        For most hyper-parameters, this coordinate is ln(value − lower bound). ``level``, shape
+        (..., h), holds a number between 0 and 1 for each coordinate. For lengths, 0 selects a large
+        and 1 a small value; for hyper-parameters without unit, 0 selects a small and 1 a large
+        value.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

@@ -390,18 +390,19 @@ class Information:
         return by_term
 
     def sd_from_readings(self) -> Array:
-        """Return the sd that each nuisance coefficient would have without its prior, shape (m,).
+        """Return the sd of each nuisance coefficient without its prior, in units of its prior sd.
 
-        Nuisances are effects that are modelled but not of interest. The result has one element for
-        each of the m coefficients; for parameters of interest, it is NaN. When the sd of a nuisance
-        coefficient is computed, the priors of this coefficient and of the parameters of interest
-        are taken as flat, and all other nuisance coefficients keep their priors. The sd is divided
-        by the coefficient's prior sd. The sd is infinite if the coefficient changes no reading, or
-        if the parameters of interest can change the readings in the same way.
+        Nuisances are effects that are modelled but not of interest. The result, shape (m,), has one
+        element for each of the m coefficients of the model; the elements for parameters of interest
+        are NaN. The sd follows from the readings and from the priors of all other nuisance
+        coefficients. Flat priors are assumed for the coefficient itself and for the parameters of
+        interest. The sd is infinite if the coefficient changes no reading, or if the parameters of
+        interest can change the readings in the same way.
 
-        Suppose that coefficient k has the prior precision 1 and the parameters of interest have
-        flat priors. The posterior variance v_k of the coefficient is then given by 1 / v_k = 1 +
-        r_k, where r_k is the precision from the readings alone. The sd is r_k^(−1/2).
+        The sd is computed from the posterior variance v_k of coefficient k, in units of its prior
+        variance, for flat priors of the parameters of interest. Its reciprocal is 1 / v_k = 1 +
+        r_k, where 1 is the precision of the prior and r_k that of the readings. The sd without the
+        prior is r_k^(−1/2).
         """
         sd = np.full(len(self.names), np.nan)
         nuisances = np.setdiff1d(np.arange(len(self.names)), self.interest)

@@ -165,27 +165,26 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        Some compliances of the machine are left out of the model, because their effect on the
-        readings is a linear combination of the effects of compliances in the model. The estimates
-        of the compliances in the model then include parts of those left out. Prior sds therefore
-        include contributions of the compliances left out. Only a prior sd that the user gave is
-        used unchanged.
+        The model omits some compliances of the machine, because their effect on the readings is a
+        linear combination of the effects of compliances in the model. The estimates of the
+        compliances in the model then also contain a share of the omitted ones. The prior sds are
+        therefore increased by contributions of the omitted compliances. Only a prior sd that the
+        user gave is used unchanged.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return prior sds or typical magnitudes that include parts of compliances left out.
+        """Return prior sds or typical magnitudes, increased for compliances that the model omits.
 
         The result has one element for each compliance of the model, shape (compliances,).
         ``size_of`` is a function that returns the prior sds, or the typical magnitudes, for given
-        names of compliances. Some compliances are left out of the model, and the estimate of a
-        compliance in the model includes parts of them: the sum of compliances left out, each
-        multiplied by a weight (`Kept.absorbed`). The prior sd or magnitude of each compliance left
-        out is therefore multiplied by its weight and added in quadrature to that of the compliance
-        in the model. If several compliances left out change the readings in proportion to each
-        other, only one of them is added.
+        names of compliances. The estimate of a compliance in the model also contains a weighted sum
+        of omitted compliances (weights: `Kept.absorbed`). The prior sd or magnitude of each omitted
+        compliance is therefore multiplied by its weight and added in quadrature to that of the
+        compliance in the model. If several omitted compliances change the readings in proportion to
+        each other, only one of them is added.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -197,13 +196,14 @@ class ParametersOfInterest:
 
 
 def interest_columns(setting: Setting, degree: int) -> Array:
-    """Return the reading per unit of all parameters of interest, shape (tests, 25, parameters).
+    """Return the effects of all parameters of interest on the readings of every test.
 
-    The reading is described by 25 Fourier coefficients. The reading per unit of a compliance is F
-    j_C. The reading per unit of its slope of degree k (change with force) is F (F − F0)^k j_C. The
-    reading per unit of a geometric error is j_G. F is the force, F0 the reference force, and j_C
-    the reading per unit force and per unit of the compliance. ``setting`` describes the test
-    conditions, and ``degree`` is the degree of the compliance as a polynomial in force.
+    The result has the shape (tests, 25, parameters). An effect is the change of the reading per
+    unit of the parameter, as 25 Fourier coefficients. For a compliance it is F j_C, where F is the
+    force and j_C the reading per unit force and per unit of the compliance. For the slope of degree
+    k of this compliance (change with force), it is F (F − F0)^k j_C, where F0 is the reference
+    force. For a geometric error it is j_G, the reading per unit of the error. ``setting`` describes
+    the test conditions. Each compliance is a polynomial in force of the degree ``degree``.
     """
     lever = setting.force_N - setting.reference_force_N
     columns = []

@@ -149,13 +149,14 @@ class StructuredGaussian:
         hypers: Sequence[Hyper],
         interest: Array | None = None,
     ) -> None:
-        """Set up the observation equations, and all quantities that hyper-parameters do not change.
+        """Set up the observation equations; compute what does not depend on the hyper-parameters.
 
-        ``reduced`` are the readings of every test, reduced to at most 25 numbers. ``columns`` are
-        columns and noise of the nuisance terms (effects modelled but not of interest). ``offset``,
-        shape (tests, 25), is the known part of the readings as Fourier coefficients [mm].
-        ``hypers`` are the names of the hyper-parameters. ``interest``, shape (tests, 25, p), is the
-        reading per unit of each of the p parameters of interest, as Fourier coefficients.
+        ``reduced`` are the readings of every test, reduced to at most 25 numbers. ``columns``
+        describes the nuisance terms (effects modelled but not of interest): each item holds columns
+        of the design matrix or the sds of a noise. ``offset``, shape (tests, 25), is the known part
+        of the readings as Fourier coefficients [mm]. ``hypers`` are the names of the
+        hyper-parameters. ``interest``, shape (tests, 25, p), is the reading per unit of each of the
+        p parameters of interest, as Fourier coefficients.
         """
         _keep_freed_memory()
         if interest is None:
@@ -275,18 +276,19 @@ class StructuredGaussian:
     def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
         """Return random draws of the coefficients that are the same in all tests.
 
-        The last p of these coefficients are not drawn here: the caller gives them as standard
-        normal coordinates (see `from_standard` of the density that `conditional` returns). All
-        other coefficients are drawn from their density given the readings and the last p
-        coefficients.
+        The last p of these coefficients are not drawn here. The caller draws p standard normal
+        numbers instead and passes them as ``standard``; the coefficients are a linear
+        transformation of these numbers (method `from_standard` of the density that `conditional`
+        returns). All other coefficients are drawn from their density given the readings and the
+        last p coefficients.
 
         Parameters
         ----------
         phi
             w values of the h hyper-parameters, shape (w, h); lengths in mm.
         standard
-            Standard normal coordinates of the last p coefficients, for several draws at each value
-            of φ, shape (w, draws, p).
+            Standard normal numbers from which the last p coefficients are computed, for several
+            draws at each value of φ, shape (w, draws, p).
         rng
             Generator of random numbers.
 

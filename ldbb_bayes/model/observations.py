@@ -423,11 +423,11 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return a matrix Q that makes the noise terms of one test uncorrelated.
+    """Return a matrix Q that makes the noise in the reduced readings of a test uncorrelated.
 
-    Reduced readings are at most 25 numbers that replace the readings of a test. After
-    multiplication of these numbers by Q, each noise term in ``noise`` has a diagonal covariance.
-    The standard deviations of each term after the multiplication are also returned, and so is the
+    Reduced readings are at most 25 numbers that replace the readings of a test. If these numbers
+    are multiplied by Q, the covariance matrix of each noise term in ``noise`` becomes diagonal. The
+    function also returns, for each noise term, the standard deviations on this diagonal, and the
     product Q R. R is ``test.factor``, the matrix that converts 25 Fourier coefficients into the
     reduced readings.
 
@@ -527,11 +527,11 @@ def _prior_variance_factors(
     The result has the shape (coefficients, sources). Nuisances are effects that are modelled but
     not of interest, and ``priors`` are the Gaussian priors of their coefficients. The prior
     variance of each coefficient is Σ v · source², a sum over ``sources``. A source is a
-    hyper-parameter, a product of hyper-parameters, or the number one. The variance is that of the
-    coefficient divided by its element of ``unit``, shape (coefficients,). If this element is zero,
-    the coefficient has no effect on the readings, so that its variance does not matter; the factor
-    is set to one. For a coefficient with a flat prior, all factors are zero, and the caller does
-    not use them.
+    hyper-parameter, a product of hyper-parameters, or the number one. Each coefficient is first
+    divided by its element of ``unit``, shape (coefficients,); the variance is that of the quotient.
+    If this element is zero, the coefficient has no effect on the readings, and its variance does
+    not matter; the factor of the source that scales its prior sd is then set to one. For a
+    coefficient with a flat prior, all factors are zero, and the caller does not use them.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)

@@ -34,18 +34,18 @@ __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 # Number of later columns that one function call updates. When a group of columns of a sparse matrix
 # is eliminated, several later columns change; they are updated in blocks of this size.
 PRODUCT_COLUMNS = 8
-# Time of function calls that does not depend on the number of columns in a group, when the group is
-# eliminated from a sparse matrix. All times in this module were measured. Their unit is the time of
-# one multiplication for all values of the hyper-parameters that are processed together. The exact
-# values matter little.
+# Fixed part of the time to eliminate a group of columns from a sparse matrix. It is spent on
+# function calls and is the same for any number of columns in the group. All times in this module
+# were measured. Their unit is the time of one multiplication for all values of the hyper-parameters
+# that are processed together. The exact values matter little.
 _GROUP_COST = 100.0
-# Time of function calls that grows with the number of columns in a group, when the group is
-# eliminated from a sparse matrix: the time for each column, in units of the time of one
-# multiplication.
+# When a group of columns is eliminated from a sparse matrix, part of the time for function calls is
+# proportional to the number of columns in the group. This is that time for one column, in units of
+# the time of one multiplication.
 _COLUMN_COST = 200.0
-# When a group of columns of a sparse matrix is eliminated, later columns change. This is the time
-# of the function calls that update `PRODUCT_COLUMNS` later columns, in units of the time of one
-# multiplication.
+# Time of the function calls that update one block of later columns, in units of the time of one
+# multiplication. When a group of columns of a sparse matrix is eliminated, later columns change;
+# they are updated in blocks of `PRODUCT_COLUMNS` columns.
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the precision matrix P = Aᵀ D⁻¹ A (A is the design
 # matrix, D the noise covariance), in units of the time of one multiplication.
@@ -233,11 +233,12 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # A node is a set of columns of a matrix that are eliminated together; its parent is the
-        # node of the first later column that this elimination changes. Nodes are called copies of
-        # each other if they have equal numbers of columns and change equal numbers of later
-        # columns. If a node is merged into its parent, its copies are assumed to be merged into
-        # copies of the parent. The merged node then has as many copies as the parent had.
+        # ``copies`` holds the number of copies of each node, including the node itself. A node is a
+        # set of columns of a matrix that are eliminated together. Its parent is the node that
+        # contains the first later column changed by this elimination. Two nodes are copies of each
+        # other if they have equal numbers of columns and change equal numbers of later columns.
+        # When a node is merged into its parent, each of its copies is assumed to be merged into a
+        # copy of the parent. The merged node then has as many copies as the parent had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]
@@ -269,10 +270,10 @@ def _cost(shape: tuple[int, int], copies: int) -> float:
     """
     columns = shape[0]
     border = shape[1]
-    # The s columns of a set of columns that are eliminated together are numbered k = 0 … s − 1.
-    # Their elimination changes ``border`` later columns. Column k has s + border + 1 − k entries on
-    # and below the diagonal, and each of them needs k multiplications. ``places`` is the sum of k
-    # over all columns, and ``squares`` the sum of k².
+    # A set of s columns, numbered k = 0 … s − 1, is eliminated, which changes ``border`` later
+    # columns. Column k has s + border + 1 − k entries on and below the diagonal, and each of them
+    # needs k multiplications. The number of multiplications is computed from ``places``, the sum of
+    # all k, and ``squares``, the sum of all k².
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

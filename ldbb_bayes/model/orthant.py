@@ -37,12 +37,14 @@ __all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 # row that is perpendicular to the rows of other constraints. If its length is below this fraction
 # of the row's length, the constraint counts as a linear combination of the other constraints.
 _DEPENDENT = 1e-7
-# A constraint u_j ≥ 0 on a Gaussian variable u_j is treated as certain if the mean of u_j divided
-# by the sd of u_j is larger than this number.
+# A constraint u_j ≥ 0 on a Gaussian variable u_j is treated as certain, and left out of the
+# calculation, if the mean of u_j divided by the sd of u_j is larger than this number. `_PUSHED_SD`
+# states an exception.
 _CERTAIN_SD = 12.0
-# A constraint u_j ≥ 0 on a Gaussian variable u_j is improbable if the mean of u_j divided by the sd
-# of u_j is below this number. If at least one constraint is improbable, no constraint is treated as
-# certain.
+# A constraint u_j ≥ 0 on a Gaussian variable u_j counts as improbable if the mean of u_j divided by
+# the sd of u_j is below this number. Constraints that are almost certain to hold (`_CERTAIN_SD`)
+# are left out of the calculation, but not if there is an improbable constraint: if an improbable
+# constraint holds, a constraint that seems certain may fail.
 _PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
 # u_j divided by the sd of u_j is at least this number.
@@ -152,8 +154,8 @@ class _Solved(NamedTuple):
 
     Each of the w vectors e is standard normal and has q elements. ``axes``, shape (w, d, q), holds
     d orthonormal directions; the constraints depend only on the components of e along them.
-    ``tilted`` holds the constraints on these components, which have a triangular matrix of
-    coefficients. It also holds the shifts (tilts) of the density from which the components are
+    ``tilted`` holds the constraints as inequalities for these components, with a triangular matrix
+    of coefficients. It also holds the shifts (tilts) of the density from which the components are
     drawn.
     """
 
@@ -415,8 +417,8 @@ class Orthant:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Draw e ~ N(0, I) under the constraints u = mean + spread @ e ≥ 0 by rejection sampling.
 
-        There is one draw for each of w standard normal vectors e of q elements. A draw is exact if
-        the rejection sampler accepted a proposal for it.
+        The vector e has q elements. The method draws w such vectors, one for each vector u of this
+        object. A draw is exact if the rejection sampler accepted one of its proposals.
 
         Returns
         -------

@@ -154,11 +154,12 @@ class ReferencePosterior:
     def _coefficients(
         self, setting: Setting, free: Array, terms: Sequence[Columns | BasisNoise]
     ) -> _SharedCoefficients:
-        """Return the coefficients that all tests share, with their columns and priors.
+        """Return columns and priors of the coefficients that have the same values in all tests.
 
         Nuisances are effects that are modelled but not of interest. ``setting`` describes the test
-        conditions. ``terms`` are the columns and the noise of the nuisances under these conditions.
-        ``free`` is true for the parameters of interest that are free, that is, not fixed at zero.
+        conditions. ``terms`` describes the nuisances under these conditions: each item holds
+        columns of the design matrix or the sds of a noise. ``free`` is true for the parameters of
+        interest that are free, that is, not fixed at zero.
         """
         values = []
         means = []
@@ -180,7 +181,9 @@ class ReferencePosterior:
         """Reduced readings of all tests (at most 25 numbers per test), in arrays of equal size.
 
         If tests have different numbers of reduced readings, zeros are appended to the shorter ones.
-        These zeros have no effect, because they do not depend on any coefficient.
+        The matrix that converts Fourier coefficients into reduced readings gets a row of zeros for
+        each appended zero. The appended zeros are therefore independent of all coefficients and
+        have no effect on the estimate.
         """
         most = max(len(test.factor) for test in self.reduced)
         factors = np.zeros((len(self.reduced), most, SIZE))

@@ -504,13 +504,15 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     that the order was random, all values are NaN instead. All values are also NaN if all tests have
     the same time.
 
-    A plan may have a ``pilot``, the campaign from which it was designed. If all tests of the pilot
-    have times, the mean of these times is subtracted from the times of the plan, and a test of the
-    plan without a time gets the value 0. If times are missing in the pilot but not in the plan, the
-    mean time of the plan is subtracted. If times are missing in both, and the first tests of the
-    plan have the same names as the tests of the pilot, these tests are assumed to have been run in
-    the order of the pilot, one every six minutes. All other tests then get the value 0, which is
-    the mean time of the pilot.
+    A plan may have a ``pilot``, the campaign from which it was designed. There are then three
+    cases:
+
+    - All tests of the pilot have times. The mean of these times is subtracted from the times of the
+      plan. A test of the plan without a time gets the value 0.
+    - Times are missing in the pilot, but not in the plan. The mean time of the plan is subtracted.
+    - Times are missing in both. If the first tests of the plan have the same names as the tests of
+      the pilot, these tests are assumed to have been run in the order of the pilot, one every six
+      minutes. All other tests get the value 0, the mean time of the pilot.
     """
     stated_s = _field_of_tests("time_s", campaign)
     relative_s = np.zeros(len(stated_s))

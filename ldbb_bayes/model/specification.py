@@ -174,7 +174,7 @@ def _degree_of(spec: _SpecFile, degree: int | None) -> int:
 
 
 def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) -> tuple[Term, ...]:
-    """Return the nuisance terms that the tables under [terms] of a model file list.
+    """Return the nuisance terms that are listed in a model file, in the tables under [terms].
 
     Nuisances are effects that are modelled but not of interest. ``tables`` holds the settings of
     every term; the keys are class names. Settings that a table omits have the values that the term

@@ -159,8 +159,9 @@ class Tilted(NamedTuple):
     #: Lower bounds in the d independent constraints unit · x ≥ bound on a standard normal vector x,
     #: shape (d, w) for w sets of constraints.
     bound: Array
-    #: Standard normal vector x of d elements at the saddle point of the log importance weight,
-    #: shape (d, w) for w sets of constraints on x; its last element is zero.
+    #: Coordinates x of the saddle point of the log importance weight, which is a function of the
+    #: standard normal vector x and of the tilt. The shape is (d, w): d elements for each of w sets
+    #: of constraints on x. The last element is zero.
     x: Array
     #: Shifts (tilts) of the normal densities from which the d elements of a vector x are drawn at
     #: random, shape (d, w) for w sets of constraints on x. The shift of the last element is zero.
@@ -305,11 +306,10 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
     """Return logarithms of random tail probabilities of a standard normal variable.
 
-    They serve to draw the variable at random in ``interval``. Each tail probability is drawn from a
-    uniform distribution between the tail probabilities of the two ends of the interval; ``uniform``
-    holds the random numbers for this, between 0 and 1. The caller converts each tail probability to
-    the value of the variable. The tail holds all smaller values if ``interval.direction`` is −1,
-    and all larger values if it is 1.
+    The caller computes from them random values of the variable within ``interval``. The tail holds
+    all smaller values of the variable if ``interval.direction`` is −1, and all larger values if it
+    is 1. Each tail probability is drawn from a uniform distribution between the tail probabilities
+    of the two ends of the interval; ``uniform`` holds the random numbers for this, between 0 and 1.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -439,12 +439,12 @@ def _edges_of_nearest_point(
 ) -> Array:
     """Return starting values of the edges for Newton's method in `_solve_edges`, shape (d,).
 
-    The edges e are lower limits. Each element x_j of a random vector is drawn above a lower limit
-    from a normal density shifted by μ_j (its tilt); the edge e_j is this limit minus μ_j. The
-    returned edges are approximately those at the most probable standard normal vector x that
-    satisfies d constraints unit · x ≥ bound. ``unit``, shape (d, d), is a lower triangular matrix
-    with ones on the diagonal, and ``bound`` has the shape (d,). ``coupling`` is the matrix C = unit
-    unitᵀ − I, shape (d, d), in the equations for the edges.
+    Each element x_j of a random vector is drawn from a normal density with the mean μ_j (its tilt),
+    truncated to values above a limit l_j. The edge e_j = l_j − μ_j is the distance of the limit
+    from the mean. The starting values are approximately the edges for the most probable standard
+    normal vector x that satisfies d constraints unit · x ≥ bound. ``unit``, shape (d, d), is a
+    lower triangular matrix with ones on the diagonal, and ``bound`` has the shape (d,).
+    ``coupling`` is the matrix C = unit unitᵀ − I, shape (d, d), in the equations for the edges.
     """
     # The edges e solve e + C m = bound, where m are the inverse Mills ratios of e. At the most
     # probable x, some constraints are binding: they hold with equality. For a binding constraint, e
@@ -467,9 +467,10 @@ def _evaluate_convex_function(
     """Return the value and derivatives of the convex function described in `_ConvexFunction`.
 
     The minimum of the function gives the saddle point of the log importance weight. There is one
-    function for each of w sets of d constraints on a normal vector. ``coupling``, shape (w, d, d),
-    holds the matrices C. ``edge`` holds the numbers e_j at which the function is evaluated, and
-    ``bound`` the right-hand sides of the constraints U x ≥ ``bound``; both have the shape (w, d).
+    function for each of w sets of d linear constraints U x ≥ ``bound`` on a standard normal vector
+    x. ``coupling``, shape (w, d, d), holds the matrices C = U Uᵀ − I. ``edge``, shape (w, d), holds
+    the lower limits e of shifted normal variables at which the function is evaluated. ``bound``
+    also has the shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)

@@ -236,12 +236,11 @@ def _distribution_of_first(
     rows: bytes,
     edge: bytes,
 ) -> _DistributionOnGrid:
-    """Return the distribution function of the first coordinate of a truncated normal vector z.
+    """Return a table of the distribution function of a truncated normal vector's first coordinate.
 
-    z is a standard normal vector of k elements, truncated by the m constraints rows · z ≥ edge,
-    where ``rows`` has the shape (m, k) and ``edge`` the shape (m,). The two arrays are passed as
-    bytes, because arguments of a cached function must be hashable. The grid of the result has 1025
-    points.
+    The table has 1025 points. The vector z is standard normal with k elements, truncated by the m
+    constraints rows · z ≥ edge, where ``rows`` has the shape (m, k) and ``edge`` the shape (m,).
+    The two arrays are passed as bytes, because arguments of a cached function must be hashable.
     """
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)

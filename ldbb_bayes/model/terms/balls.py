@@ -2,7 +2,8 @@
 
 Nuisance terms are effects that are modelled but not of interest. The errors are sums of harmonics
 cos nθ and sin nθ, where θ is the angle on the circle and n the order. Form errors of the balls have
-orders from 2. Only those errors of the machine that have orders from 4 are described here.
+the orders 2 and higher. Of the errors of the machine, only those of order 4 and higher are
+described here.
 """
 
 from __future__ import annotations
@@ -277,14 +278,16 @@ class BallForm(Term):
         return np.asarray(np.sqrt(_VARIANCE_PER_SPHERICITY) * sphericity * relative)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the assumed amplitudes of the balls' form errors, with their uncertainties.
+        """Yield an assumed amplitude and its uncertainty for each harmonic of a ball's form error.
 
-        For each ball, there is one amplitude for each order of a harmonic. ``campaign`` holds the
-        certificates and grades of the balls. If the ball's certificate states the harmonic, the
-        amplitude and its standard uncertainty are those of the certificate; otherwise the amplitude
-        is zero. If a certificate or grade states the ball's deviation from sphericity, the orders
-        are 2 to 12. Otherwise they are 2, 3 and the orders of all harmonics in the certificate. The
-        uncertainties do not contain the contribution of the hyper-parameter τ to the prior sds. If
+        ``campaign`` holds the certificates and grades of the balls. If the certificate of a ball
+        states the harmonic, it also gives the amplitude and its standard uncertainty. Otherwise the
+        amplitude is zero, and the uncertainty is computed from the deviation from sphericity that a
+        certificate or grade states, or from the field ``sphericity_um``. The hyper-parameter τ,
+        which also increases the prior sds, does not contribute to the uncertainties.
+
+        If a certificate or grade states the deviation from sphericity of a ball, its harmonics have
+        the orders 2 to 12. Otherwise they have the orders 2 and 3 and those in the certificate. If
         the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":

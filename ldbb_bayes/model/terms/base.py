@@ -51,8 +51,8 @@ class Unit(NamedTuple):
     'µm/bar'
     """
 
-    #: unit of a nuisance coefficient (of an effect modelled but not of interest) in all
-    #: computations (internal unit), made of mm, N and rad
+    #: internal unit, a combination of mm, N and rad, in which a nuisance coefficient is expressed
+    #: in all computations. Nuisances are effects modelled but not of interest.
     inside: str
     #: unit in which reports display a coefficient, expressed in internal units (mm, N, rad): 1e-3
     #: for µm, for example, because 1 µm is 1e-3 mm

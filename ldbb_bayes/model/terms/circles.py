@@ -19,9 +19,9 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# Choices for what shifts at random from one circle to the next: the readings' zero and the circle's
-# centre with one sd for both (``together``) or with separate sds (``apart``), only the zero
-# (``zero``), or only the centre (``centre``).
+# What shifts at random from one circle to the next. ``together``: the zero of the readings and the
+# centre of the circle, with the same sd. ``apart``: both, with separate sds. ``zero``: only the
+# zero. ``centre``: only the centre.
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
@@ -56,9 +56,9 @@ class SetupShift(Term):
     ['delta_0', 'delta_1']
     """
 
-    #: what shifts at random from one circle to the next: the readings' zero and the circle's centre
-    #: with one sd for both (``together``) or with separate sds (``apart``), only the zero
-    #: (``zero``), or only the centre (``centre``)
+    #: what shifts at random from one circle to the next. ``together``: the zero of the readings and
+    #: the centre of the circle, with the same sd. ``apart``: both, with separate sds. ``zero``:
+    #: only the zero. ``centre``: only the centre.
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
@@ -79,12 +79,12 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the random shift between circles as noise of the Fourier orders 0 and 1.
+        """Return the model of random shifts between circles: noise of the Fourier orders 0 and 1.
 
         The coefficient of 1 is the shift of the readings' zero; the coefficients of cos θ and sin θ
-        are the shift of the circle's centre. The field ``moves`` states whether zero, centre or
-        both shift. The noise is independent between the tests of a campaign. ``setting`` describes
-        the test conditions.
+        are the shift of the circle's centre. The field ``moves`` states whether the zero, the
+        centre, or both of them shift. The noise is independent between the tests of a campaign.
+        ``setting`` describes the test conditions.
         """
         zero_sd = np.where(ORDERS == 0, 1.0, 0.0)
         centre_sd = np.where(ORDERS == 1, 1.0, 0.0)
@@ -120,11 +120,11 @@ class Discrepancy(Term):
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the deviations of circles from the model as noise of the Fourier orders 2 to 12.
+        """Return the model of the deviations of circles: noise of the Fourier orders 2 to 12.
 
-        The deviations are due to effects that the model lacks, and to variation between circles.
-        The noise is independent between the tests of a campaign. ``setting`` describes the test
-        conditions.
+        A circle deviates because of effects that the rest of the model lacks, and because circles
+        vary. The Fourier coefficients of the deviations are random, and independent between the
+        tests of a campaign. ``setting`` describes the test conditions.
         """
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)

@@ -133,9 +133,10 @@ class Mount(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the design matrix for two errors of the mount's deflection.
 
-        The first is the error of the deflection per pressure. The second is the curvature, which
-        has no column if ``curvature_um`` is zero. ``setting`` describes the test conditions. A
-        column holds, for every test, the change of the reading per unit of one coefficient.
+        The first is the error of the ratio of deflection to pressure. The second is the curvature,
+        that is, the deviation of the deflection from a straight line; it has no column if
+        ``curvature_um`` is zero. ``setting`` describes the test conditions. A column holds, for
+        every test, the change of the reading per unit of one coefficient.
         """
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
@@ -170,7 +171,8 @@ class Mount(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of the mount's deflection, given the coefficient's name.
 
-        The unit of the mount's deflection per pressure is µm/bar. The unit of the curvature is µm.
+        The ratio of deflection to pressure has the unit µm/bar. The curvature has the unit µm,
+        because it is the deviation of the deflection from a straight line.
         """
         return Term.unit if coefficient == "mount_curvature" else cls.unit
 
