@@ -107,7 +107,8 @@ class _Similarity(NamedTuple):
 
     ratio: float  # fraction of the letters of two compared names that match, from 0 to 1
     same_letters: bool  # whether two compared names consist of the same letters in any order
-    # length of the first sequence of letters that both compared names contain
+    # number of letters in the first block of consecutive letters in which two compared names match;
+    # for example, 3 for "forse" and "force", whose first block is "for"
     first_match_size: int
 
 

@@ -2,12 +2,12 @@
 
 A verdict states how well the readings determine a parameter. It is based on the sources of the
 parameter's uncertainty. Each source has a share in the variance of the parameter
-(`Information.shares`; the shares sum to one), and an origin: its standard uncertainty is measured
-by the readings of this campaign, stated (by a certificate or the user), or assumed by the model
-(`origins`). A parameter is confounded with an assumed effect if this effect causes more than half
-of the variance. In this module, β are the parameters (compliances, changes of compliances with
-force, and geometric errors) and y are the readings. Nuisances are effects that are modelled but not
-of interest.
+(`Information.shares`; the shares sum to one), and an origin. The origin says where the standard
+uncertainty of the source comes from: it is measured by the readings of this campaign, stated by a
+certificate or the user, or assumed by the model (`origins`). A parameter is confounded with an
+assumed effect if this effect causes more than half of the variance. In this module, β are the
+parameters (compliances, changes of compliances with force, and geometric errors) and y are the
+readings. Nuisances are effects that are modelled but not of interest.
 
 Shares, origins and degeneracies (combinations of coefficients whose effects on the readings cancel)
 are computed for the linear Gaussian model, in which compliances may be negative. They are computed
@@ -16,9 +16,9 @@ with readings, this value is the posterior mean of φ. For a plan, the value is 
 given the readings of the plan's pilot (the campaign from which the plan was designed) or, without a
 pilot, the prior median; a plan can therefore be judged before it is run. Standard uncertainties, in
 contrast, account for the spread of φ: the variance is the mean of the variances given φ plus the
-variance of the means given φ. The uncertainties to expect with further certificates are computed in
-the same way. If a posterior is judged, the standard uncertainties are the standard deviations of
-its draws; if a plan is judged, they come from its forecast.
+variance of the means given φ. The uncertainties to expect with further certificates account for the
+spread of φ, too. If a posterior is judged, the standard uncertainties are the standard deviations
+of its draws; if a plan is judged, they come from its forecast.
 
 In an average over models, shares and variances are averaged over the models, weighted by the
 models' probabilities (`variance_sources`). The verdicts are then determined by the same rules as
@@ -303,13 +303,13 @@ class Identifiability(Result):
 
 
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
-    """Return the weights of w values of a plan's hyper-parameters, and these values.
+    """Return w weighted sets of values of the hyper-parameters for which a plan is judged.
 
-    A hyper-parameter is, for example, the standard deviation of the noise. The weights have the
-    shape (w,), and the values of the h hyper-parameters the shape (w, h). The weighted values
-    represent the posterior of the hyper-parameters given the readings of the plan's pilot (the
-    campaign from which the plan was designed). Without such readings, the prior median is the only
-    value.
+    A hyper-parameter is, for example, the standard deviation of the noise. The first result holds
+    the weights of the sets, shape (w,). The second result holds the sets, shape (w, h), with one
+    value for each of the h hyper-parameters. The weighted sets represent the posterior of the
+    hyper-parameters given the readings of the plan's pilot (the campaign from which the plan was
+    designed). Without such readings, the only set consists of the prior medians.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan:
@@ -322,9 +322,8 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
     """Return the parameters' standard deviations before and after a plan is run.
 
-    Before the plan is run, these are prior standard deviations. After it, they are the posterior
-    standard deviations to expect, from the same forecast that `design` makes. Return None for a
-    flat prior.
+    The first are the prior standard deviations. The second are the posterior standard deviations to
+    expect, taken from the forecast that `design` makes. If the prior is flat, the result is None.
     """
     if bound.model.prior.flat:
         return None
@@ -663,9 +662,9 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
     """Return, for each confounded parameter, the effects with which it is confounded.
 
-    A parameter is confounded if effects whose standard uncertainty is assumed cause most of its
-    variance. Parameters that are not confounded are left out. The effects are the same as in
-    `judge_posterior`, but this function takes less time.
+    A parameter is confounded if most of its variance comes from effects whose standard uncertainty
+    is assumed. Parameters that are not confounded are left out. `judge_posterior` finds the same
+    effects, but takes more time because it returns complete verdicts.
 
     Parameters
     ----------
@@ -686,10 +685,10 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
 def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
     """Return, for each confounded parameter of a posterior, the effects confounded with it.
 
-    A parameter is confounded if effects whose standard uncertainty is assumed cause most of its
-    variance. Parameters that are not confounded are left out. The effects are the same as in
-    `judge_posterior`, but this function takes less time. The posterior may be an average over
-    models.
+    A parameter is confounded if most of its variance comes from effects whose standard uncertainty
+    is assumed. Parameters that are not confounded are left out. `judge_posterior` finds the same
+    effects, but takes more time because it returns complete verdicts. The posterior may be an
+    average over models.
     """
     names = bound_of(posterior).names
     variances = [_variance_of_model(model, {}) for model in averaged_models(posterior)]
@@ -704,12 +703,13 @@ def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return the weights of w values of the hyper-parameters φ, and these values.
+    """Return w weighted sets of values of the hyper-parameters φ.
 
-    The weights have the shape (w,), and the values of the h hyper-parameters the shape (w, h). The
-    values are quadrature nodes: together with their weights, they represent p(φ | y), for the
-    readings y and a model in which compliances may be negative. Hyper-parameters that are lengths
-    are in mm; the others have no unit. For a plan, the prior median is the only node.
+    The first result holds the weights of the sets, shape (w,). The second result holds the sets,
+    shape (w, h), with one value for each of the h hyper-parameters. The sets are quadrature nodes:
+    together with their weights, they represent p(φ | y), for the readings y and a model in which
+    compliances may be negative. Hyper-parameters that are lengths are in mm; the others have no
+    unit. For a plan, the only set consists of the prior medians.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -797,9 +797,9 @@ def judge_parameters(
         (mm, N, rad).
     sampled_sd
         Prior and posterior standard deviations of the parameters, as stated in the results. They
-        come from random draws in which no compliance is negative, or they are averaged over the
-        hyper-parameters. Default: the standard deviations of the linear Gaussian model, given the
-        hyper-parameters.
+        either come from random draws in which no compliance is negative, or account for the spread
+        of the hyper-parameters. If they are not given, the standard deviations of the linear
+        Gaussian model ``information`` are used, which belong to one value of the hyper-parameters.
 
     Returns
     -------

@@ -46,9 +46,10 @@ _PRIOR_CIRCLES = 2000
 _PRIOR_PROB = 0.95
 # Numerical error allowed in the log evidence of every model [nat].
 _TOLERANCE = 1e-2
-# The circles are said not to scatter as predicted if `Workflow.uniformity_p_value` is below this
-# number. It is the p-value of the hypothesis that the circles scatter as predicted from one
-# another.
+# Limit for `Workflow.uniformity_p_value`, the p-value of a test of all circles together. Each
+# circle is predicted from the other circles, and the test examines whether the deviations from
+# these predictions are as large as expected. If the p-value is below the limit, a report says that
+# the circles do not scatter as predicted.
 _UNIFORM = 0.05
 # Number of steps of the EM algorithm that computes the stacking weights. These are the weights of
 # the mixture of models that best predicts circles that were left out.
@@ -79,8 +80,8 @@ class PriorRange:
 class LeftOutCircle:
     """Comparison of one circle with the prediction from the other circles."""
 
-    #: probability that another circle of the same machine would deviate from the prediction by the
-    #: other circles at least as much as this circle
+    #: probability that a new circle on the same machine would deviate from the prediction at least
+    #: as much as this circle does; the prediction is made from the other circles
     p_value: float
     #: p-value of the circle's deviation from the prediction, adjusted for the number of circles
     #: (Holm)
@@ -330,7 +331,8 @@ def _left_out_circles(
 
     The keys are names of tests. ``nodes_by_model`` holds the posterior of each model given all
     tests; ``left_out_nodes`` holds, for each model and each test, the posterior given all other
-    tests. ``seed`` is the seed of the circles that are simulated as the prediction.
+    tests. A prediction consists of simulated circles; ``seed`` is the seed of the random numbers
+    with which they are simulated.
     """
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}

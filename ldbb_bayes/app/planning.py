@@ -368,8 +368,9 @@ def _best_counts(candidates: Space, number: int) -> Array:
 def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:
     """Return ``number`` pairs of elements of two sequences, balanced as in a Latin square.
 
-    Each round takes all elements of the first sequence in turn. In each new round, every element of
-    the first sequence gets another partner: the next element of the second sequence.
+    Each round takes all elements of the first sequence in turn. In each round, every element of the
+    first sequence is paired with the element of the second sequence that follows its partner of the
+    round before.
     """
     pairs = []
     for k in range(number):
@@ -413,8 +414,9 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     dict
         Expanded uncertainty U (k = 2) of every parameter before these tests (from the fit), and the
         U expected after these tests. Slopes (changes of compliance with force) are left out. The
-        dict also has the probabilities that the evidence will decide for constant and for linear
-        compliance, the time and cost, and the tests in the order in which to run them.
+        dict also has the probability that the evidence will favour constant compliance, the
+        probability that it will favour linear compliance, the time and cost, and the tests in the
+        order in which to run them.
 
     Raises
     ------
@@ -461,9 +463,9 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
 
     Entry ``rows`` of the result holds two expanded uncertainties U (k = 2) of every parameter: U
     from the fit, and U expected after the planned tests. Slopes (changes of compliance with force)
-    are left out. Entry ``settle`` holds two probabilities: that the evidence will decide for the
-    model with compliance linear in force, and that it will decide for the model with constant
-    compliance. The entry is None if these probabilities cannot be forecast.
+    are left out. Entry ``settle`` holds two probabilities: that the evidence will favour the model
+    with compliance linear in force, and that it will favour the model with constant compliance. The
+    entry is None if these probabilities cannot be forecast.
 
     Parameters
     ----------

@@ -339,8 +339,8 @@ async def _search(registry: SessionRegistry, session: Session, request: Request)
     refusal = session.refusal("no_goal")
     if goal_texts(sent):
         # The function ``wrong_entry`` runs in the process that answers the requests of the pages.
-        # It returns why a goal or cost that the user typed cannot be used; the dictionary is empty
-        # if all can be used.
+        # It returns a dictionary that states why a goal or cost that the user typed cannot be used.
+        # The dictionary is empty if all goals and costs can be used.
         refusal = await registry.answering_process.ask(wrong_entry, session, sent)
     # While this request waited for the check of the typed goals and costs, another request may have
     # started a search for the cheapest campaign.

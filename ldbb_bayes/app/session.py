@@ -155,10 +155,11 @@ class Session:
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def refusal(self, key: str, **values: object) -> dict[str, Any]:
-        """Return an error message, as a dictionary from which the browser page makes its text.
+        """Return a dictionary with an error message in the language of the browser page.
 
-        ``key`` is the name under which the text is stored in the languages of the page. ``values``
-        are inserted into the text.
+        ``key`` is the name under which the text of the message is stored. ``values`` are inserted
+        into the text. The second entry of the dictionary tells the page that the text needs no
+        translation.
         """
         return {"refused": self.word(key, **values), "is_in_words_of_page": True}
 
@@ -190,7 +191,8 @@ class _ImportOrder(NamedTuple):
 
     has_no_suffix: bool
     suffix: str
-    #: Name of the file in small letters, split into texts and whole numbers.
+    #: Name of the file in lower case, split into its whole numbers and the pieces of text between
+    #: them.
     pieces: list[Any]
 
 

@@ -136,11 +136,10 @@ _COMPUTATIONS: Mapping[str, Callable[..., dict[str, Any]]] = {
 
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
-    """Yield a function to be called at the beginning of each step in making a report.
+    """Yield a function that is called with the name of each step of a report when the step begins.
 
-    A step is, for example, the fit of the model. The argument of the function is the name of the
-    step. The function returns another function, which writes the progress of this step to the file
-    ``progress.json`` in ``folder``.
+    A step in making a report is, for example, the fit of the model. Each call returns another
+    function, which writes the progress of this step to the file ``progress.json`` in ``folder``.
     """
     yield steps_of(partial(_write_progress, folder), **STEPS)
 

@@ -134,7 +134,7 @@ class CertifiedQuantity:
         return value, _without_rounding(U * size.factor / factor)
 
     def magnitude(self) -> float:
-        """Return the absolute value of the certified quantity in SI units (a pressure in bar)."""
+        """Return the absolute value of the quantity in SI units or, for a pressure, in bar."""
         value, _ = self.numbers()
         return abs(value)
 

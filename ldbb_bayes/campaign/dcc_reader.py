@@ -53,9 +53,9 @@ _T = TypeVar("_T")
 
 
 def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
-    """Return a digital calibration certificate (DCC) with the numbers of its results.
+    """Read a digital calibration certificate (DCC) and the numerical results in it.
 
-    The versions 2 and 3 of the DCC schema are understood. The file is not trusted. It is therefore
+    Versions 2 and 3 of the DCC schema are supported. The file is not trusted. It is therefore
     refused if it declares a document type, because a document type may define entities.
 
     Parameters
@@ -73,13 +73,13 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     Raises
     ------
     InputError
-        For a file that cannot be read or is no DCC; the message names the file.
+        If a file cannot be read or is not a DCC; the message names the file.
 
     Examples
     --------
-    A certificate that states a deviation of 0.8 µm from the nominal length, U = 0.9 µm at k = 3.
-    The length error has the opposite sign, because the readings of a bar that is too long are too
-    small:
+    In this example, the certificate states that the length of a bar deviates from its nominal
+    length by 0.8 µm, with U = 0.9 µm at k = 3. The length error has the opposite sign, because the
+    readings of a bar that is too long are too small:
 
     >>> lb.campaign.read_dcc("bar.xml").fields("bar")  # doctest: +SKIP
     {'length_error_um': -0.8, 'U_um': 0.6, 'certificate': 'bar.xml, DCC K-2026-0815: ...'}

@@ -28,8 +28,8 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
     """Raise an `InputError` if a test of ``campaign`` in ``plane`` has no direction of travel.
 
-    ``reason`` is the end of a clause of the error message. With the reason "run, or are to run,
-    both ways", for example, the clause is "as circles of plane XY run, or are to run, both ways".
+    In the error message, ``reason`` completes the clause "as circles of plane XY ...". A reason is,
+    for example, "run, or are to run, both ways".
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

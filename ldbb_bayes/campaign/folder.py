@@ -122,10 +122,10 @@ def read_campaign(
 
 
 def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
-    """Return a sentence that tells the user to write values into campaign.toml.
+    """Return a sentence that tells the user to write values into the TOML file of a campaign.
 
     ``options`` holds these values, which the user gave as arguments; the keys are the names of
-    fields of `Campaign`. ``file_name`` is the name of the file in the sentence.
+    fields of `Campaign`. ``file_name`` is the name of the TOML file, such as campaign.toml.
     """
     lines = []
     for name, value in options.items():

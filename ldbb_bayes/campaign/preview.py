@@ -256,7 +256,7 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
 
 
 class _Angles(NamedTuple):
-    """Steps, gaps and direction of travel of the angles at which a test's readings were taken."""
+    """How far apart the angles of a test's readings are, and in which direction they run."""
 
     #: median absolute difference of the angle from one reading to the next [deg]
     step_deg: float
@@ -678,10 +678,11 @@ def _campaign_remarks(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark for tests of one circle whose mean reading falls as the force rises.
+    """Add a remark if the mean reading on a circle falls as the force rises.
 
-    The bar pushes tool and table apart, so that the mean reading must rise with the force. If the
-    mean reading falls, the sign of the readings is probably wrong.
+    Tests are compared with each other if they have the same circle (plane, centre and radius),
+    set-up and direction of travel. The bar pushes tool and table apart, so that the mean reading
+    must rise with the force. If the mean reading falls, the sign of the readings is probably wrong.
     """
     tests_of_circle: dict[Any, list[tuple[float, float]]] = {}
     for test, test_force_N in zip(campaign.tests, campaign.forces_N, strict=True):

@@ -21,7 +21,8 @@ class TimeSource(StrEnum):
 
     #: The times of the tests are the start times ``time_s`` that the user has given for all tests.
     TIMES = "times"
-    #: The times of the tests follow from the order in which they are listed, one every six minutes.
+    #: The tests are assumed to have been run in the order in which they are listed, and a test is
+    #: assumed to start six minutes after the test before it.
     LISTED = "listed order"
     #: The times of the tests are unknown, because the tests were run in random order.
     RANDOM = "random order"

@@ -21,7 +21,8 @@ from ldbb_bayes.cli.values import pairs_in, points_in
 
 __all__ = ["ATLAS_FILES", "machine", "write_atlases"]
 
-# Names of all files with figures of parameters' patterns that `write_atlases` can write.
+# Names of all files that `write_atlases` can write. The figures in them show how the reading around
+# a circle changes with each parameter.
 ATLAS_FILES = figure_files(
     [f"compliance_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]
     + [f"geometric_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]

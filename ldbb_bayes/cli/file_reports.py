@@ -131,9 +131,10 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # The report decides on conformity only once, at the force that it states. The averaged
-            # posterior is used, or the fit if there is no average. The summaries of the fit and of
-            # the averaged posterior contain the same decisions.
+            # The report decides on conformity only once, at the force that it states. The decisions
+            # are made from the averaged posterior or, if there is no average, from the fit. They
+            # are then part of the results of the fit and of the results of the averaged posterior,
+            # so that both agree with the report.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -277,9 +278,9 @@ def _analyse_for_sheets(
 
 
 def _no_design() -> str:
-    """Return the reason why a report without an annex recommends no tests to run next.
+    """Return a text that says why a report recommends no tests to run next.
 
-    A report consists of the certificate and, after it, the annex.
+    The recommendation would stand in the annex, but the user asked for a report without the annex.
     """
     return wording.NO_ANNEX
 

@@ -36,7 +36,7 @@ def fit(
     tolerances: arguments.Tolerances,
     prior_from: Annotated[Path | None, arguments.PRIOR_FROM],
 ) -> None:
-    """Compute credible intervals of compliances, their slopes with force and geometric errors.
+    """Compute credible intervals of compliances, their changes with force, and geometric errors.
 
     The exit code is 1 if the effective sample size of the random draws from the posterior is
     smaller than the value of --ess.
@@ -89,7 +89,7 @@ def summarize(
     as_json: Annotated[bool, arguments.JSON],
     ci: Annotated[float, arguments.CI],
 ) -> None:
-    """Print the results of a stored fit as a table or JSON, with intervals of any probability."""
+    """Print the results of a stored fit, with credible intervals of the chosen probability."""
     from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
 
     numbers = full_result(lb.load(result), ci)
@@ -109,8 +109,9 @@ def demo(
 ) -> None:
     """Fit constant and linear compliance to the published experiment, and explain the results.
 
-    The readings are recovered from the tables printed in the paper; the README in the written
-    folder "campaign" states which parts of the readings were not measured.
+    The readings are computed from the tables printed in the paper. What the tables do not determine
+    is synthetic. This command also writes the folder "campaign" with the readings; the README in it
+    states which parts of the readings were not measured.
     """
     from ldbb_bayes.cli.fit_results import write_result
     from ldbb_bayes.report.fit_tables import full_result, results_table

@@ -25,21 +25,20 @@ __all__ = [
     "running_order",
 ]
 
-# Names of the files that are written for the cheapest campaign that reaches the user's goals for
+# Names of the files that are written for a campaign that reaches the user's goals for
 # uncertainties. A folder with the campaign from which the search starts may be written too.
 GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
 
 
 class GoalDesignFiles(NamedTuple):
-    """Files about the cheapest campaign that reaches all goals for expanded uncertainties."""
+    """Files about a campaign that reaches all goals for expanded uncertainties at low cost."""
 
-    #: result of the search for the cheapest campaign, as a JSON object with sentences that describe
-    #: the result
+    #: result of the search for the cheapest campaigns, as a JSON object with sentences that
+    #: describe the result
     record: dict[str, Any]
-    #: contents of the files about the cheapest campaign; the keys are the names of the files
+    #: contents of the files about the campaign; the keys are the names of the files
     contents: dict[str, Any]
-    #: function that writes a plan into a folder: the cheapest campaign that reaches the goals. None
-    #: if no campaign was found.
+    #: function that writes the plan of the campaign into a folder; None if no campaign was found
     write_more: Callable[[Path], object] | None
 
 

@@ -1,4 +1,4 @@
-"""Reading of options whose value is a range LO:HI:STEP, a list, or angles of both balls."""
+"""Read option values that are ranges LO:HI:STEP or lists of forces, radii or ball angles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps of ``ldbb-bayes report``: from files of readings or fits to the report's files."""
+"""Functions of ``ldbb-bayes report`` that make a report from files of readings or of fits."""
 
 from __future__ import annotations
 

@@ -59,9 +59,9 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
     """Return tables and sentences on the assumptions about imported files and about the balls.
 
-    If the campaign states nothing about the form deviations of the two balls, one of the
-    assumptions says that the balls are "as the model assumes". It does not state the numbers of the
-    prior that the model uses for them.
+    If the campaign states nothing about the form deviations of the two balls, one sentence says
+    only that the balls are "as the model assumes". The sentence does not give the values of the
+    model's prior for the form deviations.
 
     Parameters
     ----------

@@ -40,9 +40,9 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
     entries
         Typed strings, for example ``["G=20 µm"]``.
     flag
-        Flag of the option, such as ``--tolerance``, for messages.
+        Flag of the option, such as ``--tolerance``, which is named in error messages.
     form
-        Correct form of an entry, such as ``NAME=VALUE``, for messages.
+        Correct form of an entry, such as ``NAME=VALUE``, which is shown in error messages.
 
     Returns
     -------
@@ -68,16 +68,16 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
 
 
 def numbers_in(text: str, flag: str, example: str, separator: str = ",") -> tuple[float, ...]:
-    """Return the finite numbers that a string lists, with a separator such as a comma between them.
+    """Return the finite numbers in a string, separated by commas or by another separator.
 
     Parameters
     ----------
     text
         Typed string, for example ``"36,742"``.
     flag
-        Flag of the option, for messages.
+        Flag of the option, which is named in error messages.
     example
-        Numbers that would suit the option, as they are to be typed, for messages.
+        Example of numbers as the user could type them, which is shown in error messages.
     separator
         Text between two numbers.
 
@@ -110,7 +110,7 @@ def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
     entries
         Typed strings with coordinates in mm, for example ``["0,-200,350"]``.
     flag
-        Flag of the option, for messages.
+        Flag of the option, which is named in error messages.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def ball_in(text: str, flag: str) -> lb.Ball:
     text
         Typed string, for example ``"G20"``, ``"0.5um"`` or ``"500 nm"``.
     flag
-        Flag of the option, for messages.
+        Flag of the option, which is named in error messages.
 
     Returns
     -------

@@ -103,8 +103,7 @@ class _Location(NamedTuple):
     # keys of a TOML file that lead from the outermost table to an invalid entry; entries of lists
     # are numbered from 1
     keys: list[str]
-    # pydantic class that describes the valid content of one table of the file: of the innermost
-    # table that ``keys`` lead to
+    # pydantic class that describes the valid content of the innermost table on the path ``keys``
     owner: Any
 
 

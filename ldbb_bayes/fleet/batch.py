@@ -68,12 +68,13 @@ class Batch(Result):
     #: number of fitted campaigns whose readings do not fit the model, or contradict the condition
     #: that no compliance is negative
     doubtful: int
-    #: one dictionary for each campaign that could not be fitted, for at most 10 000 campaigns. The
-    #: key ``campaign`` holds the file path of the campaign, and the key ``reason`` the reason.
+    #: one dictionary for each campaign that could not be fitted; only the first 10 000 of these
+    #: campaigns are listed. The key ``campaign`` holds the file path of the campaign, and the key
+    #: ``reason`` says why it could not be fitted.
     failed: tuple[dict[str, str], ...]
-    #: one dictionary for each campaign whose fit is doubtful or whose sampler did not converge, for
-    #: at most 10 000 campaigns. The key ``campaign`` holds the file path of the campaign. The key
-    #: ``verdict`` holds a sentence on how far the fit can be trusted.
+    #: one dictionary for each campaign whose fit is doubtful or whose sampler did not converge;
+    #: only the first 10 000 of these campaigns are listed. The key ``campaign`` holds the file path
+    #: of the campaign. The key ``verdict`` holds a sentence on how far the fit can be trusted.
     doubts: tuple[dict[str, str], ...]
     #: number of campaigns that this run of the batch has fitted or tried to fit. The rows of the
     #: other campaigns come from earlier runs.
@@ -389,11 +390,11 @@ def _named_campaigns(
 ) -> tuple[dict[str, str], ...]:
     """Return one dictionary for each campaign whose fit has one of the given states.
 
-    Each dictionary has two keys. The value of the key ``campaign`` is the file path of the
-    campaign. The other key is ``column``, the name of a column of the batch's table such as
-    "reason"; its value is the campaign's value in this column. ``states`` are states such as
-    "doubtful"; "failed" stands for campaigns that could not be fitted. ``journal`` is the database
-    with the rows of the batch. At most 10 000 dictionaries are returned.
+    Each dictionary has two entries. The key "campaign" holds the file path of the campaign. The
+    other key is the name ``column`` of a column of the batch's table, such as "reason"; it holds
+    the entry of the campaign in this column. ``states`` are states such as "doubtful"; "failed"
+    stands for campaigns that could not be fitted. ``journal`` is the database with the rows of the
+    batch. At most 10 000 dictionaries are returned.
     """
     marks = ", ".join("?" * len(states))
     query = (

@@ -315,10 +315,10 @@ def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
     """Return the mean, sd, median and credible interval of a quantity.
 
     ``row`` is the row of the quantity in `DirectionalStiffness.table`. The readings may not
-    determine a stiffness, a ratio of stiffnesses or a direction; compliances and their differences
-    always count as determined. The values of a direction that is not determined are None. Of a
-    stiffness or ratio that is not determined, only the lower end of the credible interval is kept,
-    as a lower limit.
+    determine a stiffness, a ratio of stiffnesses or a direction. If a direction is not determined,
+    all its values are None. If a stiffness or a ratio is not determined, all its values are None
+    except the lower end of the credible interval, which serves as a lower limit. Compliances and
+    their differences are always determined.
     """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
     if not row["is_determined"]:

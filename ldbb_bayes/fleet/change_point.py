@@ -161,16 +161,16 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
-    Mean and covariance describe the mixture of all hypotheses, in which each hypothesis has its
-    probability as weight. A hypothesis assumes one of r values of the machine's scatter from
+    The mean and the covariance are those of the mixture of all hypotheses, each weighted by its
+    posterior probability. A hypothesis assumes one of r values of the machine's scatter from
     campaign to campaign. It also assumes that one of the p parameters changed by a step just before
-    one of the campaigns 2 to n, or that no parameter changed. Mean and covariance are in units of
-    the errors' prior sds.
+    one of the campaigns 2 to n, or that no parameter changed. The mean and the covariance are in
+    units of the prior sds of the errors.
 
     Parameters
     ----------
-    posteriors : Gaussian distributions of level, instrument errors and step under every hypothesis,
-        see `hypotheses`.
+    posteriors : joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels
+        of the parameters before the step, the instrument errors and the size of the step.
     probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
     """
     count = probabilities.size
@@ -212,8 +212,8 @@ def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 
 
     Parameters
     ----------
-    posteriors : Gaussian distributions of level, instrument errors and step under every hypothesis,
-        see `hypotheses`.
+    posteriors : joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels
+        of the parameters before the step, the instrument errors and the size of the step.
     probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
     prob : probability of the credible intervals.
     """

@@ -58,9 +58,10 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
         strict=True,
     ):
         # A fitted compliance is the estimate of a weighted sum of joint compliances. The sum
-        # contains joint compliances of two kinds. The effects of members on the readings are
-        # proportional to the effect of the fitted compliance. The effect of an absorbed compliance
-        # is a linear combination of the effects of several fitted compliances.
+        # contains joint compliances of two kinds, called members and absorbed compliances. The
+        # effect of a member on the readings is proportional to the effect of the fitted compliance.
+        # The effect of an absorbed compliance is a linear combination of the effects of several
+        # fitted compliances.
         weights = dict(zip(members, member_weights, strict=True))
         weights |= {other.label: weight for other, weight in absorbed.items()}
         sums[name.label] = {

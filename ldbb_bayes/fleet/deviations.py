@@ -126,7 +126,7 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class Estimates(NamedTuple):
-    """Estimates t of the parameters c from each of n campaigns or machines alone.
+    """Estimates t of the parameters c, each computed from only one of n campaigns or machines.
 
     b are the errors of the instrument. Λ is the precision matrix (inverse covariance) of the
     likelihood, and η is the shift of the likelihood, Λ times the estimate of (c, b). Λ_c are the
@@ -137,15 +137,15 @@ class Estimates(NamedTuple):
     matrix H = S Λ_c is the sensitivity.
     """
 
-    #: posterior covariances of the c parameters given each of n campaigns or machines alone, shape
-    #: (n, c, c). The errors of the instrument are taken as known.
+    #: n posterior covariance matrices of the c parameters, each given the readings of one campaign
+    #: or machine only, shape (n, c, c). The errors of the instrument are taken as known.
     covariance: Array
     #: derivatives of the estimates of the c parameters with respect to the true values of q
-    #: quantities (the parameters and the instrument errors), shape (n, c, q). There is one matrix
-    #: of derivatives for the estimates from each of n campaigns or machines alone.
+    #: quantities (the parameters and the instrument errors), shape (n, c, q). Each of the n
+    #: matrices belongs to the estimates that are computed from one campaign or machine only.
     response: Array
-    #: estimates of the c parameters from each of n campaigns or machines alone, computed as if the
-    #: instrument had no errors, shape (n, c)
+    #: estimates of the c parameters, shape (n, c). Each of the n rows is computed from one campaign
+    #: or machine only, as if the instrument had no errors.
     value: Array
 
 

@@ -233,8 +233,8 @@ class Population(Result):
     def not_belonging(self) -> tuple[str, ...]:
         """Names of the machines that stand out from the other machines.
 
-        A machine stands out if its corrected p-value is below 5 %. The machine that deviates most
-        from the prediction of the other machines (attribute ``z``) comes first.
+        A machine stands out if its corrected p-value is below 5 %. The machines are in descending
+        order of their largest deviation ``z`` from the values predicted from the other machines.
         """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))

@@ -137,9 +137,9 @@ class PopulationPrior(Shown):
         ------
         InputError
             If the topology (chain of joints) of the campaign's machine differs from that of the
-            population; if the campaign lacks compliances of the population, or they stand for other
-            sums of joint compliances; or if the campaign belongs to the population, because its
-            readings would count twice.
+            population; if a compliance of the population is missing in the campaign, or is a
+            different sum of joint compliances there; or if the campaign itself belongs to the
+            population, so that its readings would be used twice.
         """
         require_campaign(campaign)
         self._check_applies_to(campaign)

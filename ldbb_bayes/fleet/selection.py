@@ -170,11 +170,11 @@ def _leave_out(
     caveats: list[Caveat],
     text: str = "",
 ) -> pd.DataFrame:
-    """Return the rows that are not left out, and add a caveat that names the other campaigns.
+    """Remove rows of a batch's table, and add a caveat that names the campaigns removed.
 
-    ``rows`` are rows of a batch's table, and ``is_left_out`` states for each of them whether it is
-    left out. If at least one row is left out, a caveat (limitation) with the given kind and text is
-    added to the list ``caveats``.
+    The remaining rows are returned. ``rows`` are the rows of the table, and ``is_left_out`` states
+    for each of them whether it is removed. If at least one row is removed, a caveat (limitation)
+    with the given kind and text is added to the list ``caveats``.
     """
     _add_caveat(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]

@@ -452,8 +452,8 @@ class _MachineCampaigns(NamedTuple):
 
     rows: pd.DataFrame  #: rows of one machine's campaigns in the table of a batch
     machine: str | None  #: machine_id of the machine; None if no campaign states a machine_id
-    #: limitations of the trend: that no campaign states a machine_id, or that campaigns without a
-    #: machine_id are left out
+    #: caveats (limitations of the trend), for example that campaigns without a machine_id are left
+    #: out
     caveats: list[Caveat]
 
 
@@ -527,9 +527,9 @@ def _visits(
 
     The probability of a change is zero for the first campaign. ``names`` and ``dates`` are the
     names and dates of the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds the
-    posterior probabilities of hypotheses. A hypothesis states which of r values the machine's
-    scatter from campaign to campaign has, just before which of the campaigns 2 to n a parameter
-    changed, and which of p parameters it was.
+    posterior probabilities of hypotheses. Under each hypothesis, the machine's scatter from
+    campaign to campaign has one of r values, and one of the p parameters changed just before one of
+    the campaigns 2 to n.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -542,15 +542,16 @@ def _parameter_changes(
     chart: ChartPoints,
     prob: float,
 ) -> dict[str, ParameterChange]:
-    """Return the step that every parameter may have made, and its level at the last campaign.
+    """Return the estimated step of each parameter, and the parameter's value at the last campaign.
 
-    A step is a sudden change, and a level is a value of a parameter. The result is a dict; its keys
-    are the names of the p parameters. ``posteriors`` are the Gaussian distributions of levels,
-    instrument errors and step under every hypothesis (see `hypotheses`), and ``probabilities`` are
-    the posterior probabilities of the hypotheses, shape (r, n, p). A hypothesis assumes one of r
-    values of the machine's scatter from campaign to campaign. It also assumes either a step of one
-    of the p parameters just before one of n campaigns, or no step. ``chart`` holds the points and
-    limits of the control chart. ``prob`` is the probability of the credible intervals.
+    The result is a dict; its keys are the names of the p parameters. A step is a sudden change of a
+    parameter from one campaign to the next; a level is a value of a parameter. ``posteriors``
+    holds, for each hypothesis (see `hypotheses`), the joint Gaussian distribution of the levels,
+    the instrument errors and the size of the step. ``probabilities`` are the posterior
+    probabilities of the hypotheses, shape (r, n, p). Under each hypothesis, the machine's scatter
+    from campaign to campaign has one of r values. In addition, either one of the p parameters
+    changed just before one of the campaigns 2 to n, or no parameter changed. ``chart`` holds the
+    points and limits of the control chart. ``prob`` is the probability of the credible intervals.
     """
     levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
@@ -570,9 +571,11 @@ def _parameter_change(
     chart: ChartPoints,
     prob: float,
 ) -> ParameterChange:
-    """Return the step that the parameter with the index j may have made, and its present level.
+    """Return the estimated step of the parameter with the index j, and its present value (level).
 
-    A step is a sudden change. The present level is the value at the last campaign.
+    A step is a sudden change of a parameter from one campaign to the next. It is estimated under
+    the assumption that this parameter has changed. The present value is the value at the last
+    campaign.
 
     Parameters
     ----------
@@ -581,12 +584,12 @@ def _parameter_change(
     j
         Index of the parameter.
     posteriors
-        Gaussian distributions of levels, instrument errors and step under every hypothesis, see
-        `hypotheses`.
+        Joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels, the
+        instrument errors and the size of the step.
     step_probabilities
-        Posterior probabilities of hypotheses, shape (r, n − 1). A hypothesis states that the
-        parameter changed, just before which of the campaigns 2 to n it changed, and which of r
-        values the machine's scatter from campaign to campaign has.
+        Posterior probabilities of hypotheses, shape (r, n − 1). Under each hypothesis, the
+        parameter changed just before one of the campaigns 2 to n, and the machine's scatter from
+        campaign to campaign has one of r values.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -678,9 +681,9 @@ def _estimates_table(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Posterior probabilities of hypotheses, shape (r, n − 1, p). A hypothesis states which of r
-        values the machine's scatter from campaign to campaign has, just before which of the
-        campaigns 2 to n a parameter changed, and which of the p parameters it was.
+        Posterior probabilities of hypotheses, shape (r, n − 1, p). Under each hypothesis, the
+        machine's scatter from campaign to campaign has one of r values, and one of the p parameters
+        changed just before one of the campaigns 2 to n.
     prob
         Probability of the credible intervals.
     """

@@ -35,26 +35,28 @@ class AveragedModel:
     bound: BoundModel  #: one of the averaged models, applied to the campaign
     #: indices of the model's parameters among the p parameters of all averaged models
     places: NDArray[np.intp]
-    #: n posterior draws from one averaged model, shape (n, p). The p parameters are those of all
-    #: averaged models; the parameters that this model lacks are zero.
+    #: n posterior draws that come from this model: values of the p parameters, shape (n, p). The p
+    #: parameters are those of all averaged models; the parameters that this model lacks are zero.
     beta: Array
-    #: n posterior draws of the h hyper-parameters (such as the standard deviation of the noise)
-    #: from one averaged model, shape (n, h); values that are lengths are in mm
+    #: n posterior draws that come from this model: values of the h hyper-parameters (such as the
+    #: standard deviation of the noise), shape (n, h); values that are lengths are in mm
     phi: Array
 
     @cached_property
     def mean(self) -> Array:
-        """Means of the p parameters over the draws from one averaged model, shape (p,).
+        """Posterior means of p parameters under this model alone, shape (p,).
 
-        The p parameters are those of the average over models.
+        The p parameters are those of all averaged models. Parameters that this model lacks have the
+        mean zero.
         """
         return np.asarray(self.beta.mean(axis=0))
 
     @cached_property
     def sd(self) -> Array:
-        """Standard deviations of p parameters over the draws from one model, shape (p,).
+        """Posterior standard deviations of p parameters under this model alone, shape (p,).
 
-        The p parameters are those of the average over models.
+        The p parameters are those of all averaged models. Parameters that this model lacks have the
+        standard deviation zero.
         """
         return np.asarray(self.beta.std(axis=0))
 

@@ -34,9 +34,9 @@ _LEADING = 7
 # this limit are replaced by the limit, so that the polynomials are not extrapolated. The
 # coordinates have the standard deviation one.
 _FARTHEST = 5.0
-# The logarithm of a density's width along a coordinate is fitted as a function of other
-# coordinates. An absolute value above this limit is replaced by the limit, so that the fit is not
-# extrapolated.
+# Largest absolute value of the logarithm of a density's width along a coordinate. The logarithm is
+# fitted as a function of other coordinates. Fitted values beyond ± this limit are set to the limit,
+# because a fit with such large values cannot be trusted.
 _LARGEST_LOG_WIDTH = 1.0
 # A coefficient of a polynomial is set to zero unless its absolute value exceeds this number of
 # standard errors. The polynomials describe how the mean and the logarithm of the width of a
@@ -60,11 +60,12 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """Polynomials that describe how means and widths of h coordinates u depend on earlier ones.
+    """Polynomials for the mean and the width of a density along each of its h coordinates u.
 
-    The mean and the width of a coordinate depend only on coordinates with a smaller index. The rows
-    of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first k
-    coordinates, and of the squares of these coordinates.
+    The mean and the width along a coordinate are functions of the coordinates before it; only the
+    first k coordinates can enter these functions. The rows of ``mean`` and of ``log_width`` hold
+    the coefficients of the constant 1, of the first k coordinates, and of the squares of these
+    coordinates.
     """
 
     #: coefficients of polynomials, shape (1 + 2 k, h). They describe how the mean of a density
@@ -89,10 +90,10 @@ class Dependence:
         """Convert the coordinates u of n points to nearly independent coordinates z.
 
         z and ``u`` have the shape (n, h), with h coordinates of each point. The mean and the width
-        of a coordinate are functions of the coordinates with a smaller index, but at most of the
-        first ``leading`` coordinates. The conversion z = (u − mean) / width − offset removes this
-        dependence; the offset is a constant for each coordinate. The result also holds the sum of
-        the logarithms of all widths at each point.
+        of a coordinate are functions of the coordinates before it; only the first ``leading``
+        coordinates can enter these functions. The conversion z = (u − mean) / width − offset
+        removes this dependence; the offset is a constant for each coordinate. The result also holds
+        the sum of the logarithms of all widths at each point.
         """
         terms = _polynomial_terms(u[:, : self.leading])
         log_width = _limited(terms @ self.log_width)
@@ -104,10 +105,10 @@ class Dependence:
 
         u and ``z`` have the shape (n, h), with h coordinates of each point. The method solves
         z = (u − mean) / width − offset for u and is thus the inverse of `remove`. The mean and the
-        width of a coordinate are functions of the coordinates with a smaller index, but at most of
-        the first ``leading`` coordinates. The first ``leading`` coordinates are therefore computed
-        one after the other, and then all remaining coordinates at once. The offset is a constant
-        for each coordinate.
+        width of a coordinate are functions of the coordinates before it; only the first ``leading``
+        coordinates can enter these functions. The first ``leading`` coordinates are therefore
+        computed one after the other, and then all remaining coordinates at once. The offset is a
+        constant for each coordinate.
         """
         standard = z + self.offset
         u = standard.copy()

@@ -94,12 +94,13 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     the harmonic mean, over the draws, of p(y_r | y_−r, φ) (Bürkner, Gabry and Vehtari 2021). For
     this reason ``arviz.loo`` estimates the same quantity that `compare` computes.
 
-    The weight of a draw is 1 / p(y_r | y_−r, φ). The Pareto shape k̂ of the weights is usually low,
-    because leaving out circle r changes the density of the hyper-parameters other than λ_r only
-    little. If k̂ exceeds 0.4, p(y_r | y_−r, φ) is raised to a power below one and then scaled. Its
-    harmonic mean is then the predictive density of circle r, which is computed exactly. The sum of
-    ``per_test`` over the tests is not the log likelihood of all readings; ``Fit.sensitivity``
-    states how sensitive the posterior is to the log likelihood of all readings.
+    If circle r is left out, ``arviz.loo`` gives each draw the weight 1 / p(y_r | y_−r, φ). The
+    Pareto shape k̂ of the weights is usually low, because leaving out circle r changes the density
+    of the hyper-parameters other than λ_r only little. If k̂ exceeds 0.4, the values of
+    p(y_r | y_−r, φ) are raised to a power below one. They are then multiplied by a constant, so
+    that their harmonic mean equals the predictive density of circle r, which is computed separately
+    and exactly. The sum of ``per_test`` over the tests is not the log likelihood of all readings;
+    ``Fit.sensitivity`` states how sensitive the posterior is to the log likelihood of all readings.
 
     Examples
     --------
@@ -264,11 +265,14 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
 
     ``log_density``, shape (w, tests), is the log density of each test's readings given those of all
     other tests. It is given at w draws of the hyper-parameters (such as the standard deviation of
-    the noise). If a test is left out, the inverses of its w densities are the importance weights of
-    the draws. If the Pareto shape k̂ of these weights is above 0.4, the densities are tempered:
-    they are raised to a power below one, and then scaled. After scaling, their harmonic mean over
-    the draws is the predictive density of the test's readings, which is computed exactly from two
-    evidences. ``bound`` is the model of the campaign.
+    the noise). ``bound`` is the model of the campaign.
+
+    If a test is left out, the inverses of its w densities are the importance weights of the draws.
+    If the Pareto shape k̂ of these weights is above 0.4, the densities of the test are tempered:
+    they are raised to a power below one. They are then multiplied by a constant, so that their
+    harmonic mean over the draws equals the predictive density of the test's readings. The exact
+    value of the predictive density is known: it is the evidence of all tests divided by the
+    evidence of all other tests.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):

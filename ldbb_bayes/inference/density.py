@@ -6,7 +6,8 @@ hyper-parameters, such as the standard deviation of the noise. y are the reading
 
 The log density is ln p(y | β, φ) + ln p(β) + ln p(φ); the log evidence ln p(y) is not subtracted.
 The three densities in this sum are normalised. β has the prior N(m, S), with mean m of shape (p,)
-and covariance S of shape (p, p). Truncation restricts β to compliances A β that are not negative; A
+and covariance S of shape (p, p). If the model forbids negative compliances, this prior is truncated
+to values of β for which no compliance is negative. The compliances are the elements of A β, where A
 has the shape (rows, p). φ has its own prior, independent of β. Because the three densities are
 normalised, the integral of their product over x = (β, φ) is the evidence; `log_evidence` returns
 its logarithm.

@@ -56,7 +56,8 @@ _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 _TAIL_POWER = 0.5
 # A polynomial is fitted by a singular value decomposition of a matrix, whose columns hold the terms
 # of the polynomial at the sampled points. Singular values below this fraction of the largest one
-# count as zero. The terms of the polynomial are then linearly dependent at these points.
+# count as zero. Such small values mean that the terms are linearly dependent at these points, apart
+# from rounding errors.
 _DEPENDENT = 1e-10
 # The mean of the ratios of two densities is trusted if the standard deviation of the ratios is at
 # most this fraction of the mean. If the ratios scatter more, a sample of a few hundred nodes

@@ -37,14 +37,15 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 # prior. The sensitivity states how much the posterior moves if the prior density is raised to a
 # power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# A failing posterior predictive check of a Fourier order matters if leaving out the test changes
-# any parameter by more than this number of standard uncertainties.
+# If a test fails the posterior predictive check of a Fourier order, this matters only if any
+# parameter changes by more than this number of standard uncertainties when the test is left out.
 _LARGEST_SHIFT = 0.5
-# A failing posterior predictive check of a test's noise matters if the noise found in the readings
-# would widen any parameter's credible interval by more than this fraction.
+# If a test fails the posterior predictive check of its noise, this matters only if the noise found
+# in the readings would widen any parameter's credible interval by more than this fraction.
 _LARGEST_WIDENING = 0.1
-# Number of posterior draws from which the root-mean-square residual and the fitness of each test
-# (see `FitQuality`) are computed.
+# Number of posterior draws from which two measures of how well the model fits each test are
+# computed: the root-mean-square residual, and the fitness (100 % minus this residual in per cent of
+# the range of the readings); see `FitQuality`.
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500

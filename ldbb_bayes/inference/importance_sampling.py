@@ -62,8 +62,8 @@ _VERY_EFFICIENT = 0.7
 _REACHABLE = 2.0
 # A proposal (the density from which points are drawn) is fitted to weighted points. If the
 # effective sample size of the weights is too small, the weights are first made more equal: they are
-# raised to a power below one. In h dimensions, the effective sample size suffices if it reaches
-# this number times h + 1, or a third of the number of points.
+# raised to a power below one. In h dimensions, the effective sample size suffices if it is at least
+# (h + 1) times this number, or at least a third of the number of points.
 _FITTED_PER_DIMENSION = 40.0
 # A proposal (the density from which points are drawn) is fitted to points with importance weights.
 # If a few weights dominate, all weights are made more equal by raising them to a power. The power
@@ -90,9 +90,10 @@ def importance_sample(
     The number of points in a round is doubled as long as the error is too large and the weights are
     not too unequal.
 
-    The integral returned is from the earliest round that reaches the tolerance with weights that
-    can be trusted. If there is no such round, the round with the smallest error is used, if
-    possible one with trusted weights. The first round is never used.
+    The integral is taken from the earliest round after the first that reaches the tolerance and
+    whose weights can be trusted. If there is no such round, it is taken from the round with the
+    smallest error among those with trusted weights or, if no round has trusted weights, among all
+    rounds after the first.
 
     A round may miss a tail of f by chance. If no round has weights that can be trusted, the rounds
     are therefore repeated with other seeds. If no seed gives weights that can be trusted, the

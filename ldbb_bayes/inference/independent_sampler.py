@@ -29,8 +29,8 @@ _MOST_ROUNDS = 50
 # would be lost by rejecting draws with negative compliances. The parameters are then drawn from a
 # density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# Expected number of draws of the parameters without a negative compliance, for each value of the
-# hyper-parameters. So many draws are made for each value that this expectation is reached.
+# Several vectors of the parameters are drawn for each value of the hyper-parameters. Their number
+# is chosen so that on average at least this many of them have no negative compliance.
 _EXPECTED_INSIDE = 4.0
 # Height of the envelope in rejection sampling. The envelope is the density from which draws are
 # proposed, scaled to the same integral as the posterior density and multiplied by this number. A
@@ -180,11 +180,13 @@ def _propose_untruncated(
     draws = _draw_standard(conditional, tries, rng, truncated=posterior.truncated)
     with np.errstate(divide="ignore"):
         index = _accept(log_weight + np.log(draws.usable / tries), rng)
-    # If a value of φ is accepted several times, it is returned with different draws of β, as far as
-    # there are enough usable draws. A draw is usable if it has no negative compliance, or if
-    # negative compliances are allowed. ``draws.standard`` holds the draws of β as standard normal
-    # coordinates, and ``draws.usable`` the number of usable draws for each φ. The usable draws come
-    # before the other draws.
+    # A value of φ may be accepted several times. Each time, it is returned with the next usable
+    # draw of β; if there is none left, the last usable draw is returned again. (If negative
+    # compliances are allowed, a new draw is made each time.) ``repetition`` is the number of times
+    # that the same φ has been accepted before. A draw is usable if it has no negative compliance,
+    # or if negative compliances are allowed. ``draws.standard`` holds the draws of β as standard
+    # normal coordinates, and ``draws.usable`` the number of usable draws for each φ. The usable
+    # draws come before the other draws.
     repetition = np.arange(len(index)) - np.searchsorted(index, index)
     z = draws.standard[index, np.minimum(repetition, draws.usable[index] - 1)]
     if not posterior.truncated:

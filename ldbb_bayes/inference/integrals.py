@@ -50,9 +50,9 @@ _HEAVY_TAIL_K = 0.4
 # If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
 # the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
-# An integral is computed as a sum over the nodes (points) of a lattice. The share of the integral
-# from the region beyond the outermost nodes is taken to be at most this multiple of the share that
-# the outermost nodes contribute.
+# An integral is computed as a sum over the nodes (points) of a lattice. The region beyond the
+# outermost nodes also contributes to the integral. Its contribution is assumed to be at most this
+# number times the contribution of the outermost nodes.
 _BEYOND_EDGE = 3.0
 # A lattice consists of two grids, and its integral is the mean of the integrals from the two grids.
 # The error of the log integral is this fraction of the difference between the log integrals from
@@ -106,9 +106,10 @@ class Integral:
     #: logarithm of the volume that each of the n nodes (points) represents, so that the integral is
     #: the sum of density times volume, shape (n,)
     log_volume: Array
-    #: index of the set to which each of the n nodes (points) belongs, shape (n,). A set is a grid
-    #: of a lattice, or a randomised sequence of a sample. The nodes of each set alone give an
-    #: estimate of the integral.
+    #: index of the set to which each of the n nodes (points) belongs, shape (n,). The nodes are
+    #: divided into sets, each of which alone gives an estimate of the integral. Each of the two
+    #: grids of a lattice is a set, and so is each of the randomised quasi-random sequences of a
+    #: sample.
     estimate: Index
     #: whether each of the n nodes (points) is one of the outermost nodes of a lattice, beyond which
     #: the density was not evaluated, shape (n,)
@@ -119,9 +120,9 @@ class Integral:
     #: upper limit of the share of the integral that belongs to the nodes (points) at which the
     #: density was not evaluated because of their small weight
     left_out: float = 0.0
-    #: difference between the values of ln ∫ f from the two grids of a lattice, before the spacing
-    #: of its nodes was last reduced [nat]. Zero if the spacing was not reduced, or if the nodes are
-    #: a random sample.
+    #: absolute difference between two values of ln ∫ f [nat], one from each of the two grids of the
+    #: lattice that had been computed before the spacing of the nodes was last reduced. Zero if the
+    #: spacing was not reduced, or if the nodes are a random sample.
     coarser_difference: float = 0.0
     #: error of ln ∫ f [nat] that arises because the density f was evaluated only at some of the
     #: nodes (points) and inferred at all others, see `density_ratio`. Zero if it was evaluated at
@@ -223,8 +224,9 @@ class Integral:
     def trusted(self) -> bool:
         """Whether the weights of an integral's nodes can be trusted: their Pareto k̂ is at most 0.6.
 
-        The nodes are points, and k̂ states how heavy the tail of their weights is. The weights of a
-        lattice can always be trusted.
+        The nodes are the points at which the density is known, and k̂ states how heavy the tail of
+        the distribution of their weights is. If the nodes form a lattice, their weights can always
+        be trusted.
         """
         return self.pareto_k <= LARGEST_PARETO_K
 

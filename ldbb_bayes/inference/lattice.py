@@ -30,8 +30,8 @@ _LOOSE_TOLERANCE = 1e-2
 # First step (spacing of the points) of a coarse lattice. The unit is the standard deviation of a
 # Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# For a Gaussian density, there is a largest spacing of the points at which the error of the
-# integral is still allowed. The first spacing of a fine lattice is this fraction of it.
+# First spacing of the points of a fine lattice, as a fraction of the spacing at which the error of
+# the integral of a Gaussian density would reach the allowed error.
 _STEP_MARGIN = 0.93
 # Points are added to a coarse lattice until the log density at its outermost points is lower than
 # the highest log density by this number [nat].
@@ -131,9 +131,10 @@ def _integrate_on_grids(
     """Return the integral ∫ f of a density from the two grids of a lattice in h dimensions.
 
     The columns of ``cell``, shape (h, h), are the steps of a grid along its h directions.
-    ``log_density`` is ln f. ``coarser_difference`` is the difference between the values of ln ∫ f
-    from the two grids before the step was last shortened [nat], or zero if the step was not
-    shortened. ``centre``, ``starts``, ``depth`` and ``max_nodes`` are the same as in `_grow_grid`.
+    ``log_density`` is ln f. ``coarser_difference`` is the absolute difference between two values of
+    ln ∫ f [nat], one from each of the two grids that had been computed before the step was last
+    shortened; it is zero if the step was not shortened. ``centre``, ``starts``, ``depth`` and
+    ``max_nodes`` are the same as in `_grow_grid`.
     """
     grids = [
         _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)

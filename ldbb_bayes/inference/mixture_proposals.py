@@ -30,9 +30,9 @@ _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # freedom) are not fitted. They would improve the fit little, and too few points would be drawn in
 # the tails of the density to be integrated.
 _FEW_DIMENSIONS = 5
-# Number of values of the degrees of freedom that are tried when a Student-t distribution is fitted
-# in at most ``_FEW_DIMENSIONS`` dimensions. They are the first values in the list ``_FREEDOMS``,
-# which give the heaviest tails. In more dimensions, all values in the list are tried.
+# When a Student-t distribution is fitted, several degrees of freedom from the list ``_FREEDOMS``
+# are tried. In at most ``_FEW_DIMENSIONS`` dimensions, only the first ``_HEAVY_TAILS`` of them are
+# tried, which give the heaviest tails. In more dimensions, all are tried.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
