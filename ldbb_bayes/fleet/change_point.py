@@ -205,10 +205,10 @@ class Levels(NamedTuple):
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter's value at the last campaign: its initial level plus any step.
 
-    The values describe the mixture of all hypotheses, in which each hypothesis has its
-    probability as weight. A hypothesis assumes one of r values of the machine's scatter from
-    campaign to campaign. It also assumes that one of the p parameters changed by a step just before
-    one of the campaigns 2 to n, or that no parameter changed.
+    The values are those of the mixture of all hypotheses, each weighted by its posterior
+    probability. A hypothesis assumes one of r values of the machine's scatter from campaign to
+    campaign. It also assumes that one of the p parameters changed by a step just before one of the
+    campaigns 2 to n, or that no parameter changed.
 
     Parameters
     ----------
