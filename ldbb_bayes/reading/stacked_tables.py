@@ -137,18 +137,22 @@ def first_header(rows: Sequence[Row]) -> int | None:
         # A row above the header, for example a row of loads, may look like a header.
         if _describes_columns(cells) or _names_circle(rows[k + 1].cells):
             continue
-        if any(count_numbers(row.cells) >= 2 for row in _rows_below(rows, k)):
+        if _stands_above_numbers(rows, k):
             return k
     return None
 
 
-def _rows_below(rows: Sequence[Row], header: int) -> list[Row]:
-    """Return the two rows below a header. Lines of dashes that underline the header are skipped.
+def _stands_above_numbers(rows: Sequence[Row], header: int) -> bool:
+    """Return whether a table of numbers begins below a row, directly or below a row of units.
 
-    ``header`` is the index of the header among the rows.
+    Two of the three rows below the header must hold numbers, because a single row with numbers may
+    be a sentence, such as ``Run 1: 36 N, radius 150 mm``. Lines of dashes that underline the header
+    are skipped. Near the end of the sheet, a single row of numbers is enough. ``header`` is the
+    index of the header among the rows.
     """
-    below = [row for row in rows[header + 1 : header + 5] if not is_rule(row.cells)]
-    return below[:2]
+    below = [row for row in rows[header + 1 : header + 6] if not is_rule(row.cells)][:3]
+    n_with_numbers = sum(count_numbers(row.cells) >= 2 for row in below)
+    return n_with_numbers >= 2 or (n_with_numbers == 1 and len(below) < 3)
 
 
 def _names_circle(cells: Sequence[str]) -> bool:
