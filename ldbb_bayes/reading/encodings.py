@@ -36,12 +36,19 @@ _ENCODINGS = (
     "euc_jp",
     "cp850",
 )
+# Encodings among these for languages with Latin letters.
+_LATIN_ENCODINGS = ("cp1252", "mac_roman", "cp1250", "cp850")
+# Letters with accents, and other letters outside ASCII, of the languages of Western Europe.
+_WESTERN_LETTERS = frozenset("àáâãäçèéêëìíîïñòóôõöùúûüßœµ")
+# Other characters outside ASCII that texts in these languages may have.
+_WESTERN_SIGNS = frozenset("°²³±·«»§€–—‘’“”…\xa0")
 # Largest number of lines from which the encoding is determined. Only lines with letters outside
 # ASCII are counted.
 _LINES_EXAMINED = 50
 # The guess of the library charset_normalizer is used only for a text with at least this number of
 # bytes outside ASCII.
 _FEWEST_BYTES = 8
+_LETTERS = re.compile(r"[^\W\d_]+")
 _WORD = re.compile(r"[^\W\d_]+|[°µμ]+")
 
 
@@ -52,7 +59,8 @@ def encoding_of(raw: bytes) -> str:
     text is taken to be UTF-8 if it can be decoded as UTF-8. If it cannot, several encodings are
     tried, and the encoding in which the text contains the most known words for columns and units is
     used. If the text contains no known word in any of them, the library charset_normalizer guesses
-    the encoding. If such a text has few letters outside ASCII, it is taken to be Windows-1252.
+    the encoding. If such a text has few letters outside ASCII, or only some accents in words of
+    Latin letters, it is taken to be Windows-1252.
 
     Parameters
     ----------
@@ -71,18 +79,43 @@ def encoding_of(raw: bytes) -> str:
         raw.decode("utf-8")
         return "utf-8"
     lines = [line for line in raw.split(b"\n") if not line.isascii()][:_LINES_EXAMINED]
-    return _encoding_of_words(lines) or _guess_of_library(b"\n".join(lines))
+    if _is_western(b"\n".join(lines)):
+        return _encoding_of_words(lines, _LATIN_ENCODINGS) or "cp1252"
+    return _encoding_of_words(lines, _ENCODINGS) or _guess_of_library(b"\n".join(lines))
 
 
-def _encoding_of_words(lines: Sequence[bytes]) -> str:
+def _is_western(text: bytes) -> bool:
+    """Return whether a text, decoded as Windows-1252, may be in a language of Western Europe.
+
+    This is the case if letters outside ASCII are letters of these languages, and stand alone (as in
+    the Italian ``è``) or among more letters of ASCII, as in ``più``. In another encoding, such a
+    text would have words that mix two alphabets: ``piω``.
+    """
+    try:
+        decoded = text.decode("cp1252").lower()
+    except UnicodeDecodeError:
+        return False
+    signs = {sign for sign in _LETTERS.sub("", decoded) if not sign.isascii()}
+    if not _WESTERN_SIGNS.issuperset(signs):
+        return False
+    for word in _LETTERS.findall(decoded):
+        outside = [letter for letter in word if not letter.isascii()]
+        if not _WESTERN_LETTERS.issuperset(outside):
+            return False
+        if len(word) > 1 and 2 * len(outside) > len(word):
+            return False
+    return True
+
+
+def _encoding_of_words(lines: Sequence[bytes], encodings: Sequence[str]) -> str:
     """Return the encoding in which lines contain the most known words for columns and units.
 
-    Only words with letters outside ASCII are considered. The result is an empty string if the lines
-    contain no known word in any encoding.
+    ``encodings`` are the possible encodings. Only words with letters outside ASCII are considered.
+    The result is an empty string if the lines contain no known word in any encoding.
     """
     best_encoding = ""
     best_score = 0
-    for encoding in _ENCODINGS:
+    for encoding in encodings:
         try:
             text = b"\n".join(lines).decode(encoding)
         except UnicodeDecodeError:

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import count_numbers, has_role, unit_of
+from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import NamedLoad, load_in_name
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.stacked_tables import first_header
+from ldbb_bayes.reading.stacked_tables import first_header, is_row_of_numbers
 from ldbb_bayes.reading.words import OTHER_QUANTITY, comparable
 
 __all__ = ["with_loads_between"]
@@ -47,7 +47,7 @@ def with_loads_between(sheet: Sheet) -> Sheet:
     if header is None:
         return sheet
     first_header_row = sheet.rows[header]
-    blocks = _blocks_of(sheet)
+    blocks = _blocks_of(sheet, len(first_header_row.cells))
     # for each table, a dict with the loads that the rows above it state; the keys are line numbers
     loads = []
     for block in blocks:
@@ -70,15 +70,16 @@ def with_loads_between(sheet: Sheet) -> Sheet:
     return replace(sheet, rows=rows)
 
 
-def _blocks_of(sheet: Sheet) -> list[_RowBlock]:
+def _blocks_of(sheet: Sheet, width: int) -> list[_RowBlock]:
     """Divide the rows of a sheet into blocks, each with one table and the rows above it.
 
-    The last block holds the rows below the last table and has no table.
+    The last block holds the rows below the last table and has no table. ``width`` is the number of
+    cells of the header of the first table.
     """
     blocks = [_RowBlock([], [])]
     successive: list[Row] = []  # rows of numbers with no row of text between them
     for row in sheet.rows:
-        if count_numbers(row.cells) >= 2:
+        if is_row_of_numbers(row.cells, width):
             successive.append(row)
             continue
         _store_numbers(blocks, successive)

@@ -20,7 +20,7 @@ __all__ = ["TextOfPages", "without_page_marks"]
 # Regular expression for the number of a page, such as "Page 2 of 3" or "- Seite 2 -".
 _PAGE_MARK = re.compile(
     r"(?<![^\s;,|])(?:[-–—|(\[]+\s*)?"
-    r"(?:page|seite|blatt|feuille|pagina|página|strana|strona|стр\.?)"
+    r"(?:page|seite|blatt|feuille|pagina|página|pag\.|pág\.|strana|strona|стр\.?)"
     r"\s*:?\s*\d+(?:\s*(?:of|von|de|di|sur|z|из|/)\s*\d+)?(?:\s*[-–—|)\]]+)?(?![^\s;,|])",
     re.IGNORECASE,
 )

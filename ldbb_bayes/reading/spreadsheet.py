@@ -199,8 +199,8 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
     """Return a score from 0 to 2 that is large if ``separator`` probably separates the cells.
 
     The score is p (1 + q), where p is the fraction of the lines in ``sample`` that have the
-    most frequent number of cells, and q is the fraction of the filled cells that are numbers. The
-    score is zero if the most frequent number of cells is one.
+    most frequent number of cells, and q is the fraction of the filled cells of these lines that are
+    numbers. The score is zero if the most frequent number of cells is one.
     """
     rows = []
     for line in sample:
@@ -215,6 +215,8 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
     n_filled = 0
     n_numbers = 0
     for cells in rows:
+        if len(cells) != usual_width:
+            continue
         filled = [cell for cell in cells if cell]
         n_filled += len(filled)
         n_numbers += sum(number_in_cell(cell) is not None for cell in filled)

@@ -28,7 +28,13 @@ from ldbb_bayes.reading.timestamps import stamps_in, without_stamps
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
 from ldbb_bayes.reading.words import comparable
 
-__all__ = ["first_header", "lines_that_still_apply", "named_sheets", "split_tables"]
+__all__ = [
+    "first_header",
+    "is_row_of_numbers",
+    "lines_that_still_apply",
+    "named_sheets",
+    "split_tables",
+]
 
 # Regular expression for a cell that is empty or holds only the number of a printed page, such as
 # "Page 2 of 3".
@@ -42,6 +48,9 @@ _PAGE = re.compile(
 _CONTINUED = re.compile(
     r"continued|cont|fortsetzung|forts|suite|segue|continua\w*|continuación|pokračování"
 )
+# A row that begins with a word may be a sentence if it has at least this number of words for each
+# number.
+_WORDS_PER_NUMBER = 2
 # Phrases that state a field of a test, such as "radius 100 mm", with a placeholder for the value.
 # The keys are the fields. If only some of the values in a line above the first table also apply to
 # a further table, these values are written above the further table in such phrases.
@@ -117,17 +126,34 @@ def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
     index of the next header. If no row between the two headers holds numbers, the result is
     ``start``.
     """
+    width = len(rows[header].cells)
     end = header
-    while end > start and count_numbers(rows[end - 1].cells) < 2:
+    while end > start and not is_row_of_numbers(rows[end - 1].cells, width):
         end -= 1
     return end
+
+
+def is_row_of_numbers(cells: Sequence[str], width: int) -> bool:
+    """Return whether a row has at least two numbers and is not a sentence.
+
+    A sentence, such as ``Run 2: force 122 N, plane XY, radius 150 mm`` divided at its blanks,
+    begins with a word, has many words for each number, and differs from the table in the number of
+    its cells.
+    ``width`` is the number of cells of the header of the table.
+    """
+    n_numbers = count_numbers(cells)
+    if n_numbers < 2:
+        return False
+    n_words = sum(cell != "" for cell in cells) - n_numbers
+    is_sentence = count_numbers(cells[:1]) == 0 and n_words >= _WORDS_PER_NUMBER * n_numbers
+    return len(cells) == width or not is_sentence
 
 
 def first_header(rows: Sequence[Row]) -> int | None:
     """Return the index of the first header of a table; None if there is no header.
 
-    A header names columns, and one of the two rows below it holds numbers. A line of dashes below
-    the header is not counted as one of these rows. A row is not a header if it states loads or
+    A header names columns, and a table of numbers begins below it, directly or below a row of units
+    or a line of dashes. A row is not a header if it states loads or
     directions for the columns, or if the row below it names angles and readings.
     """
     for k in range(len(rows) - 1):
@@ -146,12 +172,13 @@ def _stands_above_numbers(rows: Sequence[Row], header: int) -> bool:
     """Return whether a table of numbers begins below a row, directly or below a row of units.
 
     Two of the three rows below the header must hold numbers, because a single row with numbers may
-    be a sentence, such as ``Run 1: 36 N, radius 150 mm``. Lines of dashes that underline the header
+    be a short sentence, such as ``36 N, radius 150 mm``. Lines of dashes that underline the header
     are skipped. Near the end of the sheet, a single row of numbers is enough. ``header`` is the
     index of the header among the rows.
     """
     below = [row for row in rows[header + 1 : header + 6] if not is_rule(row.cells)][:3]
-    n_with_numbers = sum(count_numbers(row.cells) >= 2 for row in below)
+    width = len(rows[header].cells)
+    n_with_numbers = sum(is_row_of_numbers(row.cells, width) for row in below)
     return n_with_numbers >= 2 or (n_with_numbers == 1 and len(below) < 3)
 
 

@@ -36,7 +36,8 @@ _NUMBER = re.compile(r"[\d.,]+")
 class TextBeside(NamedTuple):
     """Text beside a table, or in a column of it that is not used."""
 
-    row_line: int  #: number of the line that holds the text
+    #: number of the row of the table that holds the text; 0 for a header, which is about all rows
+    row_line: int
     #: place of the text in messages: the line, and the column if the column has a name
     place: int | str
     text: str
@@ -68,7 +69,7 @@ def texts_beside(
     texts = []
     for header in _headers_that_are_texts(heading, rows):
         place = f"{heading.line}, column {heading.headers.index(header) + 1}"
-        texts.append(TextBeside(heading.line, place, header, may_state=True))
+        texts.append(TextBeside(0, place, header, may_state=True))
     named = [column for column in unused_columns(heading) if column not in in_use]
     unnamed = [column for column, header in enumerate(heading.headers) if not header]
     widest = max((len(row.cells) for row in rows), default=0)
@@ -110,7 +111,8 @@ def texts_of_test(
     of_test = []
     for text in texts:
         is_shared = not directions_stated([(text.place, text.text)])
-        if text.may_state and (is_shared or text.row_line in lines):
+        is_about_test = is_shared or text.row_line == 0 or text.row_line in lines
+        if text.may_state and is_about_test:
             of_test.append((text.place, text.text))
     return of_test
 

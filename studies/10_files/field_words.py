@@ -15,6 +15,7 @@ from field_languages import language_cases
 from field_layouts import layout_cases
 from field_passages import passage_cases
 from field_printouts import printout_cases
+from field_remarks import remark_cases
 from field_sentences import sentence_cases
 from field_shapes import shape_cases
 from field_statements import statement_cases
@@ -58,6 +59,7 @@ def word_cases() -> dict[str, FieldCase]:
         **statement_cases(),
         **passage_cases(),
         **printout_cases(),
+        **remark_cases(),
         **sentence_cases(),
         **language_cases(),
         **harmless_cases(),
