@@ -36,6 +36,7 @@ __all__ = [
     "name_is_about_angles",
     "says_where_angles_begin",
     "states_angles",
+    "states_zero",
 ]
 
 _WORDS = WORDS["angle_convention"]
@@ -495,6 +496,11 @@ def _zero_in(text: str) -> str:
         if match is not None:
             return _axis_of(match)
     return ""
+
+
+def states_zero(text: str) -> bool:
+    """Return whether a text names the axis at which angles begin, as in ``zero on the X axis``."""
+    return bool(_zero_in(text))
 
 
 def _zeros_in(text: str) -> set[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 
-from ldbb_bayes.reading.angle_convention import states_angles
+from ldbb_bayes.reading.angle_convention import states_angles, states_zero
 from ldbb_bayes.reading.circle_centre import without_centre
 from ldbb_bayes.reading.line_parts import finer_divisions, segments_of_line
 from ldbb_bayes.reading.lines_above import is_label, statements_in
@@ -27,6 +27,8 @@ __all__ = ["states_correction", "unused_segments"]
 # note, unless it is an equation.
 _FEWEST_LETTERS = 4
 _LETTER = re.compile(r"[^\W\d_]")
+# Regular expression for the word "in" before a unit, as in "in µm".
+_IN = re.compile(r"(?:in|en)\s+", re.IGNORECASE)
 # Regular expression for an equation between quantities, such as "e = L0 - L".
 _EQUATION = re.compile(r"[^\W\d]\w*\s*=\s*[+\-−(]*[^\W\d]")
 # Regular expression for words which show that readings must be corrected by a number.
@@ -109,7 +111,7 @@ def _may_matter(segment: str) -> bool:
         return True
     if len(_LETTER.findall(word)) < _FEWEST_LETTERS:
         return False
-    return not (is_label(word) or is_missing(word) or unit_named(word))
+    return not (is_label(word) or is_missing(word) or unit_named(_IN.sub("", word, count=1)))
 
 
 def _is_used(segments: list[str], k: int, text: str) -> bool:
@@ -139,7 +141,7 @@ def _continues_statement(segment: str, text: str) -> bool:
     In ``Angle from +Y, clockwise positive``, the second segment states the sense of the angles. In
     ``Operator: Meier, Huber``, the second segment is the second of two names.
     """
-    if senses_in(segment) and states_angles(text):
+    if states_angles(text) and (senses_in(segment) or states_zero(segment)):
         return True
     name = segment.strip()
     for statements in statements_in([(0, text)]).values():

@@ -446,3 +446,25 @@ def test_a_sense_of_angles_is_no_unclear_sign(tmp_path: Path) -> None:
     notes = lb.import_campaign(path).assumptions
     signs = [note.value for note in notes if note.what == "sign of the reading"]
     assert signs == ["-1: a longer bar is negative"]
+
+
+@pytest.mark.parametrize(
+    ("line", "convention"),
+    [
+        ("Angoli da +Y in senso orario", "from +Y, CW"),
+        ("Angoli in gradi, senso antiorario, lo zero è sull'asse -X.", "from -X, CCW"),
+        ("Angles en degrés, sens trigonométrique, zéro sur l'axe -X.", "from -X, CCW"),
+        ("Winkel in Grad, gegen den Uhrzeigersinn, Null auf der Achse -X.", "from -X, CCW"),
+    ],
+)
+def test_the_axis_of_zero_is_read_and_its_segment_is_not_told(
+    tmp_path: Path, line: str, convention: str
+) -> None:
+    notes = notes_of(tmp_path, [line])
+    assert notes["angle"].startswith(convention)
+    assert "texts not used" not in notes
+
+
+def test_a_segment_that_is_only_a_unit_is_not_told(tmp_path: Path) -> None:
+    notes = notes_of(tmp_path, ["Plane: XY; in µm"])
+    assert "texts not used" not in notes
