@@ -88,10 +88,9 @@ def _holds_numbers(row: Row) -> bool:
 
 
 def _line_above(rows: Sequence[Row], lines: Sequence[str]) -> str:
-    """Return the line of the last row that holds words, as the file writes it.
+    """Return the line of the last row that is not a line of dashes, as it stands in the file.
 
-    Any other row is a line of dashes. The result is empty if all ``rows`` are lines of dashes.
-    ``lines`` are all lines of the text.
+    The result is empty if all ``rows`` are lines of dashes. ``lines`` are all lines of the text.
     """
     rows_of_words = [row for row in rows if not is_rule(row.cells)]
     if not rows_of_words:

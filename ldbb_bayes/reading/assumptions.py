@@ -105,9 +105,10 @@ class AssumptionLog:
         self._cited_lines.setdefault(place, []).extend(lines)
 
     def allow_for_unused_texts(self) -> None:
-        """Change the reason of all assumptions that are made because nothing states a value.
+        """Weaken the reason of every assumption whose reason is that nothing states the value.
 
-        The new reason is that no text states the value, as far as the texts are understood.
+        The files contain texts that were not used, and one of these texts may state the value. The
+        new reason is therefore that no text states the value, as far as the texts are understood.
         """
         places_of_entries: dict[_Entry, list[str]] = {}
         for entry, places in self._places.items():
@@ -117,11 +118,11 @@ class AssumptionLog:
         self._places = places_of_entries
 
     def keep(self, **fields: Any) -> None:
-        """Store values for fields of the layout, such as the separator, that were found in a sheet.
+        """Store values with which a sheet was read, for example its separator.
 
-        The method `layout` completes the user's layout with these values. The keyword arguments are
-        fields of the layout, such as ``separator=";"``. The value None means that the layout need
-        not state the field, because the sheet itself states it, for example by a header with a
+        The method `layout` adds these values to the user's layout. The keyword arguments are fields
+        of the layout, as in ``separator=";"``. The value None leaves the field of the layout as the
+        user states it, because the sheet itself gives the value, for example in a header with a
         unit.
         """
         for key, value in fields.items():

@@ -37,9 +37,9 @@ def names_extension(text: str) -> bool:
 def length_of_sum(text: str) -> float | None:
     """Return the sum [mm] of lengths in a text, such as 150 for ``100 mm + extension 50 mm``.
 
-    Return None if the text is not a sum of lengths. It then has no plus sign, its last length has
-    no unit, or one of its lengths is less than 10 mm. A length as short as in ``100 mm + 0.01 mm``
-    is a tolerance.
+    Return None if the text is not a sum of lengths. This is the case if it has no plus sign, if its
+    last length has no unit, or if one of its lengths is less than 10 mm: in ``100 mm + 0.01 mm``,
+    the second length is a tolerance.
 
     Return NaN if the text has a plus sign, but the sum is uncertain. This is the case if the text
     before or after a plus sign has no length, has several lengths, or names another quantity.

@@ -1,4 +1,4 @@
-"""Fields of a campaign: values that imported files state, and values assumed otherwise."""
+"""Fields of a campaign, set to the values that imported files state, or else to assumed values."""
 
 from __future__ import annotations
 
@@ -71,12 +71,12 @@ _LIST_SHOWN = 200
 
 
 class _StatedValue(NamedTuple):
-    """Value of a field, and the place in a file that states it."""
+    """Value of a field, and the place in a file where it is stated."""
 
     value: Any
     source: str | CitedLine  # line or name that states the value of the field, such as "line 3"
-    # place that states the value of the field, as error messages name it; for a line, the text
-    # includes the file, as in "line 3 of …"
+    # words by which error messages name the place where the value is stated, such as "its name"; if
+    # the place is a line, they also name the file, as in "line 3 of …"
     place: str
 
 
@@ -183,11 +183,11 @@ def _with_unit(key: str, value: Any) -> str:
 def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """Return a dict with the values that a file states for a field of a test.
 
-    The keys are the values; each entry also says where its value is stated. Values are stated by
-    lines above the table, by lines of sheets without a table and, for some fields, by columns with
-    equal cells or by lines below the table. A plane may also be stated by the name of the test, of
-    its column, of its sheet or of its file. Numbers are rounded, and NaN is left out. ``field`` is
-    the name of the field, such as radius_mm.
+    Each key is a stated value, such as 150.0. The item of a key holds the value again, and the
+    place where it is stated. This is a line above the table, a line of a sheet without a table or,
+    for some fields, a column with equal cells or a line below the table. A plane may also be stated
+    in the name of the test, its column, its sheet or its file. Numbers are rounded, and NaN is left
+    out. ``field`` is the name of the field, such as radius_mm.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -211,10 +211,10 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return the words of a note that say how the name of a test states its plane.
+    """Return the source of a plane that the name of a test states, as a note names this source.
 
-    Usually, the words are "its name". If the name gives the letters of the plane in the other
-    order, as XZ for ZX, further words say at which axis angles are assumed to begin, and towards
+    Usually, the result is "its name". If the name gives the letters of the plane in the other
+    order, as XZ for ZX, the result also says at which axis angles are assumed to begin, and towards
     which axis they run.
     """
     word = plane_word_in_name(recording.names()) or ""
@@ -247,10 +247,12 @@ def _certain_value(recording: Recording, key: str) -> Any:
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
-    """Add a note to the log for each value in a line or name that differs from a certain value.
+    """Add a note to the log on each value in the file that contradicts the user or a column.
 
-    The certain value comes from the user or a column. Raise an `InputError` if a line says that the
-    readings are raw, but the user states that they are compensated for the deflection of the mount.
+    The user or a column of the table states the value ``certain``. The note names a line, or the
+    name of a test, column, sheet or file, that states another value. Raise an `InputError` if a
+    line says that the readings are raw, but the user states that they are compensated for the
+    deflection of the mount.
 
     Parameters
     ----------
@@ -259,9 +261,9 @@ def _note_contradictions(
     key
         Name of the field.
     certain
-        Value that the user or a column states.
+        Value that the user or a column states. It is used whatever the lines and names state.
     values
-        Values that lines or names in the file state, each with its line.
+        Values that lines or names in the file state, each with the place where it is stated.
     """
     compared = certain
     if isinstance(certain, float):
@@ -322,8 +324,9 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
     """Return whether files state a single plane and all tests are in this plane.
 
-    The keys of ``places`` are the planes that lines and names state. The value of a key is a text
-    that names the line or name. If a test has no plane, the result is False.
+    ``places`` is a dict. Its keys are the planes that the files state; the value of a key says
+    where the plane is stated, as in "line 3 of …" or "its name". If a test has no plane, the result
+    is False.
     """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
@@ -451,10 +454,11 @@ def note_assumed_fields(
 
 
 def _without_doubt(reason: CitedLine) -> CitedLine:
-    """Return a note on a length that may be the radius, without its remark if the length is 150 mm.
+    """Remove, from a note on a length of 150 mm, the remark that the length is not used.
 
-    ``reason`` is the note. An example of such a length is ``R=150``. The remark says that the
-    length is not used. It is left out for 150 mm, because this radius is assumed anyway.
+    ``reason`` is the note. It cites a line with a length that may be the radius, such as ``R=150``.
+    A radius of 150 mm is assumed anyway, so that the remark would mislead. If the length is not
+    150 mm, the note is returned unchanged.
     """
     if _USUAL_RADIUS.fullmatch(reason.quoted):
         return quoted_line(reason.line, reason.quoted)

@@ -28,7 +28,7 @@ class _NumberAndUnit(NamedTuple):
     """Number in a cell, as text, and the unit that stands after it."""
 
     number: str
-    # unit after the number in the cell, in the spelling of this package; empty without a unit
+    # unit after the number in the cell, as this package spells it; empty if the cell has no unit
     unit: str
 
 

@@ -45,15 +45,15 @@ _OPTION = "a [[test]] in --layout"
 
 
 class _Centre(NamedTuple):
-    """Centre of the circle that a line of a file states."""
+    """Centre of a circle, as stated in a line of a file."""
 
-    # number of the line that states the centre of the circle; for a line of another sheet, a text
-    # such as "3 of notes.txt"
+    # number of the line in which the centre is stated; for a line of another sheet, a text such as
+    # "3 of notes.txt"
     line: int | str
-    text: str  # words of the line that state the centre of the circle
-    #: dict with the machine coordinates [mm] that a line states for the centre of the circle; the
-    #: keys are names of fields, such as ``centre_x_mm``. The dict is empty if the line states the
-    #: centre in other coordinates, in another unit, or without the letters of the axes
+    text: str  # words of the line that state the centre
+    #: dict with the machine coordinates [mm] of the centre; the keys are names of fields, such as
+    #: ``centre_x_mm``. The dict is empty if the line states the centre in other coordinates, in
+    #: another unit, or without the letters of the axes
     coordinates: Mapping[str, float]
 
 
@@ -95,9 +95,10 @@ def without_centre(text: str) -> str:
 
 
 def _centres_in(lines: Iterable[tuple[int | str, str]]) -> Iterator[_Centre]:
-    """Yield the centre of the circle from each line that states one.
+    """Yield the centre of a circle from each line that states one.
 
-    The centre has no coordinates if they cannot be used: if the line may be about a workpiece or a
+    If the coordinates in the line cannot be used, an object without coordinates is yielded, so that
+    a note can cite the line. Coordinates cannot be used if the line may be about a workpiece or a
     programme, if it states a unit other than mm, or if a coordinate is unclear.
     """
     for line, content in lines:

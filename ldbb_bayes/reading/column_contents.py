@@ -58,12 +58,12 @@ _CONDITIONS = ("force", "pressure", "direction")
 def with_condition_that_names_tests(
     sheet: Sheet, heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
 ) -> Heading:
-    """Return a heading in which the column that names the tests also states their forces.
+    """Return a heading in which the column that names the tests is also the column of forces.
 
-    This is done if the user states which column names the tests, if the cells of this column are
-    numbers, and if its header names only the force or has a unit of force. A column of pressures,
-    or of directions such as ``CW``, is treated in the same way. Any other heading is returned
-    unchanged.
+    An example is the column ``Force [N]`` with cells such as 36 and 200, if the user states that
+    it names the tests. The cells of the column must be numbers, and its header must name only the
+    force or have a unit of force. A column of pressures, or of directions such as ``CW``, is
+    treated in the same way. Any other heading is returned unchanged.
 
     Parameters
     ----------
@@ -99,12 +99,12 @@ def with_condition_that_names_tests(
 
 
 def _names_only(header: str, unit: str, role: str) -> bool:
-    """Return whether the header of a column names only a role, such as force.
+    """Return whether the header and unit of a column show clearly that it holds a certain role.
 
-    A header that has a word for the role must not have any further words, unless ``unit``, the unit
-    of the column, is a unit of this role. A header without a word for the role is accepted in one
-    case: ``unit`` is a unit of this role, and the header names neither another role nor another
-    quantity, such as a maximum.
+    A role is what a column holds, such as force. If the header has a word for ``role``, it must not
+    have further words, unless ``unit``, the unit of the column, is a unit of this role. If the
+    header has no such word, ``unit`` must be a unit of the role, and the header must name neither
+    another role nor another quantity, such as a maximum.
     """
     name = unit_of(header).name
     is_in_unit = unit in UNITS.get(role, {})
@@ -185,9 +185,10 @@ def name_plane_column(
 
 
 def _columns_of_planes(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of the columns without a role in which every cell names a plane.
+    """Return the indices of the columns whose cells all name a plane.
 
-    ``cells`` holds the cells of each column.
+    Columns that are already in use, for example as angles, are left out. ``cells`` holds the cells
+    of each column.
     """
     columns = []
     for column in _free_columns(heading, cells):

@@ -263,8 +263,10 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     """Return the unit that the header of a column states in brackets or after "in".
 
     ``name`` is the name of the column, and ``texts`` are the texts in brackets or after "in". If
-    these texts state no known unit, or more than one, or if the unit has a factor (``is_scaled``),
-    return the texts joined by "and". Later code raises an error for this unknown unit.
+    they state exactly one known unit, this unit is returned. If they state no known unit, or
+    several, the texts are returned, joined by "and". The texts are also returned, followed by "…",
+    if a number stands behind the brackets (``is_scaled``) and may multiply the unit. Later code
+    raises an error for such a result, because it is not a known unit.
     """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
@@ -506,12 +508,12 @@ def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list
 
 
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
-    """Decide which column holds the time of each reading, and record it in ``roles``.
+    """Decide which column holds the time of each reading; this column has the role time.
 
-    Such a column has the role of time. If there is a column of angles, a column has this role only
-    if the layout says so. If there is neither a column of angles nor a column of times, the column
-    ``time_s`` receives the role. In all other cases, a column ``time_s`` holds the time at which
-    each test started. ``headers`` are the headers of all columns.
+    If there is a column of angles, the role is removed from ``roles``, unless the layout states the
+    column of times. If there is neither a column of angles nor a column of times, the column
+    ``time_s`` receives the role. A column ``time_s`` that does not have the role holds the time at
+    which each test started. ``headers`` are the headers of all columns.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:

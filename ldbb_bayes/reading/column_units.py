@@ -107,9 +107,9 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    # Several places in the file may state the unit of the column. The places that state it for
-    # every row come first in the sorted list. A place that states a unit for some rows only does
-    # not contradict them.
+    # Several places in the file may state the unit of the column. Places that state it for every
+    # row come first in the sorted list. Each later place must state the same units as the first
+    # place. If the first place states a unit for every row, a later one may omit it in some rows.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:
@@ -184,10 +184,11 @@ def _size_of_known_unit(
 
 
 def _hint_on_unit(role: str, unit: str) -> str:
-    """Return words to be added to the advice on a unit that is unknown for its column.
+    """Return the last words of the advice on a unit that this package does not know.
 
-    ``role`` is the role of the column, such as angle. The advice itself names the option that
-    states the unit, such as --angle-unit. The result is empty if there is nothing to add.
+    The advice is part of an error message and names the option that states the unit, such as
+    ``--angle-unit``. The words returned here are added after this option; the result is empty if
+    there is nothing to add. ``role`` is the role of the column, such as angle.
     """
     if role == "reading" and SHARE.search(unit):
         return (
@@ -204,10 +205,10 @@ def _hint_on_unit(role: str, unit: str) -> str:
 
 
 def _hint_on_unit_of_angle(unit: str) -> str:
-    """Return words to be added to the advice on a unit that is unknown for angles.
+    """Return the last words of the advice on a unit of angles that this package does not know.
 
-    In the error message, these words follow the option ``--angle-unit``, which the advice names.
-    The result is empty if there is nothing to add.
+    The advice is part of an error message and names the option ``--angle-unit``. The words returned
+    here are added after this option; the result is empty if there is nothing to add.
     """
     if names_sexagesimal(unit):
         return " deg if they have decimals; or write them as in 12°30'15\""
@@ -221,9 +222,9 @@ def _hint_on_unit_of_angle(unit: str) -> str:
 def _check_sensitivity(recording: Recording, unit: str) -> None:
     """Raise an `InputError` if a line states the length per volt for readings in volts.
 
-    Such a line is ``10 µm/V`` or ``1 V = 10 µm``. Its length is not used without the user's
-    consent: the error message advises to state it with the option --unit. ``unit`` is the unit of
-    the readings, V or mV.
+    Such a line is ``10 µm/V`` or ``1 V = 10 µm``. The length in this line is not used without the
+    user's consent. The error message therefore advises the user to state the length with the option
+    ``--unit``. ``unit`` is the unit of the readings, V or mV.
     """
     for line, text in recording.lines_outside:
         stated = _SENSITIVITY.search(text[:LONGEST_TEXT])

@@ -32,8 +32,8 @@ def columns_that_name_tests(
 ) -> list[str]:
     """Return the headers of the columns that may name the test of each row.
 
-    In such a column, all rows with the same word are successive, and there are at least nine of
-    them, the fewest rows of a test.
+    In such a column, rows with the same word follow one another without interruption. Each word
+    stands in at least nine rows, because a test has at least nine rows.
 
     Parameters
     ----------
@@ -115,8 +115,8 @@ def _stand_in_blocks(words: Sequence[str]) -> bool:
     """Return whether the words of a column divide its rows into successive blocks, one per test.
 
     ``words`` holds the word in each row. There must be at least two different words, and no empty
-    word. All rows with the same word must be successive, and there must be enough of them for a
-    test.
+    word. Rows with the same word must follow one another without interruption, and each word must
+    stand in at least nine rows.
     """
     n_blocks = 1
     for word, next_word in pairwise(words):

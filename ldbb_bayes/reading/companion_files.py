@@ -94,7 +94,7 @@ def without_table(sheet: Sheet, error: InputError) -> InputError:
 
 
 def or_left_out(error: InputError, path: Path) -> InputError:
-    """Return an error about one of several files, to which the advice to leave it out is added."""
+    """Return the error about one of several files, with the added advice to leave out this file."""
     return InputError(f"{error} If it holds no circle, leave this file out: {path.name}.")
 
 

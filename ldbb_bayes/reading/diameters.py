@@ -29,11 +29,10 @@ def halve_readings_of_diameter(recording: Recording) -> None:
     Raises
     ------
     InputError
-        If the header and the lines contradict each other. The error is also raised if neither of
-        them clearly says whether the radius or the diameter is measured, although the header, a
-        line or a name (of the test, sheet or file) may mean the diameter. A line which says that
-        readings are doubled causes the error in any case. If the user states which of the two is
-        measured, no error is raised.
+        If the user does not state which of the two is measured, in three cases. First, the header
+        and the lines do not all state the same. Second, the header, a line or a name (of the test,
+        sheet or file) may mean the diameter, but neither the header nor a line says clearly whether
+        the radius or the diameter is measured. Third, a line says that readings are doubled.
     """
     readings = recording.numbers.get("reading")
     if readings is None:

@@ -49,9 +49,10 @@ def format_of(sheet: Sheet) -> str:
 
 
 def _format_of_lists(sheet: Sheet, texts: Sequence[str]) -> str:
-    """Return words that describe a text with lists of numbers; empty for any other text.
+    """Return a description of a file that holds lists of numbers instead of columns.
 
-    ``texts`` are the lines of the file.
+    An example is "lists of numbers in lines: 'angle' and 'reading'". The result is empty if the
+    file holds fewer than two lists of numbers. ``texts`` are the lines of the file.
     """
     lists = _names_of_lists(texts)
     if len(lists) < 2:
@@ -65,7 +66,7 @@ def _format_of_lists(sheet: Sheet, texts: Sequence[str]) -> str:
 def advice_on_format(sheet: Sheet) -> str:
     """Return the advice of the error message about a file in a format that cannot be imported.
 
-    For a program of MATLAB, the advice names a command that saves vectors as columns.
+    For a MATLAB program, the advice names a command that saves vectors as columns.
     """
     advice = (
         "Save the readings as CSV: the line 'Angle [deg],Reading [um]', and below it a line such as"
@@ -94,10 +95,11 @@ def _names_of_lists(texts: Sequence[str]) -> list[str]:
 
 
 def _is_program_of_matlab(sheet: Sheet, texts: Sequence[str]) -> bool:
-    """Return whether a file is a program of MATLAB.
+    """Return whether a file is a MATLAB program.
 
-    The name of such a file ends with ``.m``, or the file has a list of numbers whose first line
-    ends with the dots ``...``. ``texts`` are the lines of the file.
+    The file is a MATLAB program if its name ends with ``.m``. It is also one if a list of numbers
+    is continued on the next line, so that its first line ends with ``...``. ``texts`` are the lines
+    of the file.
     """
     if sheet.path.suffix.lower() == ".m":
         return True

@@ -320,10 +320,11 @@ def _is_scaled(unit: str) -> bool:
 
 
 def _scaled_units(headers: Sequence[str], units_below: Sequence[str]) -> dict[int, str]:
-    """Return a dict with those units in the row of units that have a factor, such as 0.1 um.
+    """Return a dict with the units with a factor, such as 0.1 um, in the row below the header.
 
-    The keys are the indices of the columns. A column whose header also states a unit is left out.
-    ``headers`` are the names of the columns, and ``units_below`` the cells of the row of units.
+    The keys are the indices of the columns, and the values are the units. A column whose header
+    also states a unit is left out. ``headers`` are the names of the columns, and ``units_below``
+    are the cells of the row of units.
     """
     scaled = {}
     for column, unit in enumerate(units_below[: len(headers)]):
@@ -543,10 +544,11 @@ def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log which column was assumed for each role that the user has not stated.
+    """Add a note to the log on the columns that were assumed because the user has not stated them.
 
-    A role is what a column holds, such as angle. The log also stores these columns for the layout
-    with which the files can be read again (see `AssumptionLog.keep`).
+    The note names each column together with its role, which is what the column holds, such as
+    angle. The log also stores these columns in the layout with which the files can be read again
+    (see `AssumptionLog.keep`).
     """
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():
