@@ -204,9 +204,9 @@ def _fields_without_doubt(
 ) -> list[str]:
     """Return the fields whose values are known even if a line about them is not understood.
 
-    These are the force or the pressure if all tests state it, and the direction of travel if the
-    user states it for all tests. There is no separate note on a line about such a field that is not
-    understood. Instead, the line is listed with the texts that are not used.
+    These are the force or the pressure if it is known for all tests, and the direction of travel if
+    the user states it for all tests. If a line about such a field is not understood, no separate
+    note is written; the line is only listed with the texts that are not used.
     """
     fields = [key for key in LOAD_ROLES if all(getattr(test, key) is not None for test in tests)]
     if all(recording.stated_value("direction") is not None for recording in recordings):
@@ -215,11 +215,13 @@ def _fields_without_doubt(
 
 
 def _not_understood_of(recording: Recording) -> dict[str, str | CitedLine]:
-    """Return a dict with notes on lines and names that are not understood.
+    """Return a dict with notes on those lines that may state a field but are not understood.
 
-    These lines and names may state the plane, radius or direction of the test, or whether the
-    readings are compensated for the deflection of the mount. The keys are the names of these
-    fields.
+    The fields are the plane, the radius and the direction of the test, and the field ``mount``:
+    whether the readings are compensated for the deflection of the mount. The keys of the dict are
+    the names of the fields, such as ``radius_mm``. A note on the radius may also be about a column
+    with the same content in every row, or about a name: of the test, its column, its sheet or its
+    file.
     """
     lines_above = recording.heading.lines_above
     notes: dict[str, str | CitedLine | None] = {}
@@ -291,12 +293,12 @@ def _split_into_tests(
 
 
 def _sheets_that_list_tests(recordings: Iterable[Recording]) -> set[str]:
-    """Return the places of those lists of tests from which cells were used.
+    """Return the places (file and sheet) of all lists of tests that were used.
 
-    A list of tests is a sheet or file that describes tests whose tables are elsewhere. A place
-    names the file and the sheet of a list. The cells that describe a test are stored with the lines
-    above the table of the test. Their line number is a text such as "3 of notes.txt", which ends
-    with the place.
+    A list of tests is a sheet or file that describes tests whose tables are elsewhere. The cells
+    that describe a test are stored with the lines above the table of the test. Instead of a line
+    number, such a cell has a text such as "3 of notes.txt". The words after "of" are the place of
+    the list.
     """
     places = set()
     for recording in recordings:

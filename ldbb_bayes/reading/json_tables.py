@@ -177,11 +177,12 @@ def _tables_in_dict(content: Mapping[str, Any], name: str) -> Iterator[EntryTabl
 
 
 def _name_of_part(content: Mapping[str, Any], key: str, name: str) -> str:
-    """Return a name for a part of a JSON file: the value of the dict ``content`` under ``key``.
+    """Return a name for one part of a JSON file.
 
-    The name of the part begins with the name of ``content``. This is the text in ``content`` under
-    a key such as "name", or else the argument ``name``. If ``content`` holds several dicts or
-    lists, ``key`` is appended. If ``content`` has no name, the result is ``key`` alone.
+    The part is the value that the dict ``content`` has under ``key``. It receives the name of
+    ``content``, followed by ``key`` if ``content`` holds several dicts or lists. The name of
+    ``content`` is its text under a key such as "name", or else the argument ``name``. If both are
+    empty, the part is named ``key``.
     """
     outer_name = _name_in(content) or name
     inner_parts = [value for value in content.values() if isinstance(value, dict | list)]

@@ -96,8 +96,9 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
     travelled = sense * (angle_deg - start_deg)
     step = float(np.median(np.diff(travelled)))
     # Usually, the last reading of a turn of the bar is one step before the end of the turn, because
-    # a reading at the end would only repeat the first angle. Such a turn counts as whole. Another
-    # half step is added, because the steps may differ a little.
+    # a reading at the end would only repeat the first angle. One step is therefore added to the
+    # travelled angle, so that such a turn counts as whole. Another half step is added, because the
+    # steps may differ a little.
     n_turns = max(1.0, np.floor((travelled.max() + 1.5 * step) / TURN_DEG))
     is_after_start = travelled > -0.5 * step
     is_before_end = travelled < TURN_DEG * n_turns - 0.5 * step

@@ -93,8 +93,9 @@ def _separator_sign(separator: str) -> str:
     return _SEPARATORS[separator]
 
 
-# Type of the header or the number (counted from 1) by which a layout names the column for a role.
-# For readings, it may also be a list of headers or numbers.
+# Type of the entry by which a layout states which column holds a quantity, such as the angles. The
+# entry is the header of the column or its number, counted from 1. For readings, it may also be a
+# list of headers or numbers.
 _Column = str | int | list[str | int]
 
 
@@ -124,7 +125,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     schema_: Literal[1] = Field(default=1, alias="schema")
     #: encoding of text files, given by the name that Python uses, such as utf-8 or cp1252
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
-    #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
+    #: separator of cells in text files: one of the words ``comma``, ``semicolon``, ``tab``, ``bar``
+    #: (for ``|``) and ``space``, or the character itself, such as ``;``
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
     decimal: Literal[".", ","] | None = None  #: decimal mark of numbers in files: point or comma
     #: line number of the header in the file; 0 for a table without a header (its columns are then
@@ -191,8 +193,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     def _check_unit(cls, value: str | None, info: ValidationInfo) -> str | None:
         """Return the name that this package uses for a stated unit, such as ``um`` for ``µm``.
 
-        The name of the layout's field, such as ``reading_unit``, begins with the role of a column,
-        here reading. Raise a ValueError if the unit is unknown for this role.
+        Raise a ValueError if the role of the column does not have this unit. The role is taken from
+        the name of the layout's field: for ``reading_unit``, it is reading.
         """
         if value is None:
             return None

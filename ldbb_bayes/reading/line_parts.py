@@ -18,8 +18,8 @@ __all__ = [
 
 # Regular expression for a mark that ends a sentence or a cell of a line.
 _STRONG_MARK = re.compile(r"[;|\t]|\.(?=\s)")
-# Regular expression for any mark between the statements of a line. A comma before a digit may be a
-# decimal mark.
+# Regular expression for a mark between two statements of a line. A comma before a digit does not
+# match, because it may be a decimal mark.
 _ANY_MARK = re.compile(r"[;|\t]|\.(?=\s)|,(?!\d)")
 # Regular expression for the marks or wide spaces between the segments of a line. Marks before a
 # number are not matched, because the number may be the value of the words before it.
@@ -44,14 +44,14 @@ def sentences_of_line(text: str) -> list[str]:
 
 
 def finer_divisions(text: str) -> Iterator[list[str]]:
-    """Yield seven lists with the parts of a line; each list divides the line at other marks.
+    """Yield the parts of a line seven times, each time divided at different marks.
 
-    Every list divides the line at the marks of `divide_line`. The first list also divides it at
-    dashes and slashes between blanks, the second at colons, the third at brackets, and the fourth
-    at words such as "and". The last three lists combine dashes and slashes with colons, with
-    brackets, or with words such as "and". There are several lists because each of these marks may
-    also stand within a statement. In the line ``Force 36 N - positive: bar shorter``, the dash
-    separates two statements, but the colon does not.
+    The line is always divided at the marks of `divide_line`. For the first list of parts, it is
+    also divided at dashes and slashes between blanks, for the second at colons, for the third at
+    brackets, and for the fourth at words such as "and". The last three lists combine dashes and
+    slashes with colons, with brackets, or with words such as "and". There are several lists because
+    each of these marks may also stand within a statement. In the line ``Force 36 N - positive: bar
+    shorter``, the dash separates two statements, but the colon does not.
     """
     others = (_COLON, _BRACKET, _AND)
     for marks in (_DASH_OR_SLASH, *others):

@@ -269,11 +269,12 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _numbers_stated(
     text: str, line: int | str, is_extended: bool
 ) -> Iterator[tuple[str, LineStatement]]:
-    """Yield the name of each field for which a line states a number, and the statement.
+    """Yield the numbers that a line states for fields of a test or campaign.
 
-    An example of a field is ``radius_mm``. A line that gives the force as a function of the
-    pressure states neither force nor pressure. ``line`` is the number of the line. ``is_extended``
-    says whether the bar has an extension.
+    Each item is a pair: the name of the field, such as ``radius_mm``, and an object with the number
+    in the unit of the field. A line that gives the force as a function of the pressure states
+    neither force nor pressure. ``line`` is the number of the line. ``is_extended`` says whether the
+    bar has an extension.
     """
     is_law = states_force_law(text)
     for quantity in _QUANTITIES.values():
@@ -288,9 +289,9 @@ def _numbers_stated(
 
 
 def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
-    """Yield each radius that stands before its name, such as 100 mm in ``100 mm bar``.
+    """Yield each radius that stands before the word for it, such as 100 mm in ``100 mm bar``.
 
-    Each item is a pair: the radius [mm], and the unit as the text writes it.
+    Each item is a pair: the radius [mm], and its unit as it stands in the text.
     """
     for quantity in _QUANTITIES.values():
         if quantity.field != "radius_mm":
@@ -304,9 +305,9 @@ def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
 
 @cache
 def _pattern_of_length_before_name(words: str) -> re.Pattern[str]:
-    """Return a compiled regular expression for a length before its name: ``100 mm bar``.
+    """Return a compiled regular expression for a length before a word for it: ``100 mm bar``.
 
-    ``words`` is the regular expression for the name.
+    ``words`` is the regular expression for this word, here ``bar``.
     """
     return re.compile(
         rf"(?<![\d.,:/-])(?P<number>{NUMBER_IN_TEXT})\s?(?P<unit>[^\W\d_]+|\")\s(?:{words})"
@@ -375,7 +376,8 @@ def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:
     """
     following: str = match["following"]
     if match["cell"] and _unit_among(following, quantity.units) is None:
-        # the cell after the number does not hold a unit of the quantity
+        # the text after the number is in a cell of its own and is not a unit of the quantity, so
+        # that it does not belong to the number
         following = ""
     return match["inside"] or match["brackets"] or match["cell_before"] or following
 

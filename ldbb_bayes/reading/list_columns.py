@@ -30,8 +30,8 @@ def with_loads_named(cells: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
     Parameters
     ----------
     cells
-        Cells of the row, as pairs of texts. The first text of a pair is the place of the cell. The
-        second text consists of its header and its content, as in "Setup: 2".
+        Cells of the row. Each cell is a pair of texts: its line and sheet, such as "3 of
+        notes.txt", and its header followed by its content, such as "Setup: 2".
     """
     named = []
     for place, text in cells:

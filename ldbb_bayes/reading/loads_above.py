@@ -82,9 +82,9 @@ def _without_brackets(text: str) -> str:
 def _columns_named(names: Sequence[str]) -> list[bool]:
     """Return, for each column, whether the texts above its header become part of the header.
 
-    The result is False for a column whose header is empty or names angles. If there are several
-    columns of angles, and equally many columns of readings, the texts are added only to the headers
-    of the readings. ``names`` are the headers of all columns.
+    Usually, the result is True for every column except those whose header is empty or names angles.
+    If there are several columns of angles, and equally many columns of readings, it is True only
+    for the columns of readings. ``names`` are the headers of all columns.
     """
     angles = [has_role(unit_of(name).name, "angle") for name in names]
     readings = [has_role(unit_of(name).name, "reading") for name in names]

@@ -21,8 +21,8 @@ _FEWEST_ROWS = 9
 # Regular expression for the words "step" and "load step". These words are removed before a line is
 # searched for quantities other than the load.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
-# Forms of the text, such as "Force: 100 N", that states the load of a table. The text is added to a
-# line above the table. The keys of the dict are the two kinds of load.
+# Format strings for a text, such as "Force: 100 N", that states the load of a table. The text is
+# appended to the line above the table that holds the load. The keys are the two kinds of load.
 _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value:.10g} bar"}
 
 
@@ -36,12 +36,13 @@ class _RowBlock:
 
 
 def with_loads_between(sheet: Sheet) -> Sheet:
-    """Return a sheet in which tables with a load have a header and a line with the load above them.
+    """Return a sheet in which each table below a line with a load has a header.
 
-    A load is a force or pressure. The sheet is changed only if a separate line with a load, such as
-    ``Load step 2 of 5: 200 N``, stands above the first table, and another such line above at least
-    one other table. A text such as ``Force: 200 N`` is appended to each of these lines. If the
-    table below such a line has no header, the header of the first table is inserted.
+    A load is a force or pressure. An example of a line with a load is ``Load step 2 of 5: 200 N``.
+    A text that later code can read, such as ``Force: 200 N``, is appended to each of these lines.
+    If the table below such a line has no header, the header of the first table is inserted. The
+    sheet is changed only if a line with a load stands above the first table, and another such line
+    above at least one other table.
     """
     header = first_header(sheet.rows)
     if header is None:

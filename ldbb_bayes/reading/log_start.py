@@ -70,12 +70,12 @@ def check_feed_is_whole(recording: Recording) -> None:
 
 
 def unread_run_in(recording: Recording) -> CitedLine | None:
-    """Return a note on the first line that may state a run-in, such as ``Overlap 45 deg``.
+    """Return a note on the first line that may state a run-in; None if there is no such line.
 
-    An overlap may lie before or after the circle. The lines are those of sheets without a table and
-    those above the table. Return None if no line states a run-in.
-    ``recording`` holds the rows of the test in its file, and everything that the file or the user
-    states about the test.
+    A run-in is the path before the circle. The line ``Overlap 45 deg`` may state a run-in: it does
+    not say whether the overlap lies before or after the circle. The lines are those above the table
+    and those of sheets without a table. ``recording`` holds the rows of the test in its file, and
+    everything that the file or the user states about the test.
     """
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         if _RUN_IN.search(content[:LONGEST_TEXT]):

@@ -83,8 +83,8 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
 
     A step is negative if the clock was set back. ``steps`` are the differences of successive times,
     shape (n − 1,), and ``usual`` is the median of their absolute values [s]. Raise an error if many
-    steps are negative or if the positive steps are not nearly equal. No error is raised if the user
-    states that the machine stood still in gaps.
+    steps are negative, or if the positive steps are not nearly equal. Neither error is raised if
+    the user states that the machine stood still where the times have a gap.
     """
     is_back = steps < 0.0
     if not is_back.any():

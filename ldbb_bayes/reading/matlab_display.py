@@ -256,12 +256,13 @@ def _column_names(content: str, width: int) -> list[str]:
 
 
 def _line_of_command(line: int, content: str) -> list[Row]:
-    """Return a line of MATLAB's command window without its prompt, as a list of rows.
+    """Return a line of MATLAB's command window without its prompt.
 
-    The list holds one row with one cell. It is empty for a line with nothing but a prompt.
+    The result is a list with one row, whose only cell is the line. The list is empty if the line
+    holds nothing but a prompt.
 
-    If the comment after an assigned number is a unit of force or pressure, a statement of the load
-    is added, as in ``F = 490; % N; Force: 490 N``.
+    If the line assigns a number, and the comment after it is a unit of force or pressure, a text
+    that states the load is appended: ``F = 490; % N`` becomes ``F = 490; % N; Force: 490 N``.
     """
     command = _PROMPT.sub("", content).strip()
     if not command:

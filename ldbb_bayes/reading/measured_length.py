@@ -22,7 +22,7 @@ _WORDS = WORDS["diameters"]
 _DIAMETER = re.compile(rf"(?<![a-zäöüéèáâ])(?:{_WORDS['header']})")
 # Regular expression for a word for diameter inside a longer word, such as Kreisdurchmesser.
 _LONG_WORD = re.compile("durchmesser|diamet")
-# Regular expression for the letter D alone in a header.
+# Regular expression for the letter D as a word of its own in a header; it may mean the diameter.
 _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
 # Regular expression for words, such as "not", that negate what follows them.
@@ -71,12 +71,12 @@ def _without_denied_lengths(words: str) -> str:
 
 
 def measured_length_stated(text: str) -> dict[str, str]:
-    """Return the length that readings measure according to a line, as {"measured": "diameter"}.
+    """Return which length readings measure according to a line: the radius or the diameter.
 
-    This is the dict for the line ``Values: diameter deviation``; the other possible length is
-    "radius". The dict is empty if the line does not name exactly one of the two lengths, if it is
-    not about readings, or if it contains a number other than a load or the number of a column. If
-    the line as a whole states no length, each of its segments is examined by itself: in ``Run 3;
+    The result is a dict. For the line ``Values: diameter deviation``, it is {"measured":
+    "diameter"}. It is empty if the line does not name exactly one of the two lengths, if it is not
+    about readings, or if it contains a number other than a load or the number of a column. If the
+    line as a whole states no length, each of its segments is examined by itself: in ``Run 3;
     diameter deviation``, the last segment states the diameter.
     """
     lengths = {_length_of_readings(text)}
@@ -114,26 +114,26 @@ def doubles_readings(text: str) -> bool:
 def may_be_diameter(header: str) -> bool:
     """Return whether a header may mean the diameter, although it does not contain this word.
 
-    Such a header contains the letter D alone or says that readings are doubled. Examples are
-    ``D [um]`` and ``2 x dR``. Words for the diameter are found by `measured_length`.
+    Such a header contains the letter D as a word of its own, or says that readings are doubled.
+    Examples are ``D [um]`` and ``2 x dR``. Words for the diameter are found by `measured_length`.
     """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
     return _LETTER.search(words) is not None or _DOUBLED.search(words) is not None
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether a line names a diameter that the readings may measure.
+    """Return whether a line may mean that the readings are diameters, without saying so clearly.
 
-    The line need not say clearly that they measure it. Examples are ``Mode: diameter``, and a title
-    such as ``Table 3: diameter deviation``. The result is False if the line states the value of the
-    diameter, or is about another subject. If the result is False for the line as a whole, each of
-    its segments is examined by itself.
+    Examples are ``Mode: diameter``, and a title such as ``Table 3: diameter deviation``. The result
+    is False if the line states the value of a diameter, or is about another subject. If the result
+    is False for the line as a whole, each of its segments is examined by itself. A line which says
+    clearly that the readings are diameters gives True, too.
     """
     return any(_may_be_measured_diameter(passage) for passage in (text, *segments_of_line(text)))
 
 
 def _may_be_measured_diameter(text: str) -> bool:
-    """Return whether a text names a diameter that the readings may measure.
+    """Return whether a text may mean that the readings are diameters.
 
     The result is False if the text states the value of a diameter, or is about another subject.
     """
@@ -146,9 +146,9 @@ def _may_be_measured_diameter(text: str) -> bool:
 def _states_diameter(words: str) -> bool:
     """Return whether a text names a diameter and has a number that may be its value.
 
-    A number may be the value if it stands after the word for diameter or directly before this word.
-    A number that stands further in front must have a unit of length. In ``table 3: diameter
-    deviation``, the number is not the value of a diameter.
+    A number may be the value if it stands after the word for diameter, or directly before this
+    word. An earlier number may be the value only if it has a unit of length. The 3 in ``table 3:
+    diameter deviation`` has none, and is therefore not the value of a diameter.
     """
     match = _DIAMETER.search(words) or _LONG_WORD.search(words)
     if match is None:

@@ -1,6 +1,7 @@
-"""Merged cells above the header: one cell, such as ``100 N``, above several columns.
+"""Merged cells above the header, with one text, such as ``100 N``, for several columns.
 
-In a file, only one of the merged cells, usually the first, holds the text. The others are empty.
+On the screen, merged cells appear as one cell. In the file they are separate cells: one of them,
+usually the first, holds the text, and the others are empty.
 """
 
 from __future__ import annotations

@@ -30,9 +30,11 @@ _NOT = re.compile(_WORDS["negation"], re.IGNORECASE)
 # mount was removed. If a statement with such a word and a word for the mount is not understood, an
 # error is raised.
 _DONE = re.compile(_WORDS["done"], re.IGNORECASE)
-# Regular expressions for words for a deflection of the ball's mount, and for words, such as "not"
-# or "in the readings", with which a line may say whether the readings contain this deflection.
+# Regular expression for words, such as "bending", that may denote the deflection of the ball's
+# mount.
 _DEFLECTION = re.compile(_WORDS["deflection"], re.IGNORECASE)
+# Regular expression for words, such as "not" or "in the readings". Together with a word for the
+# deflection, they may say whether the readings contain it.
 _IN_READINGS = re.compile(_WORDS["in_readings"], re.IGNORECASE)
 # Regular expression for words, such as "raw", which say that readings are uncorrected.
 _RAW = re.compile(_WORDS["raw"], re.IGNORECASE)

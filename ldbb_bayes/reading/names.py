@@ -150,9 +150,10 @@ def radius_in_name(names: Sequence[str]) -> float | None:
 
 
 def unknown_length_in_name(names: Sequence[str]) -> str:
-    """Return a note on the first name with a length that may be the circle's radius or diameter.
+    """Return a note on the first name that states a length, such as 100 mm in ``300N_100mm``.
 
-    An example is ``300N_100mm``. The note is empty if no name has such a length.
+    The length may be the radius or the diameter of the circle. The note is empty if no name states
+    a length. ``names`` are the names of the test, its column, its sheet and its file.
     """
     for name in names:
         match = _LENGTH_IN_NAME.search(name[:LONGEST_TEXT])

@@ -151,8 +151,9 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        If the text is not a number (nan counts as none), if the number is too large for the
-        computer, such as 1e999, or if a separator of thousands is misplaced, as in 1,23.4.
+        If the text is not a number (the word nan does not count as a number), if the number is too
+        large for the computer, such as 1e999, or if a separator of thousands is misplaced, as in
+        1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if not has_digit:  # Python's function float would read the word nan as a number

@@ -202,10 +202,11 @@ def _names_column_of_tests(cell: str) -> bool:
 
 
 def _is_statement(filled: Sequence[str]) -> bool:
-    """Return whether a row states a direction, or consists of a label and a statement.
+    """Return whether a row names a direction of travel, or is a label with a text about the tests.
 
-    Examples are the rows ``Sens | horaire`` and ``Sign | positive reading: bar shorter``. A cell is
-    a statement if it contains a colon and a blank between two words.
+    An example of the first kind is ``Sens | horaire``. A row is of the second kind if it has two
+    cells, and the second has a colon and a blank between two words, as in ``Sign | positive
+    reading: bar shorter``.
     ``filled`` are the cells of the row that are not empty.
     """
     if any(direction_named(cell) in ("CW", "CCW") for cell in filled):

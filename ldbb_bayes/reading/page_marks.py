@@ -112,9 +112,10 @@ def _states_something(line: str) -> bool:
 def _remove_titles(lines: list[str], marked: int, separator: str) -> int:
     """Replace lines next to a page number by empty lines if they repeat an earlier line.
 
-    Such a line may be a title. Return how many lines were replaced. Above and below the page
-    number, the search ends at the first line that repeats no earlier line, holds numbers or names
-    columns. ``marked`` is the index of the line with the page number.
+    Such a line may be a title. Return how many lines were replaced. The search goes up and down
+    from the page number. In each direction, it ends at the first line that does not repeat an
+    earlier line, or that contains numbers or names of columns. ``marked`` is the index of the line
+    with the page number.
     """
     earlier = {line.strip() for line in lines[:marked]}
     n_removed = 0

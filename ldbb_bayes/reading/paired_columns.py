@@ -29,12 +29,12 @@ _SMALLEST_GAP_DEG = 60.0
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
-    A new table begins at each column of angles. Columns before the first column of angles must hold
-    the numbers of the rows; they are added at the end of each table. All tables must have the same
-    number of columns. If ``layout`` names columns, every table must have columns with these names.
-    A sheet that does not meet these conditions is returned unchanged. A table is named after the
-    header of its second column without the unit, such as "100 N". The tables may have different
-    numbers of rows: a row in which all cells of a table are empty is left out of this table.
+    A new table begins at each column of angles. Columns before the first column of angles must
+    number the rows, as in 1, 2, 3; they are added at the end of each table. All tables must have
+    the same number of columns. If ``layout`` names columns, every table must have columns with
+    these names. A sheet that does not meet these conditions is returned unchanged. A table is named
+    after the header of its second column without the unit, such as "100 N". The tables may differ
+    in length: rows of the sheet that are empty within a table are left out of it.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -66,7 +66,7 @@ def _columns_of_angles(names: Sequence[str]) -> list[int]:
 
 
 def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
-    """Return whether a column holds the numbers of the rows of a table, counted from 0 or 1.
+    """Return whether a column numbers the rows of a table, counted from 0 or 1.
 
     ``column`` is the index of the column, counted from 0.
     """

@@ -40,12 +40,12 @@ _LIMITS_OF_INTEGERS = {
 # Readings and angles never have an absolute value as large as this number. A larger number is taken
 # to stand in place of a missing number if it is far away from the other numbers of its column.
 _LARGEST_NUMBER = 1e10
-# A number is taken to be a placeholder (a number, such as -999, in place of a missing one) only if
-# it is more than this many times as far from the median of the other numbers of its column as the
-# farthest of them.
+# A placeholder is a number, such as -999, in place of a missing one. Let d be the largest distance
+# of the other numbers of its column from their median. A number is taken to be a placeholder only
+# if its distance from this median is more than this factor times d.
 _FAR = 5.0
-# This smaller factor is used instead of ``_FAR`` for a number that appears several times in its
-# column, because such a number is more likely to be a placeholder.
+# Factor that replaces ``_FAR`` for a number that appears several times in its column. It is smaller
+# than ``_FAR``, because such a number is more likely to be a placeholder.
 _FAR_IF_REPEATED = 1.5
 # A column is searched for placeholders (numbers, such as -999, in place of missing ones) only if at
 # least this many of its numbers do not have the form of a placeholder.

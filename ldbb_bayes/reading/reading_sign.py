@@ -406,10 +406,11 @@ def _says_sign_is_reversed(text: str) -> bool:
 
 
 def _meanings_of_sign_words(text: str) -> list[str]:
-    """Return the meanings of a text's words for signs and bar lengths, in the order of the words.
+    """Return what the words of a text say about the sign of readings, in the order of the words.
 
-    The meanings are positive, negative, shorter and longer. The list is empty unless the text has a
-    word for a sign and a word for a longer or shorter bar.
+    For ``positive reading: bar shorter``, the list holds "positive" and "shorter". The other
+    possible entries are "negative" and "longer". The list is empty unless the text has both a word
+    for a sign and a word for a longer or shorter bar.
     """
     text = text[:LONGEST_TEXT]
     if _OTHER_SUBJECT.search(text) or _ANGLE.search(text) or names_extension(text):
@@ -421,9 +422,9 @@ def _meanings_of_sign_words(text: str) -> list[str]:
 
 
 def _meanings_of_words(text: str) -> list[str]:
-    """Return the meanings of those words in a text that are about the sign of readings.
+    """Return what the words of a text say about the sign of readings, in the order of the words.
 
-    Each meaning is "positive", "negative", "shorter" or "longer". All other words are skipped.
+    Each entry is "positive", "negative", "shorter" or "longer". All other words are skipped.
     """
     text = _IN_OR_OUT_FIRST.sub(r"\g<sign> \g<way>ward", text)
     text = _IN_OR_OUT.sub(r"\g<sign> = \g<way>ward", text)
@@ -441,11 +442,11 @@ def _has_sign_and_length(words: list[str]) -> bool:
 
 
 def _sign_from_meanings(words: list[str]) -> int | None:
-    """Return the sign of readings that the words of a text mean; None if they are ambiguous.
+    """Return the sign of readings that a text states; None if the text is ambiguous.
 
-    ``words`` lists the meaning of each word: positive, negative, shorter or longer. The first and
-    the second word form a pair, such as positive and longer, and so do the third and the fourth
-    word. Each pair states a sign, and all pairs must state the same sign.
+    ``words`` lists what the words of the text say: positive, negative, shorter or longer. The first
+    and the second entry form a pair, such as positive and longer, and so do the third and the
+    fourth. Each pair states a sign, and all pairs must state the same sign.
     """
     signs = set()
     for first, second in zip(words[::2], words[1::2], strict=False):

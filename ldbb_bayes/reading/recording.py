@@ -29,8 +29,8 @@ __all__ = [
 # Words by which this package denotes columns of forces and of pressures. The keys are the fields of
 # a test that hold these quantities.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
-# Fields of the layout that list the forces or the pressures of all tests. The keys are the fields
-# for the force or the pressure of one test.
+# Names of fields. Each key is the field for the force or the pressure of one test; its value is the
+# field of the user's layout that lists the forces or the pressures of all tests.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
 # Units in which messages show the values of fields; the keys are the names of the fields.
 UNITS_SHOWN = {

@@ -48,8 +48,8 @@ class Sheet:
     factor: str = ""
     #: number of the line that states the factor of all numbers of the table; 0 if there is none
     factor_line: int = 0
-    #: number of the line with the angles if each circle has a row in the file; 0 if each circle has
-    #: a column. If each circle has a row, the rows of the sheet are the columns of the file
+    #: number of the line of the file that holds the angles, if each further line holds one circle.
+    #: The columns of such a table have become the rows of this sheet. 0 for any other table
     line_of_angles: int = 0
     hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
     #: names of the sheets of the file that are left out because the user names other sheets

@@ -204,9 +204,9 @@ def _heading_of(sheet: Sheet, layout: Layout, is_optional: bool) -> Heading:
     """Return the header of a sheet's table and the content of each of its columns.
 
     Raise an `InputError` if the sheet has no table, or if the header of its table cannot be read.
-    If ``is_optional`` is false, the error is also raised if the angles stand in a row, and the
-    table therefore lacks a column of angles or readings. ``is_optional`` says whether the file need
-    not hold a table of readings.
+    ``is_optional`` says whether the file may lack a table of readings. If it must have one, an
+    error is also raised for a table whose angles stand in a row, because such a table has no column
+    of angles or readings.
     """
     try:
         heading = find_heading(sheet, layout)
