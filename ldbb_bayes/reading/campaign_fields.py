@@ -211,11 +211,11 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return the source of a plane that the name of a test states, as a note names this source.
+    """Return the words by which a note names the source of a plane if the source is a name.
 
-    Usually, the result is "its name". If the name gives the letters of the plane in the other
-    order, as XZ for ZX, the result also says at which axis angles are assumed to begin, and towards
-    which axis they run.
+    It is the name of the test, its column, its sheet or its file. Usually, the words are "its
+    name". If the name gives the letters of the plane in the other order, as XZ for ZX, further
+    words say at which axis angles are assumed to begin, and towards which axis they run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)

@@ -30,9 +30,9 @@ def halve_readings_of_diameter(recording: Recording) -> None:
     ------
     InputError
         If the user does not state which of the two is measured, in three cases. First, the header
-        and the lines do not all state the same. Second, the header, a line or a name (of the test,
-        sheet or file) may mean the diameter, but neither the header nor a line says clearly whether
-        the radius or the diameter is measured. Third, a line says that readings are doubled.
+        and the lines state both. Second, the header, a line or a name (of the test, sheet or file)
+        may mean the diameter, but neither the header nor a line says clearly whether the radius or
+        the diameter is measured. Third, a line says that readings are doubled.
     """
     readings = recording.numbers.get("reading")
     if readings is None:

@@ -320,7 +320,7 @@ def _is_scaled(unit: str) -> bool:
 
 
 def _scaled_units(headers: Sequence[str], units_below: Sequence[str]) -> dict[int, str]:
-    """Return a dict with the units with a factor, such as 0.1 um, in the row below the header.
+    """Return a dict with those units below the header that have a factor, such as 0.1 um.
 
     The keys are the indices of the columns, and the values are the units. A column whose header
     also states a unit is left out. ``headers`` are the names of the columns, and ``units_below``

@@ -22,7 +22,7 @@ _FEWEST_ROWS = 9
 # searched for quantities other than the load.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
 # Format strings for a text, such as "Force: 100 N", that states the load of a table. The text is
-# appended to the line above the table that holds the load. The keys are the two kinds of load.
+# appended to a line above the table. The keys of the dict are the two kinds of load.
 _STATED = {"force_N": "Force: {value:.10g} N", "pressure_bar": "Pressure: {value:.10g} bar"}
 
 

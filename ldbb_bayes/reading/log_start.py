@@ -73,9 +73,9 @@ def unread_run_in(recording: Recording) -> CitedLine | None:
     """Return a note on the first line that may state a run-in; None if there is no such line.
 
     A run-in is the path before the circle. The line ``Overlap 45 deg`` may state a run-in: it does
-    not say whether the overlap lies before or after the circle. The lines are those above the table
-    and those of sheets without a table. ``recording`` holds the rows of the test in its file, and
-    everything that the file or the user states about the test.
+    not say whether the overlap lies before or after the circle. The lines above the table, and
+    those of sheets without a table, are examined. ``recording`` holds the rows of the test in its
+    file, and everything that the file or the user states about the test.
     """
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         if _RUN_IN.search(content[:LONGEST_TEXT]):

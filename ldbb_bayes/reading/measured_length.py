@@ -122,12 +122,11 @@ def may_be_diameter(header: str) -> bool:
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether a line may mean that the readings are diameters, without saying so clearly.
+    """Return whether a line may mean that the readings are diameters; it need not say so clearly.
 
     Examples are ``Mode: diameter``, and a title such as ``Table 3: diameter deviation``. The result
     is False if the line states the value of a diameter, or is about another subject. If the result
-    is False for the line as a whole, each of its segments is examined by itself. A line which says
-    clearly that the readings are diameters gives True, too.
+    is False for the line as a whole, each of its segments is examined by itself.
     """
     return any(_may_be_measured_diameter(passage) for passage in (text, *segments_of_line(text)))
 

@@ -204,10 +204,9 @@ def _names_column_of_tests(cell: str) -> bool:
 def _is_statement(filled: Sequence[str]) -> bool:
     """Return whether a row names a direction of travel, or is a label with a text about the tests.
 
-    An example of the first kind is ``Sens | horaire``. A row is of the second kind if it has two
-    cells, and the second has a colon and a blank between two words, as in ``Sign | positive
-    reading: bar shorter``.
-    ``filled`` are the cells of the row that are not empty.
+    Examples are ``Sens | horaire`` for the first kind of row, and ``Sign | positive reading: bar
+    shorter`` for the second. A row is of the second kind if it has two cells, and the second has a
+    colon and a blank between two words. ``filled`` are the cells of the row that are not empty.
     """
     if any(direction_named(cell) in ("CW", "CCW") for cell in filled):
         return True
