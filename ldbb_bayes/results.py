@@ -250,7 +250,7 @@ class Shown:
         return lines_of(screen_of(self), terminal_width())
 
     def details(self) -> str:
-        """Return a text with all tables and sentences about this object, for example a result."""
+        """Return a text with all tables and sentences that describe this object."""
         return text_of(self, terminal_width())
 
     def _repr_html_(self) -> str:

@@ -199,7 +199,8 @@ class _TextLayout:
     def __init__(self, table: Table, width: int) -> None:
         """Store the texts of ``table``, to be laid out in lines of ``width`` characters.
 
-        At first, all columns stand side by side.
+        At first, all columns stand side by side. If the table is too wide, `_make_fit` later moves
+        the cells of some columns to places below the table or below their rows.
         """
         self._caption = typeset(table.caption)
         self._heads = [typeset(head) for head in table.heads]
@@ -224,7 +225,7 @@ class _TextLayout:
         return "\n".join(self._lines(sorted(self._beneath)))
 
     def text_without_columns_beneath(self) -> str:
-        """Return the table as lines of text, without the columns that do not fit side by side.
+        """Return the table as lines of text, without the columns for which the lines are too short.
 
         The last line names the columns that are left out.
         """

@@ -298,10 +298,11 @@ def _size_of(unit: str) -> _Size | None:
 
 
 def _as_quotients(match: re.Match[str]) -> str:
-    """Return the units of a product in a bracket as a text with slashes between them.
+    """Return the units in a bracket, such as (N m) in µrad/(N m), with slashes between them.
 
-    ``match`` is the match of a regular expression, whose group 1 is the text in the bracket. For (N
-    m) the result is N/m, because µrad/(N m) equals µrad/N/m.
+    ``match`` is the match of a regular expression, whose group 1 is the text in the bracket. In the
+    example, the result is N/m. It takes the place of the bracket, and the whole unit becomes
+    µrad/N/m.
     """
     return re.sub(r"[ ·*]+", "/", match[1].strip())
 

@@ -77,12 +77,12 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # also compared under alternative assumptions. An alternative is rejected if its log evidence is at
 # least this number below that of the assumption that the models make.
 _REJECTED = 5.0
-# Smallest loss of log evidence [nat] at which an assumption about the random differences between
-# circles counts as clearly rejected. Two models are compared with the assumption that they make,
-# and again with other assumptions. Let M be the larger of the two log evidences with the models'
-# own assumption. Another assumption is clearly rejected if the log evidences of both models with
-# this assumption are at least this number below M. These two log evidences are computed only
-# roughly, to save time.
+# Smallest difference of log evidence [nat] at which an assumption about the random differences
+# between circles counts as clearly rejected. Two models are compared under their own assumption,
+# and then under other assumptions. Let M be the larger of the log evidences of the two models under
+# their own assumption. Another assumption is clearly rejected if, under it, the log evidences of
+# both models are at least this number below M. To save time, the log evidences under a clearly
+# rejected assumption are computed only roughly.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -295,10 +295,10 @@ class Comparison(Result):
     #: reliable. The field has kept its name from an older version, because other programs read this
     #: name in the JSON file.
     by_emcee: int = 0
-    #: probabilities of slopes (changes of compliance with force) and of alternative explanations:
-    #: other effects, such as a nonlinear mount, that influence the readings in a similar way. The
-    #: field is None unless two conditions hold: the second model is the first model with slopes
-    #: added, and the second model has alternative explanations.
+    #: probability of each explanation of why compliance seems to change with force: a true change
+    #: (slopes), or another effect that influences the readings in a similar way, such as a
+    #: nonlinear mount. The field is None unless two conditions hold: the second model is the first
+    #: model with slopes added, and it contains at least one such other effect.
     explanations: Explanations | None = None
 
     @property

@@ -34,7 +34,7 @@ class Use(StrEnum):
 
 
 class ReasonKind(StrEnum):
-    """Kinds of reasons why values on a test certificate cannot be used, or only with caution."""
+    """Kinds of reasons not to use values on a certificate, or to use them only with caution."""
 
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
@@ -49,7 +49,7 @@ class ReasonKind(StrEnum):
 
 @dataclass(frozen=True)
 class Reason(Result):
-    """Reason why values on a test certificate cannot be used, or must be used with caution."""
+    """Reason not to use values on a test certificate, or to use them only with caution."""
 
     kind: ReasonKind
     #: names of the parameters or tests to which the reason applies; empty if it applies to all

@@ -160,10 +160,11 @@ def begin_batch(
 
     Parameters
     ----------
-    journal : open journal (database of the rows) of the folder ``out``, see `open_journal`.
+    journal : the open journal of the folder ``out``: a database that holds the results of every
+        campaign of the batch in one row, see `open_journal`.
     out : folder of the batch.
-    jobs : campaigns of the batch, in order of their numbers.
-    identity : options and versions of the present run, see `batch_identity`.
+    jobs : campaigns of the batch, in the order of their numbers.
+    identity : options and versions of software of this run, see `batch_identity`.
     resume : whether to continue the batch in the folder, if there is a batch.
     force : whether to replace the batch in the folder, if there is a batch.
 
@@ -174,10 +175,10 @@ def begin_batch(
     Raises
     ------
     InputError
-        If the folder holds a batch and both ``resume`` and ``force`` are false; if ``resume`` is
-        true and the batch in the folder has other campaigns, options or versions of software; or if
-        ``force`` is false and the folder holds a table of the results of a batch, but the journal
-        has no record of a batch.
+        If the journal records a batch, and neither ``resume`` nor ``force`` is set. The error is
+        also raised if ``resume`` is set, but the recorded batch has other campaigns, options or
+        versions of software. Finally, it is raised if the folder holds a table of results whose
+        batch is not recorded in the journal, unless ``force`` is set.
     """
     saved = journal.execute("SELECT record FROM batch").fetchone()
     has_table = (out / DATASET).exists()

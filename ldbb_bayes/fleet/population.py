@@ -102,8 +102,8 @@ class _DrawLimits(NamedTuple):
         """Return the number of random draws of the spreads for a given number of machines.
 
         A spread is the standard deviation of a parameter from machine to machine. The number of
-        draws is the largest power of two that the limits ``highest`` and ``pairs`` permit, but at
-        least ``lowest``.
+        draws is a power of two between ``lowest`` and ``highest``. Within these limits, it is the
+        largest one whose product with the number of machines is at most ``pairs``.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))

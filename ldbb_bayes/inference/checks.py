@@ -299,8 +299,9 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
-    # p-values of the hypothesis that the centre of the circles does not shift with force along a
-    # machine axis; the keys are pairs (plane, axis)
+    # p-values, one for each machine axis of each plane, of the hypothesis that the centre of the
+    # circles does not shift along this axis when the force changes. The keys are pairs (plane,
+    # axis).
     p_values: dict[tuple[str, str], float] = {}
     for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]

@@ -53,7 +53,8 @@ class JointDraws(NamedTuple):
     """Independent random draws from the posterior of hyper-parameters and parameters."""
 
     #: random draws of the h hyper-parameters (such as the standard deviation of the noise) in
-    #: unbounded coordinates, mostly ln(value − lower bound), shape (size, h)
+    #: unbounded coordinates, shape (size, h). If a hyper-parameter has no upper bound, its
+    #: coordinate is ln(value − lower bound).
     free: Array
     #: random draws of the p parameters (compliances, their changes with force, geometric errors) in
     #: mm, N and rad, shape (size, p)

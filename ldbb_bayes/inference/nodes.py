@@ -884,12 +884,13 @@ class Nodes:
         """Return the moments of the parameters for each of w values of the hyper-parameters.
 
         ``free``, shape (w, h), holds the h hyper-parameters in unbounded coordinates (mostly
-        ln(value − lower bound)). If negative compliances are allowed, the parameters given the
-        hyper-parameters are Gaussian, and ``along_axes`` is not used. If not, the Gaussian is
-        restricted by the condition that no compliance is negative. In coordinates in which the
-        Gaussian is N(0, I), the condition affects only d directions. ``along_axes`` is a function
-        that returns the mean, shape (w, d), and the covariance, shape (w, d, d), of the coordinates
-        along these directions under the condition.
+        ln(value − lower bound)). For given hyper-parameters, the parameters have a Gaussian
+        density. If negative compliances are allowed, its moments are returned, and ``along_axes``
+        is not used. If they are not allowed, the density is restricted by the condition that no
+        compliance is negative. In coordinates in which the Gaussian is N(0, I), the condition
+        affects only d directions. ``along_axes`` is a function that returns the mean, shape (w, d),
+        and the covariance, shape (w, d, d), of the coordinates along these directions under the
+        condition.
         """
         means = []
         variances = []

@@ -41,15 +41,18 @@ _LARGEST_LOG_PROBABILITY = -1e-300
 
 @dataclass(frozen=True)
 class NormalScores:
-    """Transformation between normal scores and unbounded coordinates of h hyper-parameters.
+    """Transformation between two kinds of coordinates of the h hyper-parameters.
 
-    The normal score of a hyper-parameter φ is a coordinate in which its prior is standard normal.
-    Unbounded coordinates, here called free, are defined by `HyperPrior`; most of them are ln(φ −
-    lower bound). Two kinds of hyper-parameters have truncated normal priors between bounds a and b.
-    The first kind are scales that are lengths, for which b is infinite. The second kind are decays,
-    the powers by which form error falls with its Fourier order. These k hyper-parameters are
-    transformed to their normal scores. All other hyper-parameters are factors on the noise of
-    single circles, whose logarithms serve as scores. Arrays of points have the shape (..., h).
+    The first kind are normal scores: coordinates in which the prior of a hyper-parameter is
+    standard normal. The second kind are the unbounded coordinates of `HyperPrior`, here called
+    free. For a hyper-parameter φ without an upper bound, the unbounded coordinate is ln(φ − lower
+    bound).
+
+    Normal scores are computed for the k hyper-parameters whose priors are normal and truncated to
+    an interval from a to b. These are scales that are lengths, for which b is infinite, and decays,
+    which are the powers by which form error falls with its Fourier order. Each of the other
+    hyper-parameters multiplies the noise of a single circle; its logarithm serves as its score.
+    Arrays of points have the shape (..., h).
     """
 
     prior: HyperPrior

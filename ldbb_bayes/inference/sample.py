@@ -1,6 +1,7 @@
-"""Draws from the posterior of a model applied to a campaign, made by emcee or independently.
+"""Random draws from the posterior of a model applied to a campaign.
 
-β are the p parameters: compliances, their changes with force, and geometric errors. φ are the h
+The draws are made by the Markov chain sampler emcee, or they are independent of each other. β are
+the p parameters: compliances, their changes with force, and geometric errors. φ are the h
 hyper-parameters, such as the standard deviation of the noise. ESS is the effective sample size.
 """
 

@@ -103,14 +103,14 @@ class Update(NamedTuple):
     #: are such numbers; the right-hand side is one more column, with the number j = m. All row
     #: numbers i are smaller than ``stop``.
     stop: int
-    #: For each entry P_ij of the precision matrix that changes, the index of the row of the
-    #: workspace in which it is stored. The workspace is the array that holds all entries of P. When
-    #: a group of columns is eliminated, m later columns change; they are called the border of the
-    #: group. The shape is (borders, stop − first, m + 1 − first): the first dimension is the
-    #: border, the second is i, counted from ``first``, and the third is j, counted from ``first``.
-    #: The last j stands for the right-hand side. P is symmetric, and only entries with j ≥ i are
-    #: stored. For entries with j < i, the array holds the index of the last row of the workspace,
-    #: which is never read.
+    #: Places where the changed entries P_ij of the precision matrix P are stored. When a group
+    #: of columns is eliminated, the entries of m later columns change; they are called the border
+    #: of the group. A place is the index of a row of the workspace, the array that holds all
+    #: entries of P. The shape of ``targets`` is (borders, stop − first, m + 1 − first). Its three
+    #: dimensions are the border, i and j, where i and j are counted from ``first``. The last j
+    #: stands for the right-hand side. P is symmetric, and only entries with j ≥ i are stored. For
+    #: entries with j < i, the array holds the index of the last row of the workspace, which is
+    #: never read.
     targets: NDArray[np.intp]
 
 

@@ -29,11 +29,10 @@ __all__ = ["EntryBlock", "GramEntries"]
 # stored as a dense matrix if at least this fraction of its entries is not zero. The reason is that,
 # in measurements, each entry took a third as long in a dense product as in a sparse product.
 _DENSE_SHARE = 0.35
-# Smallest number of nonzero entries for which a dense matrix is used. The scalar products of
-# columns are stored in blocks, and one product with a dense matrix computes the results for a few
-# columns of each group in a block. A block is stored as dense matrices only if it has at least this
-# number of nonzero entries for each such product. With fewer entries, the function calls for dense
-# products take longer than the sparse product.
+# A block of Gram entries is stored as dense matrices, each for a few columns of every group, only
+# if it has at least this number of nonzero entries for each of the matrices. With fewer entries, it
+# is faster to multiply by one sparse matrix, because every multiplication by a dense matrix needs a
+# function call of its own.
 _FEWEST_DENSE = 500
 # Number of columns of the precision matrix whose entries are computed together, by one product with
 # a dense matrix. With fewer columns, more function calls would be needed. With more columns, more

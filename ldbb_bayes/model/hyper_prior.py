@@ -277,11 +277,12 @@ class HyperPrior:
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probabilities that each decay is below its bounds under the prior before truncation.
+        """Prior probabilities of values below the bounds of each decay, before the truncation.
 
         A decay p is an exponent: the prior sd of a form error of order n is proportional to n^(−p).
-        Its prior is normal and truncated at the bounds. The result has the shape (2, decays), with
-        the lower bound in the first row and the upper bound in the second.
+        Its prior is a normal distribution that is truncated at two bounds. The probabilities are
+        those before the truncation. The result has the shape (2, decays): the first row belongs to
+        the lower bound, and the second row to the upper bound.
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._is_decay]) / self.decay_sd))

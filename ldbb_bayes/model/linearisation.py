@@ -126,18 +126,20 @@ def estimate_machine(
 ) -> MachineEstimate:
     """Return compliances and geometric errors estimated by least squares from the whole campaign.
 
-    Compliances are taken as constant in force. If the least-squares solution is not unique, the
-    solution nearest to the prior mean is returned, with distances in units of the prior sd. A plan
-    has no readings: the geometric errors are set to their prior means, and all compliances to
-    values that are assumed for a plan. In a campaign with readings, only compliances that change no
-    reading are set to these values. The compliances of the result are treated as exactly known.
+    Compliances are taken as constant in force, and those of the result are treated as exactly
+    known. If the least-squares solution is not unique, the solution nearest to the prior mean is
+    returned, with distances in units of the prior sd.
+
+    A plan has no readings. Its geometric errors are set to their prior means, and its compliances
+    to values that are assumed for a plan. In a campaign with readings, a compliance is set to its
+    assumed value only if it influences no reading.
 
     Parameters
     ----------
     interest
         Parameters of interest of the campaign.
     prior
-        Prior of the parameters. If it is flat, the prior of the model's first edition (preset
+        Prior of the parameters. If it is flat, the prior of the first version of the model (preset
         ``first``) is used instead.
     setting
         Conditions of all tests.

@@ -91,7 +91,7 @@ class Setting:
     #: [rad], shape (tests,)
     tool_ball_rad: Array
     plane: Array  #: plane of each test's circle, such as XY, shape (tests,)
-    setup: Array  #: number of each test's set-up, from 1, shape (tests,)
+    setup: Array  #: index of the set-up of each test, counted from 1, shape (tests,)
     #: direction of travel along each test's circle, shape (tests,): +1 for clockwise, −1 for
     #: counterclockwise; +1 also if no direction is given for the test
     travel: Array

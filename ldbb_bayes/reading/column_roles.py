@@ -581,14 +581,14 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
     """Find the column whose header names ``role``, such as time, and record it in ``roles``.
 
-    Only columns without a role are considered. If several columns could have the role, an
+    Only columns without a role are considered. If several of them could have the role, an
     `InputError` is raised, unless each of them holds the readings of a separate test. The header of
-    such a column states a load, as in ``36 N``, is only a number, or is the name of a run, as in
-    ``Run 1``. Columns whose headers name runs are found with the role "test". They are recorded as
-    columns of readings if no column of readings has been found before.
+    such a column of readings is a load, such as ``36 N``, a bare number, or the name of a run, such
+    as ``Run 1``. Headers that are names of runs are found when ``role`` is "test". Their columns
+    are then recorded as columns of readings, unless columns of readings are already known.
 
-    A column whose header is the name of a field of a test (`PER_TEST`), such as ``force_N``, gets
-    no role here, unless it holds the readings. Raise an `InputError` if a column of readings holds
+    A column whose header is the name of a field of a test (`PER_TEST`), such as ``force_N``, gets a
+    role here only if ``role`` is "reading". Raise an `InputError` if a column of readings holds
     angles. ``place`` names the table in error messages. ``headers`` are the headers of all columns.
     """
     free = _free_columns(role, roles, headers)

@@ -71,7 +71,7 @@ def _with_unit_of_loads(row: Row) -> Row:
 
 
 def _count_index_names(row: Row, above: Row, below: Row) -> int:
-    """Return how many columns of a table's index a row names, such as 1 for ``angle_deg,,``.
+    """Return the number of index columns whose names stand in a row: 1 for ``angle_deg,,``.
 
     The index consists of the first column or columns of the table, such as the angles. The result
     is zero unless three conditions hold: the row has names of index columns and nothing else, the

@@ -83,11 +83,12 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
     Parameters
     ----------
     angle_deg
-        Angles in one direction, which continue beyond 360°, shape (n,) [deg].
+        Angles [deg], shape (n,), that only increase or only decrease: 360° may be followed by 361°,
+        but not by 1°.
     start_deg
         Angle at which the circle begins [deg].
     sense
-        Direction of travel: 1 counter-clockwise, −1 clockwise.
+        Direction of travel: 1 for counter-clockwise, −1 for clockwise.
 
     Returns
     -------

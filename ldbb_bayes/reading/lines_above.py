@@ -185,8 +185,8 @@ _LETTER_AND_NUMBER = re.compile(
 )
 # Regular expression for a word that means the radius or the diameter of a circle.
 _CIRCLE = re.compile(rf"(?<![^\W_])(?:{WORDS['circle']['named']})", re.IGNORECASE)
-# Regular expression for a word for the bar, followed by a number as large as a radius in mm (50 to
-# 999).
+# Regular expression for a word that means the bar, followed by a number from 50 to 999, which may
+# be a radius in mm.
 _BAR_AND_NUMBER = re.compile(
     rf"(?<!\w)(?:{WORDS['circle']['bar']})\b.*?(?<![\w.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?"
     r"(?![\d.,]|-\d)(?!\s?\w{3})",
@@ -408,11 +408,12 @@ def _lists_numbers(match: re.Match[str], units: Mapping[str, float]) -> bool:
 def _length_with_extension(
     quantity: _Quantity, match: re.Match[str], line: int | str, is_extended: bool
 ) -> LineStatement | None:
-    """Return a statement of the length of a bar plus the length of its extension [mm].
+    """Return a statement of the total length of a bar and its extension [mm], or None.
 
-    The length is stated in a line above a table. The value of the statement is NaN if the lines
-    name an extension, but do not show whether the stated length includes this extension. Return
-    None if the line states a quantity other than the radius, or if the bar has no extension.
+    The length of the bar is stated in a line above a table. The value of the statement is NaN if
+    the lines name an extension, but do not show whether the stated length includes it. Return None
+    if the bar has no extension, or if the matched quantity is not the length of the bar, which is
+    the radius of the circle.
 
     Parameters
     ----------

@@ -93,13 +93,13 @@ def check_mount_is_clear(place: str, lines: Iterable[tuple[int | str, str]]) -> 
 
 
 def unread_mount(lines: Iterable[tuple[int | str, str]]) -> CitedLine | None:
-    """Return a note on the first unclear statement on the mount's deflection in the readings.
+    """Return a note that quotes the first unclear statement about the deflection of the mount.
 
     A statement is a part of a line, such as ``Mount deflection 2.33 µm/bar``. The mount is that of
-    the work ball. A statement is unclear if it names the deflection of the mount or raw data, but
-    does not say in known words whether the readings contain the deflection. Return None if there is
-    no such statement, or if an earlier statement is clear. ``lines`` holds the number and the text
-    of each line; the number may be a text that also names the sheet.
+    the work ball. A statement is unclear if it mentions the deflection of the mount, or raw data,
+    but does not say in known words whether the readings contain the deflection. Return None if
+    there is no such statement, or if an earlier statement is clear. ``lines`` holds the number and
+    the text of each line; the number may be a text that also names the sheet.
     """
     for line, text in lines:
         for statement in divide_line(text[:LONGEST_TEXT]):

@@ -61,9 +61,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Roles of columns that are not shared by all tests of a sheet; a role says what a column holds.
-# Columns with the roles test and direction hold words. A column with the role reading may hold the
-# numbers of just one test. Columns with any other role hold numbers for all tests.
+# A role says what a column holds. Columns with the following roles hold no numbers that apply to
+# all tests of a sheet: columns with the roles test and direction hold words, and a column with the
+# role reading may belong to a single test. Numbers in all other columns apply to all tests.
 _NOT_SHARED = ("test", "direction", "reading")
 # Regular expression for a number at the beginning of a cell, as in "0.9 x 10 um".
 _BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
@@ -157,10 +157,10 @@ class _SheetColumns:
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
-        """Return the cells of a column in the given rows as in the file, with units after numbers.
+        """Return the cells of a column as they stand in the file, with the units after the numbers.
 
-        A unit after a number is removed from its cell when the file is read; here it is added
-        again. For example, a cell of a column of units may be "0.1 µm", a unit with a factor.
+        When the file is read, a unit after a number is removed from the cell; here it is put back.
+        For example, "0.1 µm" may be a cell of a column of units: it is a unit with a factor.
         ``column`` and ``rows`` are the indices of the column and of the rows.
         """
         cells = self.cells[column]
@@ -200,9 +200,10 @@ class _SheetColumns:
     def _rows_without_reading(self, role: str, column: int) -> NDArray[np.bool_]:
         """Return an array that states for each of the n rows whether it has no reading, shape (n,).
 
-        If ``role`` is reading, ``column`` is the index of a column of readings, and only its cells
-        are examined. For any other role, such as angle, a row has no reading if its readings in all
-        columns of readings are missing.
+        ``role`` says what the column with the index ``column`` holds. If it is a column of
+        readings, a row has no reading if its cell in this column is missing. If the column holds
+        anything else, such as angles, a row has no reading if its cells in all columns of readings
+        are missing.
         """
         if role == "reading":
             return missing_in(self.cells[column])
@@ -246,12 +247,12 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return a line of text for each column whose cells are all equal, such as ``R [mm]: 100``.
+        """Return a line of text for each column whose cells are all equal in the rows of one test.
 
-        This is the line for a column ``R [mm]`` or ``R_mm`` whose cells are all 100. Only the rows
-        of one test are compared; ``rows`` are their indices. Columns that the package uses in other
-        ways, such as angles and readings, are left out. The result is a list of pairs: a text that
-        names the column, and the line.
+        ``R [mm]: 100``, for example, is the line for a column ``R [mm]`` or ``R_mm`` whose cells
+        are all 100. ``rows`` are the indices of the rows of the test. Columns that are read
+        elsewhere, such as angles and readings, are left out. The result is a list of pairs: a text
+        that names the column, and the line.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
@@ -579,9 +580,10 @@ def _without_placeholders(
     columns
         Table of the sheet.
     heading
-        Heading of the test, which has one column of readings.
+        Heading of the test; only one of its columns holds readings.
     numbers
-        Numbers of the columns; the keys are the roles.
+        Dictionary with the numbers in each column of the table. Its keys are the roles of the
+        columns: a role, such as angle or reading, says what a column holds.
     rows
         Indices of all rows of the test.
     title
@@ -689,9 +691,9 @@ def _check_rows_hold_readings(
 ) -> None:
     """Raise an `InputError` if an otherwise unused column says that some rows hold no readings.
 
-    Examples are a column ``stat`` with the cells "raw" and "mean", and a column with the numbers of
-    the rows that begins with the cells "Gain" and "Offset". ``lines`` are the line numbers of the
-    rows, and ``cells`` are the cells of each column.
+    For example, a column ``stat`` may hold the word "raw" in rows of readings, and "mean" in a row
+    of means. Or a column of row numbers may hold the words "Gain" and "Offset" in its first cells.
+    ``lines`` are the line numbers of the rows, and ``cells`` are the cells of each column.
     """
     for column in unused_columns(heading):
         rows = statistics_among(cells[column])

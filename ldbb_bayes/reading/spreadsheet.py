@@ -185,8 +185,8 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            # The separator is almost certain, for example a semicolon. Blanks are then parts of
-            # cells, as in "100 N".
+            # The best separator found so far, such as a semicolon, is almost certainly right.
+            # Blanks are then parts of cells, as in "100 N".
             continue
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:

@@ -51,9 +51,10 @@ _CONTINUED = re.compile(
 # A row that begins with a word may be a sentence if it has at least this number of words for each
 # number.
 _WORDS_PER_NUMBER = 2
-# Phrases that state a field of a test, such as "radius 100 mm", with a placeholder for the value.
-# The keys are the fields. If only some of the values in a line above the first table also apply to
-# a further table, these values are written above the further table in such phrases.
+# Texts in which the import repeats a value, such as the radius, above a later table of the same
+# sheet. This is needed if a line above the first table states several values, and only some of them
+# also apply to the later table. The keys are the names of the fields of a test. The value takes the
+# place of the braces.
 _STATED_AS = {
     "plane": "plane {}",
     "radius_mm": "radius {:g} mm",
@@ -222,10 +223,10 @@ def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int
 
 
 def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
-    """Return whether the numbers below two headers begin with the same cell, such as 0°.
+    """Return whether the first rows below two headers begin with the same cell, such as 0°.
 
-    Equal rows of units or dashes below both headers are skipped. ``first_header`` and ``header``
-    are the indices of the two headers among the rows.
+    Rows of units or dashes are skipped if they stand below both headers. ``first_header`` and
+    ``header`` are the indices of the two headers among the rows.
     """
     below = _row_below_units(rows, first_header, header)
     below_first = first_header + below - header
@@ -234,10 +235,10 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 
 
 def _name_another_run(sheet: Sheet, lines: Sequence[Row], further_lines: Sequence[Row]) -> bool:
-    """Return whether the lines above a further header name a run other than that of a table.
+    """Return whether the lines above two tables name different runs, such as "Run 1" and "Run 2".
 
-    A line names a run if it consists of a word such as "Run" and a number. ``further_lines`` are
-    the lines above the further header, and ``lines`` are the lines above the table.
+    A line names a run if it consists of a word such as "Run" and a number. ``lines`` are the lines
+    above the first of the two tables, and ``further_lines`` are those above the second.
     """
     names = [text.strip() for _, text in sheet.texts(lines)]
     for _, text in sheet.texts(further_lines):
@@ -298,9 +299,9 @@ def lines_that_still_apply(sheet: Sheet, first: Sequence[Row], lines: Sequence[R
     """Return the lines above the first table that also apply to a further table.
 
     ``first`` are all lines above the first table, and ``lines`` are the lines above the further
-    table. If ``lines`` state a field (such as the force) anew, its value in ``first`` does not
-    apply, but other values in the same line do. For example, a line of ``first`` may begin with a
-    date. If ``lines`` state another date, only the text after this date applies.
+    table. If ``lines`` state a new value of a field, such as the force, the old value is removed
+    from its line, and the rest of the line is kept. For example, a line of ``first`` may begin with
+    a date. If ``lines`` state another date, only the text after the old date is returned.
     """
     stated = _keys_of(sheet, lines)
     lines_that_apply = []

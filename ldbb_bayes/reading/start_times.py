@@ -40,8 +40,8 @@ _NIGHT_S = 6 * 3_600.0
 _SHORTEST_CIRCLE_S = 5.0
 # A note shows at most this number of characters of a list of names.
 _LIST_SHOWN = 200
-# Options by which the user can replace the start times of tests. If the files state start times,
-# notes name these options.
+# Options with which the user can replace the start times of tests. They are named in the notes that
+# list the start times found in the files.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
 # Options by which the user can state the order of the tests. Notes name these options if the files
 # state no start times, because the tests are then assumed to have been run as listed.
@@ -262,11 +262,11 @@ def _times_across_midnight(seconds: Array) -> Array:
 def _times_from_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     """Return the times [s] from the earliest start to each start; the timestamps have dates.
 
-    Dates such as 03/04/2026 may have the day or the month first. An order is possible if it makes
-    all dates valid. If both orders are possible and lead to different times, the order is used with
-    which all tests start within 24 hours. The times are not known if this holds for both orders or
-    for neither, or if no order is possible. ``seconds`` are the times of day [s], shape (tests,).
-    ``stamps`` holds the timestamp of each test.
+    In a date such as 03/04/2026, either the day or the month stands first. An order is possible if
+    it makes all dates valid. If no order is possible, the times are unknown. Suppose both orders
+    are possible and give different times: if all tests start within 24 hours in only one of them,
+    this order is used; otherwise, the times are unknown. ``stamps`` holds the timestamp of each
+    test, and ``seconds`` holds its time of day [s], shape (tests,).
     """
     times_by_order: dict[str, Array] = {}
     for order, days in _possible_days(stamps).items():

@@ -66,8 +66,8 @@ class _Evidence(NamedTuple):
     # largest relative difference at which this value and another value of the quantity count as
     # equal; they may differ slightly because they are rounded
     tolerance: float
-    # reason why the stated value is uncertain; empty if it is certain, or if the reason is only
-    # that its comma or point may separate thousands
+    # reason why the stated value is uncertain. The text is empty if the value is certain. It is
+    # also empty if the only doubt is whether a comma or point in the value separates thousands.
     doubt: str = ""
 
 
@@ -407,10 +407,10 @@ def _directions_above(recording: Recording) -> _StatedSenses:
 def _source_of_direction(recording: Recording) -> str:
     """Return a text for messages that says where a file states the direction of travel.
 
-    There are four places: a list of tests on another sheet, a line above the table, a line below
-    the table, and a name, such as that of the file. In ``recording``, the entries of a list of
-    tests are stored among the lines above the table, with a text such as "3 of notes.txt" in place
-    of the line number.
+    There are five places: a list of tests on another sheet, a line above the table, a line below
+    the table, a text beside the table, and a name, such as that of the file. ``recording`` stores
+    the entries of a list of tests together with the lines above the table. Such an entry has no
+    line number, but a text such as "3 of notes.txt" (line 3 of that file).
     """
     for line, text in recording.heading.lines_above:
         if directions_stated([(line, text)]):

@@ -70,8 +70,8 @@ def stepped_angles(recording: Recording, direction: str | None) -> Array | None:
     """Return the angles [deg] that lines above a table state, shape (n,), one for each reading.
 
     The use of these lines is noted. Return None if no line states a step other than zero. Also
-    return None if the numbers 0, 1, 2 and so on in a column of the table agree with these lines,
-    because they may be the angles.
+    return None if a column of the table holds the numbers 0, 1, 2 and so on, and the lines do not
+    contradict them: these numbers may then be the angles.
 
     Parameters
     ----------
@@ -198,12 +198,12 @@ def _column_may_hold_angles(
 def _stated_angle(
     recording: Recording, pattern: re.Pattern[str], is_of_angle: bool = False
 ) -> _StatedAngle | None:
-    """Return the first angle that a line above the table states in words that match a pattern.
+    """Return the angle in the first line above the table that matches a pattern, or None.
 
     ``pattern`` matches words such as "start", the number after them and, if there is one, the unit
-    of the number. A line that states no unit is used only if it contains a word such as "angle",
-    because its number may be that of another quantity. It is also used if ``is_of_angle`` is true:
-    another line then states the first or the last angle.
+    of the number. A line without a unit is skipped, because its number may be that of another
+    quantity. It is not skipped if it contains a word such as "angle", or if ``is_of_angle`` is
+    true: another line then states the first or the last angle.
     """
     for line, content in recording.heading.lines_above:
         match = pattern.search(content[:LONGEST_TEXT])

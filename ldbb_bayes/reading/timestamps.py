@@ -208,12 +208,13 @@ def without_stamps(text: str) -> str:
 
 
 def _rank_from_words(words: str) -> Rank | None:
-    """Return the kind of place that states a timestamp, judged by the words before the timestamp.
+    """Return how reliable a timestamp is as the time of a test, judged by the words before it.
 
-    An example of such a place is a line with the word "start". The result is None if the words are
-    not understood, or if they show that the timestamp is not the time of a test. ``words`` is the
-    text before the timestamp. It begins at the previous timestamp in the line, or at the beginning
-    of the line if there is none.
+    The result is ``Rank.START`` after a word such as "start", ``Rank.TEST`` after a word such as
+    "measured", and ``Rank.ALONE`` if there is no word. It is None if the words are not understood,
+    or if they show that the timestamp is not the time of a test. ``words`` is the text before the
+    timestamp. It begins at the previous timestamp in the line, or at the beginning of the line if
+    there is none.
     """
     if _WORDS["other"].search(words):
         return None

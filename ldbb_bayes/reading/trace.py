@@ -201,9 +201,9 @@ def _check_unit_of_angles(recording: Recording, angle_deg: Array) -> None:
 def _unit_of_counts(n_turns: float) -> str:
     """Return the angle of one count (step of an encoder) as a unit, such as ``0.01 deg``.
 
-    Among 0.1 deg, 0.01 deg and so on, the unit in which the angles cover about one turn is
-    returned. ``n_turns`` is the number of turns that the angles would cover if they were in
-    degrees.
+    The candidates are 0.1 deg, 0.01 deg and so on. The result is the candidate with which the
+    angles cover about one turn. ``n_turns`` is the number of turns that the angles would cover if
+    they were in degrees.
     """
     return f"{10.0 ** -max(1, round(np.log10(n_turns))):g} deg"
 

@@ -108,11 +108,12 @@ def _with_rows_as_columns(sheet: Sheet, first: int, labels: Sequence[str]) -> Sh
 def _turned_units(
     units: Mapping[tuple[int, int], str], turned: Sequence[Row]
 ) -> dict[tuple[int, int], str]:
-    """Return the units of the cells of a table whose rows have become columns.
+    """Return the units of the cells of a table whose rows have been turned into columns.
 
     Both the result and ``units`` are dicts; each key holds the line number and the column index of
-    a cell. ``turned`` are the rows of the table before they become columns. Their first cells
-    become headers and have no units in the result, because a header contains its unit in its text.
+    a cell. ``turned`` holds the rows that were turned into columns, as they stand in the file. The
+    first cell of each of these rows became the header of a column. A header states its unit in its
+    text, so the result holds no units of headers.
     """
     first_line = turned[0].line
     columns = {row.line: k for k, row in enumerate(turned)}

@@ -81,7 +81,8 @@ _ANSWERED = re.compile(
     r"(?!\w)|(?:[:=;,|\t]\s*)?(?:\[\s*(?P<box>x)?\s*\]|\(\s*(?P<bracket>x)?\s*\)))",
     re.IGNORECASE,
 )
-# Regular expression for the words, such as "Rechtslauf", for each direction of travel.
+# A regular expression for each direction of travel, which finds words such as "Rechtslauf". The
+# keys are the directions.
 _RUNS_BY_SENSE = {
     "CW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_right']})", re.IGNORECASE),
     "CCW": re.compile(rf"(?<![^\W_])(?:{_WORDS['run_left']})", re.IGNORECASE),
@@ -229,7 +230,7 @@ def _directions_in_segments(text: str) -> set[str]:
 
 
 def _segments_with_labels(text: str) -> list[str]:
-    """Return the segments of a line, joining a segment that is only a direction to its label.
+    """Split a line into segments, but keep a direction of travel together with its label.
 
     In ``Spindle;CW``, "Spindle" is the label of the direction, and the line remains one segment.
     The line ``Force 238 N;CW`` is divided into two segments, because the words before the direction
@@ -258,7 +259,10 @@ def _is_whole_statement(text: str) -> bool:
 
 
 def _directions_answered_yes(text: str) -> set[str]:
-    """Return the directions that a text answers with yes: CW for ``CW: yes, CCW: no``."""
+    """Return the directions of travel that are followed by "yes" or a ticked box in a text.
+
+    For example, ``CW: yes, CCW: no`` gives CW, and ``CCW [x]`` gives CCW.
+    """
     senses: set[str] = set()
     if _is_about_angles(text) or _OTHER_DIRECTION.search(text):
         return senses

@@ -312,10 +312,11 @@ def _lines_on_units(recording: Recording) -> Lines:
 
 
 def _other_fraction(text: str, unit: str) -> str:
-    """Return the unit of readings in a line if it is a fraction, such as 0.0001 inch.
+    """Return a fraction of a unit, such as 0.0001 inch, that may be the unit of the readings.
 
-    The result is empty if the line is not about readings, if it mentions no fraction of a unit, or
-    if the fraction equals ``unit``. For example, 0.001 mm equals um.
+    ``text`` is a line of the file, and ``unit`` is the unit that is assumed for the readings. The
+    result is empty if the line is not about readings, if it mentions no fraction of a unit, or if
+    the fraction equals ``unit``. For example, 0.001 mm equals um.
     """
     fraction = fraction_mentioned(text)
     size = size_of_unit("reading", fraction)

@@ -223,8 +223,8 @@ def _sizes_of_counts(text: str) -> dict[str, str]:
 def _unit_before_remarks(text: str) -> str:
     """Return a unit without the remarks that follow it, as in ``0.001 deg; from +X; positive=CCW``.
 
-    The unit must have a factor, and the remarks must name no other unit. Any other text is returned
-    unchanged.
+    The remarks are removed only if the unit has a factor, such as 0.001, and if the remarks name no
+    other unit. Any other text is returned unchanged.
     """
     first, *remarks = _BETWEEN_REMARKS.split(text)
     unit = scaled_unit(first.strip())
@@ -415,10 +415,10 @@ def _size_of_count(text: str) -> str:
 
 
 def _period_of_samples(text: str) -> str:
-    """Return the time from one sample to the next that a line states, such as ``100 ms``.
+    """Return the sampling period that a line states, such as ``100 ms``.
 
-    The result is an empty string if the line states neither this time nor a number of samples in a
-    second.
+    The sampling period is the time from one sample to the next. It may also follow from the number
+    of samples in a second. The result is an empty string if the line states neither.
     """
     period = _SAMPLE_PERIOD.search(text)
     if period is not None:
@@ -568,8 +568,8 @@ def unit_mentioned(text: str) -> str:
     """Return the unit of readings that a text mentions, such as mm in ``Columns: deg, mm``.
 
     The first unit of readings without a number before it is returned. The result is empty if the
-    text mentions no such unit. If the text has a unit with a factor that this package does not
-    read, as in ``Unit - x 10 um``, this unit is returned with its factor.
+    text mentions no such unit. Some texts write the factor of a unit in a form that this package
+    cannot read, as in ``Unit - x 10 um``. The result is then this unit with its factor.
     """
     words = re.sub(r"[_\-]", " ", text[:LONGEST_TEXT])
     if _OTHER.search(words):

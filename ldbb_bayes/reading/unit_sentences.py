@@ -188,10 +188,10 @@ def _unit_with_remark(unit: str, unit_of_remark: str, role: str) -> str:
 
 
 def _unknown_unit(phrase: str) -> str:
-    """Return ``phrase`` if it may be an unknown unit; otherwise return an empty text.
+    """Return ``phrase`` if it may be a unit that this package does not know; else an empty text.
 
-    A short phrase may be a unit if it is a single word, or if one of its words is a known unit.
-    For "the plane", for example, the result is empty.
+    A short phrase may be such a unit if it is a single word, or if one of its words is a known
+    unit, as in "um radial". For "the plane", for example, the result is empty.
     """
     words = phrase.split()
     names_unit = any(unit_named(word) for word in words)

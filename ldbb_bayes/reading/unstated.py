@@ -25,15 +25,15 @@ from ldbb_bayes.reading.unused_segments import states_correction, unused_segment
 
 __all__ = ["note_unstated"]
 
-# For every unused text on a convention, such as the sign of readings, a note is made. For other
-# unused texts, notes are made only until there are this many notes in all. One more note states how
-# many unused texts have no note.
+# Largest number of notes on texts that the import does not use. A text on a convention, such as the
+# sign of readings, always gets a note, even beyond this number. One more note states how many texts
+# have none.
 _MOST_TEXTS = 6
 # A note quotes at most this many characters of an unused text.
 _TEXT_SHOWN = 160
-# Names of the fields that state the size of one digital step of the instrument. An import may
-# ignore a line that states such a field. The line is therefore treated as used only if a note cites
-# it.
+# Names of the fields with the size of one digital step of the instrument. An import does not always
+# need this size. A line that states it therefore counts as used only if a note to the user cites
+# the line.
 _CITED_WHERE_USED = {"reading_scale", "angle_scale", "time_scale"}
 # Regular expression for a number in a text that the import does not use. If several such texts
 # differ only in their numbers, the user is shown only the first, unless they are corrections.
@@ -68,7 +68,10 @@ def note_unstated(
     layout: Layout,
     log: AssumptionLog,
 ) -> None:
-    """Add notes on conventions that nothing states, and on texts outside the tables.
+    """Add notes on conventions that had to be assumed, and on texts that the import did not use.
+
+    A convention, such as the sign of readings, is assumed if neither the files nor the user state
+    it. The unused texts stand outside the tables.
 
     Parameters
     ----------
@@ -114,8 +117,8 @@ def _unused_texts(recordings: Sequence[Recording], log: AssumptionLog) -> list[_
     """Return the unused texts above, below or beside the tables.
 
     A text is unused if the import took nothing from it. If the import used a part of a text, or if
-    another note cites the line of the text, only the unused segments of the text are returned.
-    ``recordings`` are the tests in the files.
+    a note in ``log`` already cites the line of the text, only the unused segments of the text are
+    returned. ``recordings`` are the tests in the files.
     """
     last_lines: dict[Sheet, int] = {}
     for recording in recordings:

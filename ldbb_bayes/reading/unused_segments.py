@@ -57,9 +57,9 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
     """
     segments = segments_of_line(without_centre(text[:LONGEST_TEXT]))
     # At least one segment was used. If the line has only one, nothing is therefore left to return,
-    # with two exceptions. Some of several parts of the segment may be unused. Or the segment may
-    # also say how the readings are defined, in words from which their sign was not taken, as in
-    # "Force 238 N nominal minus measured".
+    # with two exceptions. The segment may have several parts, some of which are unused. Or it may
+    # define the readings as a difference whose sign was not understood, as in "Force 238 N nominal
+    # minus measured".
     has_parts = len(next(finer_divisions(text))) > 1
     if len(segments) == 1 and not has_parts and not leaves_difference_unread(text):
         return ""

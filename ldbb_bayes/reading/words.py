@@ -41,8 +41,8 @@ _LONGEST_UNIT = 40
 # Removing accents from a text takes time, and many steps of an import need the same results. At
 # most this many results are stored.
 _KEPT_WORDS = 4096
-# Regular expression for a unit with a factor, such as 0.1 µm. Readings have this unit if they are
-# numbers of digital steps of 0.1 µm.
+# Regular expression for a unit with a factor, such as 0.1 µm. Readings have this unit if the
+# instrument counts digital steps and each step is 0.1 µm.
 _SCALED_UNIT = re.compile(
     r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
@@ -170,9 +170,9 @@ def unit_named(text: str) -> str:
 def scaled_unit(text: str) -> str:
     """Return the name that this package uses for a unit: ``um`` for ``µm``.
 
-    The unit may have a factor, as in readings in counts (digital steps) of 0.1 µm: ``0,1 µm`` gives
-    ``0.1 um``, and ``1/1000 mm`` gives ``0.001 mm``. Return an empty text if ``text`` names no
-    known unit, or if the factor is zero.
+    The unit may have a factor: ``0,1 µm`` gives ``0.1 um``, and ``1/1000 mm`` gives ``0.001 mm``.
+    Readings have such a unit if they are numbers of digital steps (counts). Return an empty text if
+    ``text`` names no known unit, or if the factor is zero.
     """
     unit = unit_named(text)
     match = _SCALED_UNIT.fullmatch(text.strip())

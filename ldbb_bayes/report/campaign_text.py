@@ -70,12 +70,12 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a table of a campaign's tests, followed by remarks and a list of a fit's assumptions.
+    """Return a table of the tests of a campaign, remarks, and a list of what a fit will assume.
 
-    A preview states what the readings show without a fit. The table has columns for the plane, the
-    set-up, the radius and the centre only if the tests differ in these settings. The column "balls"
-    holds the angles by which the work ball and the tool ball are turned in their sockets
-    (clocking).
+    A preview shows what can be seen in the readings before a model is fitted. The table has columns
+    for the plane, the set-up, the radius and the centre only if the tests differ in these settings.
+    The column "balls" holds the angles by which the work ball and the tool ball are turned in their
+    sockets (clocking).
     """
     varied_settings = []
     for field in _SETTINGS:

@@ -218,11 +218,11 @@ def _parameter_entries(
 
 
 def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
-    """Return a list of dictionaries for the certificate file, one for each compliance's change.
+    """Return dictionaries for the certificate file, one for the change of each compliance.
 
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
-    tested. The dictionaries have the same keys as those of `_parameter_entries`, except ``low`` and
-    ``high``, the ends of the credible interval.
+    tested. The dictionaries have the keys of those of `_parameter_entries`, but lack the keys
+    ``low`` and ``high`` (the ends of the credible interval).
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"

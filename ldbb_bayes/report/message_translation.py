@@ -27,9 +27,8 @@ _SAME = rf"{_QUOTED}|\b\w+\.toml\b"
 _FIRST_MARK = 0xE000
 _LAST_MARK = 0xF8FF
 
-# A note on a file that was read has a subject, such as the operator. If the subject is one of the
-# following, the note contains a text or a name as it is written in the file, such as the operator's
-# name. This text or name must not be translated.
+# Subjects of notes that contain words copied from a file of the user. For example, a note on the
+# operator contains the name of the operator. These words must not be translated.
 _OWN_TEXTS = frozenset(
     (
         "[[test]] not used",

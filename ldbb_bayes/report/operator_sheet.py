@@ -1,4 +1,4 @@
-"""Sheet for the operator: the next circle to run, and how far the campaign has reached its aims.
+"""Sheet for the operator: the next circle to run, and how close the campaign is to its aims.
 
 The aims are goals for uncertainties, decisions on tolerances, and the choice of a model.
 """

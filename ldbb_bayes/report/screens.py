@@ -42,10 +42,10 @@ def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     tests, that reduces U markedly. If some parameters need two remedies, a list of pairs of
     remedies follows.
 
-    Unless the prior is flat, a second table has one row for each certificate that the instrument
-    lacks. If the instrument lacks several certificates, one more row is for all of them together.
-    Each row names up to four parameters that the certificate, or all of them together, would make
-    less uncertain by more than a tenth.
+    Unless the prior is flat, there is a second table, with one row for each certificate that the
+    instrument lacks. If several certificates are missing, one more row shows the effect of all of
+    them together. Each row names up to four parameters whose uncertainty would fall by more than a
+    tenth.
 
     The method ``details`` of the result returns all tables and sentences, including those on the
     combinations of parameters that the readings cannot separate.

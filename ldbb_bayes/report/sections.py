@@ -227,7 +227,7 @@ def _interval_cell(row: pd.Series[Any]) -> str:
     """Return a median and a credible interval as a string, such as "17.2 [11.5, 39.8]".
 
     ``row`` holds the entries ``median``, ``sd``, ``ci_low`` and ``ci_high`` of one quantity. The
-    last digit is chosen according to ``sd``.
+    numbers are rounded to a decimal place that depends on ``sd``.
     """
     _, decimals = round_uncertainty(row["sd"])
     median = round_like(row["median"], decimals)

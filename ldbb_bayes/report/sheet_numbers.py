@@ -355,17 +355,18 @@ class SheetNumbers:
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
         """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
-        ``names`` are the names of the quantities, such as ``G``. The result is a dict. Each of its
-        keys is a name, followed by ``_no_load`` if the force is 0 N, and by the plane if several
-        planes were tested: ``G``, ``G_YZ`` or ``G_no_load_YZ``. The symbol with which the
-        certificate denotes a quantity at 0 N ends in _0.
+        ``names`` are the names of the quantities, such as ``G``. The result is a dict. Each key is
+        a name, followed by ``_no_load`` if the force is 0 N, and by the plane if several planes
+        were tested: ``G``, ``G_YZ`` or ``G_no_load_YZ``. Each value contains, among other things,
+        the symbol that the certificate prints for the quantity. If the force is 0 N, this symbol
+        ends in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.posterior_of_certificate, [force_N], prob=prob)
         has_several_planes = table["plane"].nunique() > 1
         confounding_effects = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""
-        # The circular deviations at no load have other symbols than those under load, so that each
+        # Circular deviations without load and under load have different symbols, so that every
         # symbol on the test certificate has only one value.
         mark = "_0" if force_N == 0.0 else ""
         stated = {}

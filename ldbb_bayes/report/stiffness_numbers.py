@@ -140,8 +140,9 @@ def _quantities_of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, 
 def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
     """Return a remark that names the compliances from which a principal axis is computed.
 
-    The remark is needed because the directions of least and greatest stiffness are computed from
-    these compliances and, in addition, from the compliances that describe tilts of the axes.
+    The directions of least and greatest stiffness, which stand above the principal axis on the
+    certificate, also depend on the compliances that describe tilts of the axes. Without the remark,
+    a reader might wonder why they differ from the principal axis.
     """
     symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
     if plane.cross_name:

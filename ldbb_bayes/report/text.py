@@ -260,9 +260,9 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 def _passages_of_results_by_name(results: ByName[Any]) -> tuple[Passage, ...]:
     """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
-    All ``results`` are of the same kind, which is one of these three. The keys of ``results`` are
-    the names of what the results are about: parameters (for budgets), quantities (for decisions) or
-    compliances (for changes with force). The table has one row for each result.
+    All ``results`` are of one of these three kinds. Their keys are names: budgets have the names of
+    parameters, decisions have the names of quantities, and changes with force have the names of
+    compliances. The table has one row for each result.
     """
     if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:
         return (change_table({name: change.as_dict() for name, change in results.items()}),)

@@ -82,7 +82,7 @@ class FoundCampaign:
     def price(self, costs: Costs) -> float:
         """Return the price of the campaign: its machine time plus its certificates.
 
-        ``costs`` holds the price of an hour and the times of circles, set-ups and turns of balls.
+        ``costs`` holds the price of an hour and the time that each circle, set-up and turn takes.
         """
         return self.family.price(costs, self.tests)
 

@@ -26,7 +26,7 @@ _CLOCKING_DIGITS = 6
 
 @dataclass(frozen=True)
 class Costs(Result):
-    """Times of circles, set-ups and turns of the balls, and the price of machine time.
+    """Times needed for circles, set-ups and turns of the balls, and the price of machine time.
 
     Examples
     --------

@@ -196,11 +196,12 @@ class _LogBayesFactorDistribution:
         """Return the probability that the log Bayes factor exceeds ``level`` [nat].
 
         The Bayes factor compares the models with and without slopes (changes of compliance with
-        force). It depends on the posterior mean of the slopes, which is unknown before the tests:
-        it has s independent normal components. ``mean``, shape (K, 1 or 2, s), and ``variance``,
-        shape (K, s), are the means and variances of these components for K values of the
-        hyper-parameters. The probability is averaged over these values. If ``mean`` holds two
-        values for each component, each value is used for half of the quasi-random samples.
+        force). It depends on the posterior mean of the slopes. Before the tests, this mean is
+        random; in suitable coordinates, it has s independent normal components. ``mean``, shape (K,
+        1 or 2, s), and ``variance``, shape (K, s), are the means and variances of these components
+        for K values of the hyper-parameters. The probability is averaged over these values. If
+        ``mean`` holds two values for each component, each value is used for half of the
+        quasi-random samples.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)

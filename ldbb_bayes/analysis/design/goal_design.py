@@ -92,7 +92,7 @@ class StatedGoal(Result):
 
 @dataclass(frozen=True)
 class GoalForecast(Result):
-    """Expanded uncertainties to expect from a campaign for the parameter of one goal."""
+    """Forecast of the uncertainty that a campaign will give for the parameter of one goal."""
 
     unit: str
     #: median, over the possible machines, of the expanded uncertainty (k = 2) of the goal's
@@ -186,7 +186,8 @@ class GoalDesign(Result):
     goals: dict[str, StatedGoal]
     #: minimum share of the possible machines on which all goals for uncertainties are to be met
     probability: float
-    #: times of circles, set-ups and turns of the balls, and the price of machine time
+    #: machine time needed for each circle, each set-up and each turn of the balls in their sockets,
+    #: and the price of machine time
     costs: Costs
     #: campaigns that reach the goals for uncertainties, the cheapest first. Goals that are already
     #: met, and goals in ``unreachable``, are left out. Empty if all goals are already met, or if no

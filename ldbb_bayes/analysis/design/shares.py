@@ -102,8 +102,9 @@ class Optimum(Shown):
     share: Array
     #: value Φ of the design criterion (figure of merit) for the shares ``share``
     value: float
-    #: sensitivity of each candidate test: derivative of the design criterion with respect to its
-    #: number of tests, times the number of all tests, shape (candidates,)
+    #: sensitivity of the design criterion to each candidate test, shape (candidates,): the
+    #: derivative of the criterion with respect to the number of runs of this test, multiplied by
+    #: the number of all runs
     sensitivity: Array
     #: mean of the derivatives ``sensitivity`` of the design criterion, weighted by ``share``; if
     #: the shares are optimal, no derivative exceeds this mean

@@ -319,10 +319,10 @@ class Term(Shown):
         """Return whether a certificate states the uncertainty of a coefficient of this term.
 
         ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates. The
-        term may assume uncertainties for several properties of the instrument. A coefficient
-        belongs to the property with whose name its own name begins; for example, the coefficient
-        ``bar_length_150`` belongs to the property ``bar_length``. If several properties fit, the
-        one with the longest name is used.
+        term may assume uncertainties for several properties of the instrument. The name of a
+        coefficient begins with the name of its property: ``bar_length_150``, for example, belongs
+        to the property ``bar_length``. If several properties fit, the one with the longest name is
+        used.
         """
         stated = False
         longest = -1

@@ -229,10 +229,10 @@ class Hysteresis(Term):
     #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
     #: [µm/kN]. In planes with one direction of travel, the prior sd is 0.6 times this value.
     proportional_um_per_kN: float = 2.0
-    #: which number is the prior sd of the part of hysteresis that does not depend on force, at
-    #: Fourier order 1: the hyper-parameter η if this field is ``sampled``, the field
-    #: ``constant_um`` if it is ``fixed``. The choice applies to planes whose circles run in both
-    #: directions of travel
+    #: how the prior sd, at Fourier order 1, of the part of hysteresis that does not depend on force
+    #: is obtained. If this field is ``sampled``, the sd is the hyper-parameter η. If it is
+    #: ``fixed``, the sd is the field ``constant_um``. The choice applies only to planes whose
+    #: circles run in both directions of travel.
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."

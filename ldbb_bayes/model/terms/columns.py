@@ -21,9 +21,9 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Name of the parameters of interest in lists that state to which term each coefficient of a model
-# belongs. All other coefficients belong to nuisance terms (effects modelled but not of interest),
-# which these lists state by the names of their classes.
+# Some lists state to which term each coefficient of a model belongs. For a coefficient of a
+# nuisance term (an effect that is modelled but not of interest), they hold the name of the class of
+# the term. A parameter of interest belongs to no nuisance term; for it, they hold this text.
 OWN = "Parameters"
 # Name of the white noise of the readings in lists of the sources of noise. All other sources in
 # these lists are nuisance terms (effects modelled but not of interest), which are listed by the

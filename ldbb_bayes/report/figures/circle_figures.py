@@ -1,4 +1,4 @@
-"""Figures of the circular tests of a posterior: polar traces, and residuals of the fit."""
+"""Figures of the circular tests to which a model was fitted: polar traces, and residuals."""
 
 from __future__ import annotations
 

@@ -177,7 +177,8 @@ def _axis_section(low: float, high: float, *, is_outer: bool) -> _AxisSection:
     """Return one section of the axis for log Bayes factors, from ``low`` to ``high`` [nat].
 
     The axis may be broken into up to three sections. Both ends of a section have a margin.
-    ``is_outer`` states whether the section lies to the left or to the right of the middle section.
+    ``is_outer`` is true for a section to the left or right of the middle section, and false for the
+    middle section itself.
     """
     room = 0.08 * (high - low) or 0.2 * abs(high) or 1.0
     return _AxisSection(float(low - room), float(high + room), is_outer)
