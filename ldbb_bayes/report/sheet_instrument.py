@@ -16,7 +16,8 @@ from ldbb_bayes.units import display_unit, two_digits
 
 __all__ = ["InstrumentPiece", "instrument_pieces"]
 
-_LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
+# The name of a calibration certificate is cut off after this number of characters.
+_LONGEST_CERTIFICATE = 32
 # The test certificate states one standard uncertainty for each part of the instrument. The keys are
 # the parts. The value for a part is the name of the error that has this standard uncertainty.
 _UNCERTAINTY_OF_PIECE = {

@@ -189,8 +189,8 @@ class CampaignFamily:
     def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
         """Return the price of the machine time of ``tests``, plus the price of the certificates.
 
-        ``costs`` holds the times of circles, set-ups and turns of the balls, and the price of an
-        hour.
+        ``costs`` holds the price of an hour and the time that each circle, set-up and turn of the
+        balls takes.
         """
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 

@@ -82,7 +82,8 @@ class FoundCampaign:
     def price(self, costs: Costs) -> float:
         """Return the price of the campaign: its machine time plus its certificates.
 
-        ``costs`` holds the price of an hour and the time that each circle, set-up and turn takes.
+        ``costs`` holds the price of an hour and the time that each circle, set-up and turn of the
+        balls takes.
         """
         return self.family.price(costs, self.tests)
 
