@@ -357,7 +357,7 @@ def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     are computed for the most probable model. The error is the numerical error of the logarithm.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
-    near = weighted.nodes[0].posterior.plain.mode
+    near = weighted.nodes[0].posterior.without_truncation.mode
     return evidence.log_prob_truncation(HyperPosterior(most_probable, truncated=True, near=near))
 
 

@@ -110,7 +110,7 @@ def local_fits(
         bound = all_tests.keeping(names)
         # The search for the mode of the posterior starts from the mode of the previous pair.
         posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=previous_mode)
-        previous_mode = posterior.plain.mode
+        previous_mode = posterior.without_truncation.mode
         nodes = posterior.nodes(_TOLERANCE)
         mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE, components=_MOMENT_NODES)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)

@@ -280,7 +280,7 @@ def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
     errors. They are computed without the condition that no compliance is negative. ``density`` is
     the posterior density of the hyper-parameters (such as the standard deviation of the noise).
     """
-    return sufficient_statistics(density.plain).columns()
+    return sufficient_statistics(density.without_truncation).columns()
 
 
 def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:

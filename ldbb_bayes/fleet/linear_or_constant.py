@@ -46,7 +46,7 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
         sum of the errors of the two log evidences.
     """
     model = density.bound.model
-    without_truncation = density.plain
+    without_truncation = density.without_truncation
     nodes = Nodes(without_truncation, without_truncation.proposal)
     if model.degree != 1 or not nodes.meet(tolerance):
         campaign = density.bound.campaign
@@ -60,7 +60,7 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
     related = RelatedModels(nodes, tolerance)
     constant_model = model.with_degree(0).bind(density.bound.campaign)
     constant = HyperPosterior(constant_model, truncated=True, near=without_truncation.mode)
-    constant_nodes = related.nodes(constant.plain)
+    constant_nodes = related.nodes(constant.without_truncation)
     return _log_ratio(
         _log_evidence_from(nodes, density, tolerance),
         _log_evidence_from(constant_nodes, constant, tolerance),

@@ -217,14 +217,14 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     tolerance : float
         Error allowed in ln P, or in the logarithm of each of the two integrals [nat].
     """
-    if truncated.plain.proposal.trusted:
+    if truncated.without_truncation.proposal.trusted:
         coarse = truncated.coarse_probability
         if coarse.error <= tolerance and coarse.log_value > _LEAST_COARSE_LOG_PROBABILITY:
             return min(coarse.log_value, 0.0), coarse.error
-    plain = truncated.plain.nodes(tolerance)
+    untruncated = truncated.without_truncation.nodes(tolerance)
     inside = truncated.nodes(tolerance)
-    error = inside.error + plain.error
-    log_value = inside.integral.log_integral - plain.integral.log_integral
+    error = inside.error + untruncated.error
+    log_value = inside.integral.log_integral - untruncated.integral.log_integral
     require(
         not log_value > _LARGEST_LOG_PROBABILITY + error,
         f"the probability of physical compliances must not exceed one, got ln P = {log_value:.3g} ±"

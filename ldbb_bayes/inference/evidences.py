@@ -236,9 +236,11 @@ class Evidences(Shown):
         names = posterior.bound.hyper_prior.names
         key = _key_of_related_models(model)
         if key not in self._related_models:
-            plain = posterior.plain
-            self._related_models[key] = RelatedModels(plain.nodes(self.tolerance), self.tolerance)
-            self._modes.setdefault(names, plain.mode)
+            untruncated = posterior.without_truncation
+            self._related_models[key] = RelatedModels(
+                untruncated.nodes(self.tolerance), self.tolerance
+            )
+            self._modes.setdefault(names, untruncated.mode)
         return self._related_models[key].nodes(posterior)
 
     @property
@@ -306,7 +308,7 @@ def leave_one_out(
     # tests. The search for its mode therefore begins at the mode that was found with all tests.
     modes = {}
     for nodes in nodes_by_model.values():
-        modes[nodes.bound.hyper_prior.names] = nodes.posterior.plain.mode
+        modes[nodes.bound.hyper_prior.names] = nodes.posterior.without_truncation.mode
     bound = next(iter(nodes_by_model.values())).bound
     all_tests = Evidences(bound.campaign, tolerance=tolerance, progress=progress)
     # If there are many tests, leaving out one of them hardly changes the posterior of the

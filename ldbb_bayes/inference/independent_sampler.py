@@ -96,7 +96,7 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     if posterior.truncated:
         share_inside = max(np.exp(posterior.coarse_probability.log_value), _LEAST_SHARE)
     tilted = share_inside < _SMALLEST_SHARE_INSIDE
-    proposal = posterior.plain.proposal
+    proposal = posterior.without_truncation.proposal
     if tilted:
         proposal = posterior.proposal
     if not proposal.trusted:

@@ -440,10 +440,13 @@ class RedrawMove:
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Return the walkers after this move, and whether each walker accepted its proposal.
 
+        A proposal is accepted with the probability min(1, weight of the proposed point / weight of
+        the walker's present point). The coordinates and log densities of walkers that accept are
+        changed in ``state`` itself, which is returned.
+
         ``model`` and ``state`` are the objects that emcee passes to a move: ``model`` holds the
         generator of random numbers, ``state`` the coordinates and log densities of all walkers. The
-        walkers are returned as an object of the same type as ``state``. The acceptances are
-        returned as an array of shape (walkers,).
+        acceptances are returned as an array of shape (walkers,).
         """
         walkers = len(state.coords)
         log_weight = self._log_weight_of(state.coords)

@@ -165,10 +165,10 @@ class HyperPosterior:
     ) -> None:
         """Describe the posterior of the hyper-parameters of the model ``bound`` of a campaign.
 
-        ``truncated`` states whether the condition that no compliance is negative is part of the
-        posterior. ``seed`` is the seed of quasi-random points. ``near``, shape (h,), is None or the
-        mode of a similar posterior of the h hyper-parameters, in unbounded coordinates; the search
-        for modes starts there.
+        Nothing is computed yet. ``truncated`` states whether the condition that no compliance is
+        negative is part of the posterior. ``seed`` is the seed of quasi-random points. ``near``,
+        shape (h,), is None or the mode of a similar posterior of the h hyper-parameters, in
+        unbounded coordinates; the search for modes starts there.
         """
         self.bound = bound
         self.truncated = truncated
@@ -188,14 +188,20 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Modes (maxima) of the posterior density, at most three, the highest first.
+        """Modes (maxima) of the smooth posterior density, the highest first.
 
-        The density is a function of the normal scores of the h hyper-parameters (module
-        `normal_scores`). In these coordinates every prior is standard normal, except the priors of
-        factors that multiply the noise of single circles. Negligible modes are left out. Each mode
-        is described by two arrays. The first, shape (h,), holds the coordinates of the mode. The
-        second, shape (h, h), is a square root of the inverse of minus the Hessian of the log
-        density at the mode.
+        There are at most three modes, or four if the mode of a similar density (``near``) was
+        given. If the field ``truncated`` is true, one factor of the posterior density is the
+        probability that no compliance is negative. The smooth density has a smooth upper bound in
+        place of this probability. It is a function of the normal scores of the h hyper-parameters
+        (module `normal_scores`). In these coordinates every prior is standard normal, except the
+        priors of factors that multiply the noise of single circles. Modes that are lower than the
+        highest by 12 nat or more are left out.
+
+        Each mode is described by two arrays. The first, shape (h,), holds the coordinates of the
+        mode. The second, shape (h, h), is a square root of the inverse of minus the Hessian of the
+        log density at the mode. Eigenvalues of minus the Hessian that are below 0.3 are first
+        replaced by 0.3.
         """
         summits: list[Array] = []
 
@@ -206,7 +212,7 @@ class HyperPosterior:
 
         for start in self._starts():
             summit = newton(
-                self._smooth_of_scores,
+                self._smooth_log_density,
                 self._derivatives,
                 start,
                 least_curvature=_LEAST_CURVATURE,
@@ -214,23 +220,29 @@ class HyperPosterior:
                 stop=is_known,
             )
             summits.append(summit)
-        height = self._smooth_of_scores(np.array(summits))
+        height = self._smooth_log_density(np.array(summits))
         modes: list[Array] = []
         for k in np.argsort(-height):
             is_high = height[k] > height.max() - _NEGLIGIBLE_DEPTH
             if is_high and _is_separate(summits[k], modes):
                 modes.append(summits[k])
-        return [(mode, _inverse_root(self._derivatives(mode, exact=True)[1])) for mode in modes]
+        described = []
+        for mode in modes:
+            _, hessian = self._derivatives(mode, exact=True)
+            described.append((mode, _inverse_root(hessian)))
+        return described
 
     @property
     def mode(self) -> Array:
-        """Values of the h hyper-parameters φ where their posterior density is highest, shape (h,).
+        """Values of the h hyper-parameters φ where the smooth density is highest, shape (h,).
 
         The hyper-parameters are quantities such as the standard deviation of the noise. The values
         are returned in unbounded coordinates, which for most hyper-parameters are ln(φ − lower
         bound). The density, however, is that of the normal scores: other coordinates, in which
         every prior is standard normal, except the priors of factors that multiply the noise of
-        single circles.
+        single circles. If the field ``truncated`` is true, one factor of the posterior density is
+        the probability that no compliance is negative. The smooth density has a smooth upper bound
+        in place of this probability.
         """
         return self._scores.free(self.modes[0][0])
 
@@ -251,7 +263,8 @@ class HyperPosterior:
         deviation of the noise) in unbounded coordinates, mostly ln(φ − lower bound). If
         ``truncated`` of this object is True, the log probability that no compliance is negative,
         given φ and the readings, is added. If ``smooth`` is True, this probability is replaced by
-        an upper bound, which is cheaper to compute and is a smooth function of φ.
+        an upper bound, which is cheaper to compute and is a smooth function of φ. At points where
+        the prior density is zero, the result is −∞.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
         finite = np.isfinite(log_density)
@@ -285,9 +298,9 @@ class HyperPosterior:
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
-        nodes = self.truncate(self._plain_integral(tolerance), tolerance)
+        nodes = self.truncate(self._untruncated_integral(tolerance), tolerance)
         if nodes.integral.error <= tolerance and not nodes.meet(tolerance):
-            nodes = self.truncate(self._plain_integral(_NODES_SHARE * tolerance), tolerance)
+            nodes = self.truncate(self._untruncated_integral(_NODES_SHARE * tolerance), tolerance)
         if nodes.integral.error <= tolerance:
             return nodes
         smooth_nodes = self.truncate(self._integral(tolerance), tolerance, bounded=True)
@@ -312,12 +325,13 @@ class HyperPosterior:
         Nodes are weighted values of the hyper-parameters. If the field ``truncated`` is true, one
         factor of the posterior density is the probability that no compliance is negative. The
         smooth density has a smooth upper bound in place of this probability. ``tolerance`` is the
-        error allowed in the log integral [nat]. ``step`` is the first spacing of the nodes if they
-        form a lattice, in standard deviations of the Gaussian fitted at the highest mode; by
-        default, it is computed from the tolerance.
+        error allowed in the log integral [nat]; if it is not reached, the integral states its
+        larger error. ``step`` is the first spacing of the nodes if they form a lattice, in standard
+        deviations of the Gaussian fitted at the highest mode; by default, it is computed from the
+        tolerance.
         """
         integral = integrate(
-            self._smooth_of_scores,
+            self._smooth_log_density,
             [*self.modes, *self._corners],
             tolerance=tolerance,
             step=step,
@@ -325,12 +339,12 @@ class HyperPosterior:
         )
         return self._scores.to_free(integral)
 
-    def _plain_integral(self, tolerance: float) -> Integral:
+    def _untruncated_integral(self, tolerance: float) -> Integral:
         """Return the integral of the posterior density that allows negative compliances.
 
         ``tolerance`` is the error allowed in the log integral [nat].
         """
-        return self.plain.nodes(tolerance).integral
+        return self.without_truncation.nodes(tolerance).integral
 
     def truncate(
         self,
@@ -409,10 +423,11 @@ class HyperPosterior:
         """Return the posterior probability that no compliance is negative, from a few nodes.
 
         P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ, of the
-        condition T that no compliance is negative. The result is the mean of P(T | y, φ) over nodes
-        (values of φ) that are picked from ``integral`` in proportion to their weights. At first 256
-        nodes are picked. As long as the error exceeds the tolerance, the number of picked nodes is
-        multiplied by four, but it does not exceed the number of nodes of ``integral``.
+        condition T that no compliance is negative. The result holds the logarithm of the mean of
+        P(T | y, φ) over nodes (values of φ) that are picked from ``integral`` in proportion to
+        their weights. At first 256 nodes are picked. As long as the error exceeds the tolerance,
+        the number of picked nodes is multiplied by four, but it does not exceed the number of nodes
+        of ``integral``.
 
         Parameters
         ----------
@@ -433,10 +448,12 @@ class HyperPosterior:
         """Return the mean of P(T | y, φ) over n values of the hyper-parameters φ, with its error.
 
         P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
-        ``free``, shape (n, h), holds the values of the h hyper-parameters in unbounded coordinates
-        (mostly ln(value − lower bound)). The error of the mean is twice the standard error, plus
-        the mean numerical error of P(T | y, φ). The standard error follows from the scatter of
-        P(T | y, φ) between these values. ``tolerance`` is the error allowed in ln P(T | y) [nat].
+        The result holds the logarithm of the mean, and the error of this logarithm. ``free``, shape
+        (n, h), holds the values of the h hyper-parameters in unbounded coordinates (mostly
+        ln(value − lower bound)). The error is twice the standard error, plus the mean numerical
+        error of P(T | y, φ), both divided by the mean. The standard error follows from the scatter
+        of P(T | y, φ) between these values. ``tolerance`` is the error allowed in ln P(T | y)
+        [nat].
         """
         log_values = []
         errors = []
@@ -454,7 +471,7 @@ class HyperPosterior:
         return ProbabilityInside(highest + float(np.log(mean)), (scatter + numerical_error) / mean)
 
     @cached_property
-    def plain(self) -> HyperPosterior:
+    def without_truncation(self) -> HyperPosterior:
         """Posterior density of the hyper-parameters that allows negative compliances.
 
         If the density of this object already allows negative compliances, the result is this object
@@ -474,7 +491,7 @@ class HyperPosterior:
         values are weighted with an upper bound of this probability instead.
         """
         sample = importance_sample(
-            self._smooth_of_scores,
+            self._smooth_log_density,
             [*self.modes, *self._corners],
             tolerance=_COARSE_TOLERANCE / 4.0,
             seed=self._seed,
@@ -486,12 +503,13 @@ class HyperPosterior:
         """Rough posterior probability that no compliance is negative.
 
         The result is the mean, over nodes (values of the hyper-parameters), of the probability
-        given the hyper-parameters. The nodes are picked from ``plain.proposal``: weighted random
-        values that represent the posterior in which compliances may be negative. More nodes are
-        picked until the error of the log probability is at most 0.02 nat, but not more than
-        ``plain.proposal`` holds. If these are too few, the error exceeds 0.02 nat.
+        given the hyper-parameters. The nodes are picked from ``without_truncation.proposal``:
+        weighted random values that represent the posterior in which compliances may be negative.
+        More nodes are picked until the error of the log probability is at most 0.02 nat, but not
+        more than ``without_truncation.proposal`` holds. If these are too few, the error exceeds
+        0.02 nat.
         """
-        return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
+        return self.probability_inside(self.without_truncation.proposal, _PROBABILITY_TOLERANCE)
 
     @cached_property
     def coarse(self) -> Integral:
@@ -528,8 +546,9 @@ class HyperPosterior:
 
         Nodes are values of the hyper-parameters. If ``truncated`` is true, each weight in the given
         ``integral`` was multiplied by an upper bound of the probability that no compliance is
-        negative. In the result, this bound is replaced by the probability itself. If ``truncated``
-        is false, ``integral`` is returned unchanged.
+        negative. In the result, this bound is replaced by the probability itself. The error allowed
+        in the log integral is 0.2 nat, so that the probability is usually computed at some of the
+        nodes only (`truncate`). If ``truncated`` is false, ``integral`` is returned unchanged.
         """
         if not self.truncated:
             return integral
@@ -551,7 +570,7 @@ class HyperPosterior:
         prior = self.bound.hyper_prior
         points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
         starts = self._scores.scores(prior.starts(points))
-        starts = starts[np.argsort(-self._smooth_of_scores(starts))]
+        starts = starts[np.argsort(-self._smooth_log_density(starts))]
         basins: list[Array] = []
         for start in starts[:_BEST_STARTS]:
             if len(basins) < _BASINS and _is_separate(start, basins):
@@ -560,43 +579,46 @@ class HyperPosterior:
 
     @cached_property
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Maxima of the posterior density with one hyper-parameter held near zero.
+        """Maxima of the smooth posterior density with one hyper-parameter held near zero.
 
-        There is at most one maximum for each hyper-parameter that is a length; negligible maxima
-        are left out. The posterior density may extend far towards zero in one hyper-parameter. Near
-        zero, the most probable values of the other hyper-parameters may differ from those at the
-        mode. The proposal (the density from which points are drawn) covers this region if it is
-        also fitted at these maxima. Each maximum is described by two arrays. The first, shape (h,),
-        holds its normal scores: coordinates in which every prior is standard normal, except the
-        priors of factors that multiply the noise of single circles. The second, shape (h, h), is a
-        square root of the inverse of minus the Hessian of the log density there.
+        There is at most one maximum for each hyper-parameter that is a length and may be zero;
+        negligible maxima are left out. If the field ``truncated`` is true, one factor of the
+        posterior density is the probability that no compliance is negative; the smooth density has
+        a smooth upper bound in its place. The posterior density may extend far towards zero in one
+        hyper-parameter. Near zero, the most probable values of the other hyper-parameters may
+        differ from those at the mode. The proposal (the density from which points are drawn) covers
+        this region if it is also fitted at these maxima. Each maximum is described by two arrays.
+        The first, shape (h,), holds its normal scores: coordinates in which every prior is standard
+        normal, except the priors of factors that multiply the noise of single circles. The second,
+        shape (h, h), is a square root of the inverse of minus the Hessian of the log density there.
+        Eigenvalues of minus the Hessian that are below 0.3 are first replaced by 0.3.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
         axes = np.flatnonzero(prior.in_mm & (prior.lower == 0.0))
         sd = np.sqrt((root**2).sum(axis=1))
         starts = mode - _BELOW_MODE * np.diag(sd)[axes]
-        heights = self._smooth_of_scores(np.concatenate([mode[None], starts]))
+        heights = self._smooth_log_density(np.concatenate([mode[None], starts]))
         corners: list[tuple[Array, Array]] = []
         for axis, start, height in zip(axes, starts, heights[1:], strict=True):
             if height < heights[0] - _NEGLIGIBLE_START:
                 continue
             corner = newton(
-                self._smooth_of_scores,
+                self._smooth_log_density,
                 self._derivatives_at_fixed(int(axis)),
                 start,
                 least_curvature=_LEAST_CURVATURE,
                 gain=_CORNER_GAIN,
             )
-            if self._smooth_of_scores(corner[None])[0] > heights[0] - _NEGLIGIBLE_CORNER:
+            if self._smooth_log_density(corner[None])[0] > heights[0] - _NEGLIGIBLE_CORNER:
                 corners.append((corner, _inverse_root(self._derivatives(corner, exact=True)[1])))
         return corners
 
     def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
         """Return a function that computes derivatives with respect to all but one coordinate.
 
-        The function returns gradient and Hessian of the log posterior density of the h
-        hyper-parameters, shapes (h,) and (h, h). All derivatives with respect to the coordinate
+        The function returns gradient and Hessian of the smooth log density (`_derivatives`) of the
+        h hyper-parameters, shapes (h,) and (h, h). All derivatives with respect to the coordinate
         with the index ``axis`` are set to zero, so that a search for a maximum does not change this
         coordinate.
         """
@@ -612,7 +634,7 @@ class HyperPosterior:
 
         return derivatives
 
-    def _smooth_of_scores(self, scores: Array) -> Array:
+    def _smooth_log_density(self, scores: Array) -> Array:
         """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
 
         ``scores``, shape (w, h), holds the normal scores of the h hyper-parameters. In these
@@ -644,7 +666,9 @@ class HyperPosterior:
         coupled = np.ones((len(point), len(point)), dtype=bool)
         if not exact:
             coupled = ~np.outer(is_noise_factor, is_noise_factor)
-        return central_differences(self._smooth_of_scores, point, _DIFFERENCE_STEP, coupled=coupled)
+        return central_differences(
+            self._smooth_log_density, point, _DIFFERENCE_STEP, coupled=coupled
+        )
 
 
 def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogProbability:

@@ -38,21 +38,25 @@ class RelatedModels:
 
     Parameters
     ----------
-    plain : Nodes
-        Nodes of the given model, which allows negative compliances. The given model should be the
-        largest of the models, because its posterior of φ is then wide enough for all of them.
+    untruncated : Nodes
+        Nodes of the given model, which must allow negative compliances (no truncation). The given
+        model should be the largest of the models, because its posterior of φ is then wide enough
+        for all of them.
     tolerance : float
         Error allowed in every log evidence [nat].
     """
 
-    def __init__(self, plain: Nodes, tolerance: float) -> None:
-        """Keep the nodes of the given model, and the error allowed in every log evidence [nat].
+    def __init__(self, untruncated: Nodes, tolerance: float) -> None:
+        """Keep what is needed to use the nodes of the given model for other models.
 
-        Nodes are weighted values of the hyper-parameters.
+        Nodes are weighted values of the hyper-parameters. ``untruncated`` are the nodes of the
+        given model, which must allow negative compliances. Their integral, a sampler of density
+        ratios at these nodes, and the names of the hyper-parameters are kept. ``tolerance`` is the
+        error allowed in every log evidence [nat].
         """
-        self._integral = plain.integral
-        self._ratios = RatioSampler(plain.integral)
-        self._names = plain.bound.hyper_prior.names
+        self._integral = untruncated.integral
+        self._ratios = RatioSampler(untruncated.integral)
+        self._names = untruncated.bound.hyper_prior.names
         self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
@@ -85,13 +89,13 @@ class RelatedModels:
         the hyper-parameters under the other model. It is evaluated at every node; the new weights
         are computed from its values.
         """
-        plain = replace(
+        untruncated = replace(
             self._integral,
-            log_density=in_chunks(posterior.plain.log_density, self._integral.free),
+            log_density=in_chunks(posterior.without_truncation.log_density, self._integral.free),
         )
         if posterior.truncated:
-            return posterior.truncate(plain, self._tolerance)
-        return Nodes(posterior, plain)
+            return posterior.truncate(untruncated, self._tolerance)
+        return Nodes(posterior, untruncated)
 
 
 def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:

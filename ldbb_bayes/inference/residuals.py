@@ -53,12 +53,13 @@ class FitQuality:
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     """Return how well the readings predicted by a posterior agree with the measured readings.
 
-    The result holds the root-mean-square residual and the fitness. The prediction contains the
-    effects of the machine and of nuisances (effects that are modelled but not of interest, such as
-    ball form), but no scatter. The prediction is averaged over posterior draws. ``phi``, shape
-    (draws, h), holds draws of the h hyper-parameters (such as the standard deviation of the noise);
-    ``beta``, shape (draws, p), holds draws of the p parameters. ``bound`` is the model of the
-    campaign.
+    The result holds the root-mean-square residual of all tests and of each test, and the fitness of
+    each test: 100 % minus its root-mean-square residual in per cent of the range of its readings.
+    The prediction contains the effects of the machine and of nuisances (effects that are modelled
+    but not of interest, such as ball form), but no scatter. The prediction is averaged over
+    posterior draws. ``phi``, shape (draws, h), holds draws of the h hyper-parameters (such as the
+    standard deviation of the noise); ``beta``, shape (draws, p), holds draws of the p parameters.
+    ``bound`` is the model of the campaign.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
@@ -66,9 +67,10 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
     """Return the root-mean-square residual and the fitness of predicted readings.
 
-    Fitness is defined by Eq. 35 of the article on the model. ``predicted``, shape (tests, 25),
-    holds the Fourier coefficients of the orders 0 to 12 that are predicted for each test [mm].
-    ``bound`` is the model of the campaign.
+    The fitness of a test is 100 % minus the root-mean-square residual in per cent of the range of
+    its readings (Eq. 35 of the article on the model). ``predicted``, shape (tests, 25), holds the
+    Fourier coefficients of the orders 0 to 12 that are predicted for each test [mm]. ``bound`` is
+    the model of the campaign.
     """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(

@@ -249,7 +249,8 @@ def fit_model(
     inside : HyperPosterior
         Posterior density of the hyper-parameters (such as the standard deviation of the noise)
         under the condition that no compliance is negative. If the model allows negative
-        compliances, the density without this condition is used instead (``inside.plain``).
+        compliances, the density without this condition is used instead
+        (``inside.without_truncation``).
     sampler : {"joint", "independent"}
         Name of the sampler.
     seed : int
@@ -265,7 +266,7 @@ def fit_model(
     clock = time.perf_counter()
     bound = inside.bound
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
-    start = inside if bound.truncation.active else inside.plain
+    start = inside if bound.truncation.active else inside.without_truncation
     run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
     chains, size = beta.shape[:2]
     flat_beta, flat_phi = pool_draws(beta, phi)

@@ -179,6 +179,7 @@ def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
     """Return a future for the result of a call that an executor makes.
 
     Without an executor, the call is made at once in this process, and the future holds its result.
+    An exception of the call is not raised here, but held by the future.
     """
     if executor is not None:
         return executor.submit(call)

@@ -137,7 +137,7 @@ def reference(model: lb.HybridModel, campaign: lb.Campaign, finer: float) -> flo
     """
     bound = model.bind(campaign)
     posterior = HyperPosterior(bound, truncated=bound.truncation.active, seed=1)
-    fine = posterior.plain.nodes(finer).integral
+    fine = posterior.without_truncation.nodes(finer).integral
     if posterior.truncated:
         fine = _truncated(posterior, fine, finer)
         if _effective_nodes(fine) < FEWEST_NODES:

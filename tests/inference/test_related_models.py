@@ -85,7 +85,7 @@ def test_evidences_of_other_campaigns(name: str, of_campaign: str) -> None:
 
 @pytest.fixture(scope="module")
 def of_linear(recovered: Campaign) -> Nodes:
-    return posterior_of(LINEAR, recovered).plain.nodes(TOLERANCE)
+    return posterior_of(LINEAR, recovered).without_truncation.nodes(TOLERANCE)
 
 
 def test_a_model_has_the_nodes_of_the_larger_model(of_linear: Nodes, recovered: Campaign) -> None:
@@ -124,6 +124,6 @@ def test_a_model_far_from_the_larger_one_has_nodes_of_its_own(recovered: Campaig
     """Without rivals and slopes, circles must scatter more: σ, δ and κ lie elsewhere."""
     campaign = LINEAR.with_degree(0).simulate(recovered.plan(), seed=1).campaign
     narrow = posterior_of(LINEAR.without("force-error", "drift"), campaign)
-    of_other_readings = posterior_of(LINEAR, recovered).plain.nodes(TOLERANCE)
+    of_other_readings = posterior_of(LINEAR, recovered).without_truncation.nodes(TOLERANCE)
     nodes = RelatedModels(of_other_readings, TOLERANCE).nodes(narrow)
     assert nodes.integral.free is not of_other_readings.integral.free
