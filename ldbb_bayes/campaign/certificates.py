@@ -442,9 +442,10 @@ def _several_errors(
 
     The message lists the first twelve errors. For each of them, it gives a name that distinguishes
     the error from the others, and the two numbers that the user may enter instead of the
-    certificate: length_error_um and U_um. ``candidates`` holds the certified quantities that state
-    the errors. ``lengths`` is a dictionary of lists of all certified lengths; its keys are roles
-    such as ``nominal``.
+    certificate: length_error_um and U_um. If one of these errors has no uncertainty, an
+    `InputError` about this error is raised instead. ``candidates`` holds the certified quantities
+    that state the errors. ``lengths`` is a dictionary of lists of all certified lengths; its keys
+    are roles such as ``nominal``.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:

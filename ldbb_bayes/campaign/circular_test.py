@@ -202,7 +202,8 @@ class CircularTest(TestFields):
         The user gives the values in the field ``name``, such as angle_deg, or in the field
         ``other_name``, such as angle_rad. The function ``convert`` converts values in the field
         ``other_name`` from radians to degrees, or from mm to µm. Return None if the user gave
-        neither field. Raise an `InputError` if both are given, or if a value is not finite.
+        neither field. The result has the shape (n,) and is read-only. Raise an `InputError` if both
+        are given, or if the values are not one-dimensional, not numbers or not finite.
         """
         column = getattr(self, name)
         other_column = getattr(self, other_name)

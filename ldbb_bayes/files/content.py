@@ -97,8 +97,9 @@ def refuse_unwritable(target: Path) -> Iterator[None]:
 def write_whole(target: Path, content: bytes) -> None:
     """Write ``content`` to the file ``target``, completely or not at all.
 
-    If writing fails, an existing file stays unchanged. If two runs of the program write the same
-    file at the same time, the file holds the complete content from the run that finishes last.
+    If writing fails, an existing file stays unchanged, and an `InputError` that names the file is
+    raised. If two runs of the program write the same file at the same time, the file holds the
+    complete content from the run that finishes last.
     """
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with refuse_unwritable(target):

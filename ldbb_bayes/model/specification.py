@@ -59,7 +59,8 @@ class _SpecFile(BaseModel):
 def model_to_toml(model: HybridModel) -> str:
     """Return a model as TOML text, with its terms, priors and all other settings.
 
-    Terms are nuisance terms: effects that are modelled but not of interest.
+    Terms are nuisance terms: effects that are modelled but not of interest. A reference force that
+    is None, an empty list of fixed parameters and empty tables of the prior are left out.
     """
     prior: dict[str, Any] = {
         field.name: getattr(model.prior, field.name)
@@ -138,15 +139,18 @@ def model_sha256(model: HybridModel) -> str:
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
 
 
-def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
+def _model_of(content: dict[str, Any], place: str, usual_degree: int | None) -> HybridModel:
     """Return the model that the content of a model file describes.
 
-    ``degree`` is used only if the file gives no degree. ``place`` names the file in error messages.
+    The compliance is a polynomial in force. ``usual_degree`` is its degree if the file gives none.
+    If it is None too, the degree is 0 for the preset ``paper`` and 1 for the other presets.
+    ``place`` names the file in error messages. Raise an `InputError` for unknown keys, or for
+    values that have a wrong type or are not permitted.
     """
     spec = validated(_SpecFile, content, place)
     with placed(place):
         model = replace(
-            HybridModel.from_preset(spec.preset, _degree_of(spec, degree)),
+            HybridModel.from_preset(spec.preset, _degree_of(spec, usual_degree)),
             reference_force_N=spec.reference_force_N,
             fixed=tuple(spec.fixed),
         )
@@ -154,22 +158,22 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
         for setting in fields(Prior):
             is_table = setting.name in _TABLES
             prior_types[setting.name] = dict if is_table else type(setting.default)
-        prior = replace(model.prior, **_converted_settings("prior", prior_types, spec.prior))
+        prior = replace(model.prior, **_checked_settings("prior", prior_types, spec.prior))
         if spec.terms is None:
             return replace(model, prior=prior)
         return replace(model, prior=prior, nuisances=_terms_of(spec.terms, model))
 
 
-def _degree_of(spec: _SpecFile, degree: int | None) -> int:
+def _degree_of(spec: _SpecFile, usual_degree: int | None) -> int:
     """Return the degree that a model file states for the compliance as a polynomial in force.
 
-    ``spec`` is the content of the file. If the file gives no degree, return ``degree``. If
-    ``degree`` is None too, return 0 for the preset ``paper`` and 1 for the other presets.
+    ``spec`` is the content of the file. If the file gives no degree, return ``usual_degree``. If
+    ``usual_degree`` is None too, return 0 for the preset ``paper`` and 1 for the other presets.
     """
     if spec.degree is not None:
         return spec.degree
-    if degree is not None:
-        return degree
+    if usual_degree is not None:
+        return usual_degree
     return 0 if spec.preset == "paper" else 1
 
 
@@ -179,7 +183,8 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
     Nuisances are effects that are modelled but not of interest. ``tables`` holds the settings of
     every term; the keys are class names. Settings that a table omits have the values that the term
     has in ``model``. If ``model`` lacks the term, the omitted settings are the defaults of the
-    class.
+    class. The terms are in the order of ``Term.kinds``. Raise an `InputError` for an unknown term
+    or setting, or a value of the wrong type.
     """
     check_known(
         "term",
@@ -196,20 +201,21 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
             for setting in fields(cast("Any", kind)):
                 types[setting.name] = str if isinstance(setting.default, str) else float
             term: Any = usual.get(kind) or kind()
-            terms.append(replace(term, **_converted_settings(name, types, tables[name])))
+            terms.append(replace(term, **_checked_settings(name, types, tables[name])))
     return tuple(terms)
 
 
-def _converted_settings(
+def _checked_settings(
     table: str, types: Mapping[str, type], values: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the settings of one table of a model file, in the units given in their names.
 
     A number may be written as a string with a unit. It is then converted to the unit at the end of
-    the setting's name: "3000 nm" for ``sd_um`` becomes 3. ``table`` is the name of the table for
-    error messages. ``types`` holds the types of all settings that the table may have, by name;
-    ``values`` holds the settings as written in the file. Raise an `InputError` for an unknown name
-    or a value of the wrong type.
+    the setting's name: "3000 nm" for ``sd_um`` becomes 3. All other values are only checked; no
+    value is converted to another type. ``table`` is the name of the table for error messages.
+    ``types`` holds the types of all settings that the table may have, by name; ``values`` holds the
+    settings as written in the file. Raise an `InputError` for an unknown name or a value of the
+    wrong type.
     """
     check_known(f"{table} key", values, types)
     settings = {}

@@ -255,8 +255,9 @@ class Term(Shown):
     def __post_init__(self) -> None:
         """Raise an `InputError` if a setting of the term has a value that is not permitted.
 
-        A number must be positive, except that a curvature may also be zero. If the type of a
-        setting is a ``Literal``, the value must be one of those that the ``Literal`` lists.
+        A number must be finite and positive, except that a curvature may also be zero. If the type
+        of a setting is a ``Literal``, the value must be one of those that the ``Literal`` lists.
+        This is not checked if the names in the type annotations of the class cannot be resolved.
         """
         choices: dict[str, tuple[Any, ...]] = {}
         # The annotations of a term's class state the permitted choices of its settings. If a user

@@ -158,8 +158,10 @@ class Mount(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the assumed deflection of the work ball's mount, and its assumed curvature.
 
-        Each value has a standard uncertainty. The uncertainty of the deflection comes from the
-        certificate in ``campaign`` or, without a certificate, from the field ``relative_sd``.
+        The curvature is left out if the field ``curvature_um`` is zero. Each value has a standard
+        uncertainty. That of the deflection comes from the certificate in ``campaign`` or, without a
+        certificate, from the field ``relative_sd``. The curvature is assumed to be zero, with the
+        standard uncertainty ``curvature_um``.
         """
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
