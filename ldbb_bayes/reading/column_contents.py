@@ -219,8 +219,10 @@ def _check_unread_planes(sheet: Sheet, heading: Heading, cells: Sequence[Sequenc
     """Raise an `InputError` if a column of planes has a cell that does not name a plane.
 
     A column without a role is taken as a column of planes in one case: its header has a word such
-    as "plane" and no unit, and it has at most four different cells. ``cells`` holds the cells of
-    each column.
+    as "plane" and no unit, and it has at most four different cells, which are not all empty. Names
+    of planes are XY, YZ and ZX, the same letters in the other order, and G17 to G19. ``heading``
+    holds the headers of the columns, ``cells`` the cells of each column, and ``sheet`` is named in
+    the error message.
     """
     for column in _free_columns(heading, cells):
         header = heading.headers[column]

@@ -55,6 +55,13 @@ _FEWEST_NUMBERS = 3
 def placeholders_in(cells: Sequence[str], numbers: Array) -> NDArray[np.bool_]:
     """Return, for each number of a column, whether it stands for a missing number, shape (n,).
 
+    A number stands for a missing number if it meets two conditions. First, it is written as nines,
+    such as -999, is the limit of an integer type, such as 32767, or is at least 1e10 in absolute
+    value. Second, it is far from the median of the other numbers, which do not meet the first
+    condition: more than five times as far as the farthest of them. If the number occurs several
+    times, 1.5 times as far suffices. If there are fewer than three other numbers, no number is
+    taken to stand for a missing number.
+
     Parameters
     ----------
     cells

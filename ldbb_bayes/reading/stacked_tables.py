@@ -210,7 +210,8 @@ def _describes_columns(cells: Sequence[str]) -> bool:
 def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int:
     """Return the index of the first row below a repeated header and its rows of units or dashes.
 
-    A row of units or dashes is recognised because the same row stands below the first header.
+    A row of units or dashes is recognised because the same row, which must hold no numbers, stands
+    at the same distance below the first header.
     ``first_header`` and ``header`` are the indices of the two headers among the rows.
     """
     n_repeated = 1
