@@ -462,11 +462,11 @@ def _contribution(
 ) -> Contribution:
     """Return the line of a source in the uncertainty budget of a parameter.
 
-    ``key`` holds the names of the source and of its model term, and ``share`` is the source's share
-    of the variance. ``u`` is the standard uncertainty of the parameter. ``source_u`` is the
-    standard uncertainty of the source in the unit ``unit``, or None if the source has no single
-    standard uncertainty. ``kind`` is the type of evaluation, A or B of the GUM. ``sign`` is the
-    sign of the sensitivity.
+    ``key`` holds the names of the source and of its model term, and the origin of the source's
+    uncertainty: measured, stated or assumed. ``share`` is the source's share of the variance. ``u``
+    is the standard uncertainty of the parameter. ``source_u`` is the standard uncertainty of the
+    source in the unit ``unit``, or None if the source has no single standard uncertainty. ``kind``
+    is the type of evaluation, A or B of the GUM. ``sign`` is the sign of the sensitivity.
     """
     contribution = float(np.sqrt(max(share, 0.0))) * u
     sensitivity = None

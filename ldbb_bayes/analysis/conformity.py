@@ -330,7 +330,8 @@ def _tail_probability(outside: Array, score: float) -> float:
     is true for the draws beyond the limit. ``score`` states how far the mean lies beyond the limit,
     in standard deviations; it is negative if the mean lies inside the limit. If fewer than
     ``_FEWEST_DRAWS`` draws lie on one side of the limit, the probability of that side is taken from
-    a normal distribution; see `_probability_of_few_draws`.
+    a normal distribution instead. It is kept between the share of the draws on that side and
+    ``_FEWEST_DRAWS`` / draws; see `_probability_of_few_draws`.
     """
     n = len(outside)
     count = int(outside.sum())

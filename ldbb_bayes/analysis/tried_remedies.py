@@ -185,8 +185,9 @@ def _with_remedy(bound: BoundModel, step: RemedyStep) -> BoundModel | None:
     """Return the model of the campaign or plan that results from one remedy.
 
     The remedy ``step`` is a certificate of the instrument or a change of the plan. It is applied to
-    ``bound``, the model of a campaign or plan. Return None if the instrument already has the
-    certificate, or if the plan does not need the change.
+    ``bound``, the model of a campaign or plan. Return None if the plan does not need the change, if
+    the instrument already has the certificate, or if the certificate is for one ball while neither
+    ball has a certificate.
     """
     if step.certificate:
         statements = missing_certificates(bound.campaign.instrument).get(step.certificate)

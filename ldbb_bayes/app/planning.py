@@ -229,7 +229,8 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
 
     If the user asks for the best tests, the tests with the most expected information are returned.
     If not, the tests have equally spaced forces, and the ball angles, radii and directions change
-    from test to test.
+    from test to test. Ball angles are the angles by which the two balls are turned in their
+    sockets.
 
     Parameters
     ----------
@@ -238,6 +239,11 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     settings_json
         Values of the sliders as JSON text; the keys are the names of the sliders. As text, the
         values can be the key of a cache.
+
+    Raises
+    ------
+    InputError
+        If the value of a slider is out of range.
     """
     settings = json.loads(settings_json)
     sliders = _test_sliders(settings, _pilot_of(report).campaign)
@@ -252,11 +258,13 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
 def _equally_spaced_tests(
     space: Space, sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return tests at equally spaced forces.
+    """Return tests at equally spaced forces, which are rounded to whole newtons or to tenths.
 
     ``sliders`` holds the values of the page's sliders, which state the number of circles, the
-    number of different forces, and the lowest and the highest force. The tests use the ball angles,
-    radii and directions of ``space`` in turn.
+    number of different forces, and the lowest and the highest force. There are not more forces than
+    circles; rounding may make forces equal, so that there are fewer (`_force_levels`). A single
+    force is the highest force. The tests use the settings of ``space`` in turn: the angles by which
+    the two balls are turned in their sockets, the radii, the directions of travel and the planes.
     """
     number = int(sliders["circles"])
     tests_at_lowest_force = _tests_of_all_settings(space, sliders["low"])
@@ -272,9 +280,12 @@ def _space_of_sliders(
 ) -> Space:
     """Return the space of possible tests that the page's sliders and settings describe.
 
-    The space has all combinations of the work ball's and the tool ball's angles. The radii are the
+    ``report`` identifies the fit on which the plan is based. The space has all combinations of the
+    angles by which the work ball and the tool ball are turned in their sockets. The radii are the
     radii of the tests already run, and the value of the slider for the radius if this value is
-    above zero.
+    above zero. The entries ``directions`` and ``augment`` of ``settings`` state the directions of
+    travel, and whether the tests are evaluated together with the readings of the earlier tests.
+    Without an entry ``directions``, the directions of the earlier tests are used.
     """
     work_deg = [sliders["turn"] * k for k in range(int(sliders["work"]))]
     tool_deg = [sliders["turn"] * k for k in range(int(sliders["tool"]))]
@@ -293,9 +304,11 @@ def _space_of_sliders(
 
 
 def _tests_of_all_settings(space: Space, force_N: float) -> list[lb.CircularTest]:
-    """Return one test for every combination of ball angles, radius and direction of travel.
+    """Return one test for every combination of ball angles, radius, direction of travel and plane.
 
-    All these tests have the force ``force_N``.
+    Ball angles are the angles by which the two balls are turned in their sockets. All these
+    tests have the force ``force_N``. In their order, ball angles usually change from one test to
+    the next (`_pairs_in_turn`).
     """
     unturned_tests = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
     number = len(unturned_tests) * len(space.clockings_deg)
@@ -311,7 +324,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     The tests are chosen from all combinations of ball angles, radii and directions of ``space``, at
     forces in equal steps from the lowest to the highest force of the page's ``sliders``. If the
     tests that `_equally_spaced_tests` returns give more expected information than the tests found,
-    the equally spaced tests are returned.
+    the equally spaced tests are returned. They are also returned if the model needs more different
+    forces than there are circles or possible forces.
 
     The two sets of tests are compared as in the forecast of the page: the information of each set
     is computed with a model made for this set alone. The search, in contrast, uses a model made for
@@ -342,7 +356,10 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
 
 
 def _information(space: Space, tests: Sequence[lb.CircularTest]) -> float:
-    """Return the value of the design criterion for a campaign in which each test is run once."""
+    """Return the value of the design criterion for a campaign in which each test is run once.
+
+    ``space`` gives the model and the criterion. A larger value means more expected information.
+    """
     return space.objective(tests).value(np.ones(len(tests)))
 
 
@@ -407,16 +424,18 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     folder
         Folder of the session (one browser tab).
     settings
-        Values of the page's sliders; the keys are the names of the sliders.
+        Values of the page's sliders and entry fields; the keys are their names.
 
     Returns
     -------
     dict
-        Expanded uncertainty U (k = 2) of every parameter before these tests (from the fit), and the
-        U expected after these tests. Slopes (changes of compliance with force) are left out. The
-        dict also has the probability that the evidence will favour constant compliance, the
-        probability that it will favour linear compliance, the time and cost, and the tests in the
-        order in which to run them.
+        Expanded uncertainty U (k = 2) of every parameter before these tests (from the fit), the U
+        expected after these tests, and its goal (``rows``). Slopes (changes of compliance with
+        force) are left out. The dict also has two probabilities of decisive evidence (``settle``):
+        for linear compliance if the compliance is linear, and for constant compliance if it is
+        constant. Further entries are the time and cost, the numbers of turns of balls and of
+        changes of the radius, the values of the sliders (``asked``), the campaign on which the plan
+        is based (``pilot``), and the tests in the order in which to run them.
 
     Raises
     ------
@@ -463,9 +482,11 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
 
     Entry ``rows`` of the result holds two expanded uncertainties U (k = 2) of every parameter: U
     from the fit, and U expected after the planned tests. Slopes (changes of compliance with force)
-    are left out. Entry ``settle`` holds two probabilities: that the evidence will favour the model
-    with compliance linear in force, and that it will favour the model with constant compliance. The
-    entry is None if these probabilities cannot be forecast.
+    are left out. Each row also holds the standard uncertainty to expect (``sd``) and the one that
+    is not exceeded on 90 % of the possible machines (``likely_sd``). Entry ``settle`` holds two
+    probabilities of decisive evidence: for compliance linear in force if the compliance is linear,
+    and for constant compliance if it is constant. The entry is None if these probabilities cannot be
+    forecast.
 
     Parameters
     ----------
@@ -588,7 +609,7 @@ def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
 def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Write a plan with the tests that the page's sliders describe, and return its forecast.
 
-    A plan is a campaign without readings.
+    A plan is a campaign without readings. An earlier plan in the same folder is replaced.
 
     Parameters
     ----------

@@ -87,9 +87,12 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Tests, traces (polar plots of the readings), assumptions and remarks about odd readings. If
-        the files cannot be read, the dict holds only the reason and the names of the entry fields
-        that cause the error.
+        Names of the campaign and its tests, topology, planes, tests, whether the angles of some
+        test show a direction of travel that is not stated, number of readings, assumptions of the
+        import, remarks about odd readings (``remarks``), what a fit would assume (``fit``), traces
+        (polar plots of the readings), and uncertainties of the instrument. If the files cannot be
+        read, the dict holds only the reason (``refused``) and the names of the entry fields that
+        cause the error (``wrong``).
     """
     try:
         campaign, imported = read_files(folder, choices)

@@ -147,15 +147,19 @@ class ReportSource:
 
     @property
     def is_result(self) -> bool:
-        """Whether the first path that the user typed belongs to a stored fit."""
+        """Whether the first of ``paths`` is a stored fit.
+
+        A stored fit is a path that ends in ``.nc``, which need not exist, or a folder with a file
+        ``posterior.nc``.
+        """
         first = self.paths[0]
         return first.suffix == ".nc" or (first.is_dir() and (first / "posterior.nc").exists())
 
     @property
     def is_campaign(self) -> bool:
-        """Whether the first path that the user typed is a campaign folder or a campaign.toml.
+        """Whether the first of ``paths`` is a campaign folder, or a path that ends in ``.toml``.
 
-        Such a path needs no import.
+        Such a path needs no import. It need not exist.
         """
         first = self.paths[0]
         return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
@@ -308,7 +312,8 @@ class ReportSource:
     def _import_tables(self, *, ask: bool) -> Imported:
         """Return the campaign imported from the user's tables, with the assumptions of the import.
 
-        Raise an `InputError` if the first path that the user typed is a folder.
+        ``ask`` states whether to ask the user for information that the tables do not give. Raise an
+        `InputError` if the first of ``paths`` is a folder, or if the tables cannot be imported.
         """
         first = self.paths[0]
         require(

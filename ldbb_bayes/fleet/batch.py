@@ -355,14 +355,18 @@ def _row_of_result(settings: Settings, job: Job, result: dict[str, Any] | Lost) 
 def _pending_jobs(journal: sqlite3.Connection, retry: bool) -> list[Job]:
     """Return the campaigns of a batch that have no row yet, in order of their numbers.
 
-    ``journal`` is the database in which the rows are saved. If ``retry`` is true, campaigns that
-    could not be fitted in an earlier run are returned too.
+    ``journal`` is the database in which the rows are saved; its column ``place`` holds the absolute
+    paths of the campaigns. If ``retry`` is true, campaigns that could not be fitted in an earlier
+    run are returned too.
     """
     condition = "status IS NULL"
     if retry:
         condition += " OR status = 'failed'"
     query = f"SELECT number, path, place FROM campaigns WHERE {condition} ORDER BY number"
-    return [Job(*entry) for entry in journal.execute(query)]
+    jobs = []
+    for number, path, absolute_path in journal.execute(query):
+        jobs.append(Job(number, path, absolute_path))
+    return jobs
 
 
 def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:

@@ -325,10 +325,11 @@ class SheetNumbers:
     def path(self) -> dict[str, StatedQuantity]:
         """Circular deviations G, F_max and F_min of the tool path in every plane.
 
-        The deviations are measured from the least-squares circle at the force ``force_N`` [N]. They
-        are confounded with the same effects as the geometric errors. The keys of the dict are the
-        symbols of the deviations, such as ``G``; they also name the plane if several planes were
-        tested.
+        The deviations are measured from the least-squares circle at the force ``force_N`` [N]. As
+        effects with which they are confounded, they state the effects that readings cannot separate
+        from the undetermined geometric errors (`_partners_of_geometry`). The keys of the dict are
+        the symbols of the deviations, such as ``G``; they also name the plane if several planes
+        were tested.
         """
         return self._path_quantities(self.force_N, ("G", "F_max", "F_min"))
 

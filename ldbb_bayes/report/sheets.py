@@ -82,7 +82,13 @@ def sheets(
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the content of sheet 1 of the test certificate, with form fields and figures."""
+    """Yield the content of sheet 1 of the test certificate.
+
+    The content is: the banner, the fields of the campaign, the findings in plain words, the table
+    of results with uncertainties, the decisions on conformity, the figure of the readings beside
+    the list of quantities that are undetermined, notes, and the fields for signatures.
+    ``numbers`` holds the numbers and the words of the certificate.
+    """
     words = numbers.words
     findings = numbers.findings
     yield banner(numbers)

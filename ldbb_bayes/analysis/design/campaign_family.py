@@ -175,7 +175,11 @@ class CampaignFamily:
         return tuple(self.space.tests[k] for k in positions)
 
     def uses_all(self, tests: Sequence[CircularTest]) -> bool:
-        """Return whether tests use all pairs of ball angles and all radii of a campaign family."""
+        """Return whether ``tests`` use all pairs of ball angles and all radii of the family.
+
+        The tests must belong to the family: only the numbers of different pairs and of different
+        radii are compared with those of the family.
+        """
         clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
         radii = {test.radius_mm for test in tests}
         return len(clockings) >= len(self.space.clockings_deg) and len(radii) >= len(

@@ -272,7 +272,8 @@ def design_for_goals(
 ) -> GoalDesign:
     """Return the cheapest campaigns that reach the user's goals for uncertainties.
 
-    The arguments are the same as in `ldbb_bayes.design`; ``stated`` are the goals.
+    The arguments are the same as in `ldbb_bayes.design`; ``stated`` are the goals. Raise an
+    `InputError` if the priors are flat, or if a goal, certificate or probability is not valid.
     """
     costs = costs or Costs()
     check_probability(probability, "probability")
@@ -316,14 +317,17 @@ class _Steps:
         self.finish(self.done + 1)
 
     def finish(self, done: int) -> None:
-        """Record how many steps (searches and forecasts) are finished, and report the progress."""
+        """Record how many steps (searches and forecasts) are finished, and report the progress.
+
+        ``done`` is the number of finished steps.
+        """
         self.done = done
         if self.progress is not None:
             self.progress(done, 2 * _SHOWN + _CUSTOMARY)
 
 
 def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
-    """Return both directions of travel, or none if a test of the pilot states no direction.
+    """Return CW and CCW, or an empty tuple if a test of the pilot states no direction of travel.
 
     The pilot is the campaign or plan that the design starts from. The model can include hysteresis
     only if the directions of all tests are known.
@@ -336,12 +340,13 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
 def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
     """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
 
-    The pilot is the campaign or plan that the design starts from. The estimate and its uncertainty
-    are the posterior mean and standard deviation given the pilot's readings. If the pilot is a plan
-    without readings, both come from the prior, and the goal does not count as met. The estimate is
-    then the median of the parameter's absolute value, because the mean may be zero. The result
-    states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in the
-    unit of the parameter. The result is a dict; its keys are the names of the goals' parameters.
+    The pilot of ``space`` is the campaign or plan that the design starts from. The estimate and its
+    uncertainty are the posterior mean and standard deviation given the pilot's readings. If the
+    pilot is a plan without readings, both come from the prior, and the goal does not count as met.
+    The estimate is then the median of the parameter's absolute value, because the mean may be zero.
+    The result states the expanded uncertainty U (k = 2) and the largest U that the goal allows,
+    both in the unit of the parameter. The result is a dict; its keys are the names of the goals'
+    parameters.
     """
     pilot = space.pilot
     states = states_of(space.model, pilot)
@@ -383,11 +388,15 @@ def _search_campaigns(
 ) -> GoalDesign:
     """Return the cheapest campaigns that would reach all uncertainty goals not met yet.
 
+    The result also has customary campaigns for comparison, and the reasons why goals cannot be
+    reached. Goals that cannot be reached with any certificates are left out of the search.
+
     ``needed`` are the goals that are not yet met. ``known`` are all goals, with the present
     estimates and uncertainties of their parameters. The keys of both dictionaries are the names of
     the parameters. ``space`` holds the circles to choose from, and ``offers`` are the certificates
     that could be bought. A campaign must reach all goals on at least the fraction ``probability``
-    of the possible machines. ``steps`` reports the progress.
+    of the possible machines. ``costs`` are the times and prices of circles and set-ups, and the
+    longest machine time allowed. ``steps`` reports the progress.
     """
     steps.finish(0)
     plans: tuple[GoalPlan, ...] = ()
@@ -437,8 +446,8 @@ def _reachable(
     """Return the goals that very many circles could reach with at least one set of certificates.
 
     ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
-    of the machine. ``space`` holds the circles to choose from. The result is a dict; its keys are
-    the names of the goals' parameters.
+    of the machine, over which the uncertainties are averaged. ``space`` holds the circles to choose
+    from. The result is a dict; its keys are the names of the goals' parameters.
     """
     reachable: dict[str, Goal] = {}
     for offers in sets:
@@ -456,11 +465,18 @@ def _near_misses(
 ) -> dict[str, NearMiss]:
     """Return the reasons why the campaign ``nearest`` meets goals on too few machines.
 
-    Of all campaigns with the largest number of circles allowed, ``nearest`` comes nearest to
-    meeting the goals (upper limits of uncertainties). The keys of the result are the names of the
-    goals' parameters. A goal is included if the share of the possible machines on which it is met
-    is below ``probability``. If ``nearest`` meets each goal on enough machines, but not all goals
-    together, all goals are included.
+    Goals are upper limits of expanded uncertainties. Of all campaigns with the largest number of
+    circles allowed, ``nearest`` meets all goals on the largest share of the possible machines. The
+    result is a dict; its keys are the names of the goals' parameters. Each value gives the reason:
+    the source that would contribute most to the variance of the parameter if very many circles were
+    run, and the certificate that would reduce the uncertainty most. It also states the number of
+    circles of ``nearest``, the expanded uncertainty that is not exceeded on 90 % of the possible
+    machines, and the share of these machines on which the goal is met.
+
+    A goal is included if the share of the possible machines on which it is met is below
+    ``probability``. If ``nearest`` meets each goal on enough machines, but not all goals together,
+    all goals are included. ``costs`` are needed for the forecast of the campaign, but do not change
+    the result.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]
@@ -481,7 +497,9 @@ def _plans_of(
 ) -> tuple[GoalPlan, ...]:
     """Return a plan for every campaign, with its costs and its forecast for every uncertainty goal.
 
-    ``steps`` reports the progress: one step is counted after each campaign.
+    The keys of ``goals`` are the names of the parameters, and ``costs`` are the times and prices.
+    ``steps`` reports the progress: the steps of the search are counted as finished first, and one
+    step is counted after each campaign.
     """
     steps.finish(_SHOWN)
     plans = []
@@ -492,7 +510,10 @@ def _plans_of(
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
-    """Return a campaign with its costs and with the forecast for every uncertainty goal."""
+    """Return a campaign with its costs and with the forecast for every uncertainty goal.
+
+    The keys of ``goals`` are the names of the parameters, and ``costs`` are the times and prices.
+    """
     family = campaign.family
     shares = shares_of_machines(campaign.stated, goals)
     expected = forecast_plan(family.space.model, campaign.plan).expected
@@ -528,7 +549,9 @@ def _customary_plans(
     Campaigns of the same size have the same number of circles. The campaigns as they are usually
     run use no further certificates of the instrument, and only one radius: the first of the
     possible radii. The best campaigns belong to the same family (same radii, certificates and
-    angles of the balls) as ``best``, the cheapest campaign. ``steps`` reports the progress.
+    angles of the balls) as ``best``, the cheapest campaign. The keys of ``goals`` are the names of
+    the parameters, and ``costs`` are the times and prices. ``steps`` reports the progress: all
+    earlier steps are counted as finished first, and one step is counted after each campaign.
     """
     steps.finish(2 * _SHOWN)
     family = best.family

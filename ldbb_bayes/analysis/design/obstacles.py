@@ -92,6 +92,10 @@ def near_miss_of(
 ) -> NearMiss:
     """Return the reason why the largest campaign of a family does not reach a goal.
 
+    The reason is the source that would contribute most to the variance of the goal's parameter if
+    very many circles were run. The certificate that would reduce the uncertainty most is returned
+    with it, if it would reduce the uncertainty by at least a tenth.
+
     Parameters
     ----------
     family
