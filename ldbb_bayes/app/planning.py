@@ -306,9 +306,9 @@ def _space_of_sliders(
 def _tests_of_all_settings(space: Space, force_N: float) -> list[lb.CircularTest]:
     """Return one test for every combination of ball angles, radius, direction of travel and plane.
 
-    Ball angles are the angles by which the two balls are turned in their sockets. All these
-    tests have the force ``force_N``. In their order, ball angles usually change from one test to
-    the next (`_pairs_in_turn`).
+    Ball angles are the angles by which the two balls are turned in their sockets. All these tests
+    have the force ``force_N``. In their order, ball angles usually change from one test to the next
+    (`_pairs_in_turn`).
     """
     unturned_tests = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
     number = len(unturned_tests) * len(space.clockings_deg)
@@ -485,8 +485,8 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     are left out. Each row also holds the standard uncertainty to expect (``sd``) and the one that
     is not exceeded on 90 % of the possible machines (``likely_sd``). Entry ``settle`` holds two
     probabilities of decisive evidence: for compliance linear in force if the compliance is linear,
-    and for constant compliance if it is constant. The entry is None if these probabilities cannot be
-    forecast.
+    and for constant compliance if it is constant. The entry is None if these probabilities cannot
+    be forecast.
 
     Parameters
     ----------
