@@ -187,14 +187,14 @@ def _space_of(
     directions: tuple[Direction, ...],
     augment: bool,
 ) -> Space:
-    """Return the space of possible tests with given ball angles, radii and directions of travel.
+    """Return the space of possible tests at given angles of the balls, radii and directions.
 
     Parameters
     ----------
     report
         Report of the fit on which the plan is based.
     clockings_deg
-        Pairs of angles of the work ball and the tool ball about their stems [deg].
+        Pairs of angles by which the work ball and the tool ball are turned in their sockets [deg].
     radii_mm
         Radii of the circles [mm].
     directions

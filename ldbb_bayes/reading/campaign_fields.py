@@ -378,8 +378,8 @@ def find_resolution(
 
     A resolution that the user or a file states is kept. The resolution is determined only if, in
     every test, the readings have a common step that can be the resolution of a readout: 0.001 µm to
-    5 µm, and at most a tenth of the range of the readings. It is the smallest of these steps,
-    rounded to three digits.
+    5 µm, and at most a tenth of the range of the readings. The resolution is the smallest of these
+    steps over all tests, rounded to three digits.
 
     Parameters
     ----------

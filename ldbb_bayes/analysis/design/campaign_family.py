@@ -175,10 +175,11 @@ class CampaignFamily:
         return tuple(self.space.tests[k] for k in positions)
 
     def uses_all(self, tests: Sequence[CircularTest]) -> bool:
-        """Return whether ``tests`` use all pairs of ball angles and all radii of the family.
+        """Return whether ``tests`` use all clockings and all radii of the family.
 
-        The tests must belong to the family: only the numbers of different pairs and of different
-        radii are compared with those of the family.
+        A clocking is a pair of angles by which the two balls are turned in their sockets. The tests
+        must belong to the family: only the numbers of different clockings and of different radii
+        are compared with those of the family.
         """
         clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
         radii = {test.radius_mm for test in tests}

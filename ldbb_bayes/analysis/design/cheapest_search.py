@@ -1,12 +1,12 @@
 """Search for the cheapest campaigns that reach given goals for uncertainties.
 
-Campaigns of one family have the same clockings (pairs of ball angles), radii and certificates. The
-search goes through families and numbers of circles, the cheapest first. For each family and number
-of circles, the search takes the campaign with the smallest distance from the goals in the quick
-forecast (`quick_forecast`). If this distance is small enough, the full forecast (`forecast`)
-decides whether the goals are reached. The uncertainties of the quick forecast are too small by a
-factor that hardly differs between campaigns of one family. This factor is estimated from the full
-forecasts made so far.
+Campaigns of one family have the same clockings (pairs of angles by which the two balls are turned
+in their sockets), radii and certificates. The search goes through families and numbers of circles,
+the cheapest first. For each family and number of circles, the search takes the campaign with the
+smallest distance from the goals in the quick forecast (`quick_forecast`). If this distance is small
+enough, the full forecast (`forecast`) decides whether the goals are reached. The uncertainties of
+the quick forecast are too small by a factor that hardly differs between campaigns of one family.
+This factor is estimated from the full forecasts made so far.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ _MOST_EFFORT = 700
 class FoundCampaign:
     """A campaign that was found by the search for the cheapest campaign, with its forecast."""
 
-    #: family to which the campaign belongs: campaigns with the same ball angles, radii and
-    #: certificates
+    #: family to which the campaign belongs: campaigns with the same angles of the balls in their
+    #: sockets, radii and certificates
     family: CampaignFamily
     #: tests of the campaign, each repeated as often as it is run
     tests: tuple[CircularTest, ...]
@@ -210,8 +210,8 @@ def find_cheapest(
     Parameters
     ----------
     families
-        Families of campaigns; the campaigns of one family have the same ball angles, radii and
-        certificates.
+        Families of campaigns; the campaigns of one family have the same angles of the balls in
+        their sockets, radii and certificates.
     goals
         Goals; the keys are the names of the parameters.
     costs

@@ -446,8 +446,8 @@ def _reachable(
     """Return the goals that very many circles could reach with at least one set of certificates.
 
     ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
-    of the machine, over which the uncertainties are averaged. ``space`` holds the circles to choose
-    from. The result is a dict; its keys are the names of the goals' parameters.
+    of the machine, over which the logarithms of the uncertainties are averaged. ``space`` holds the
+    circles to choose from. The result is a dict; its keys are the names of the goals' parameters.
     """
     reachable: dict[str, Goal] = {}
     for offers in sets:

@@ -385,7 +385,7 @@ def _default_forces(campaign: Campaign) -> list[float]:
 
 
 def _clockings_of(campaign: Campaign) -> list[Clocking]:
-    """Return the different pairs of ball angles [°] at which circles of a campaign were run."""
+    """Return the different pairs of angles of the balls in their sockets [°] in a campaign."""
     pairs = [(test.work_ball_deg, test.tool_ball_deg) for test in campaign.tests]
     return list(dict.fromkeys(pairs))
 

@@ -99,7 +99,8 @@ def near_miss_of(
     Parameters
     ----------
     family
-        Family of campaigns: all campaigns with the same ball angles, radii and certificates.
+        Family of campaigns: all campaigns with the same angles of the balls in their sockets, radii
+        and certificates.
     name
         Name of the goal's parameter.
     circles, likely_U, probability
@@ -122,8 +123,8 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
 
     The result is a dict; its keys are the names of the goals' parameters. Goals that can be reached
     are left out. ``family`` is the family of campaigns whose goals are examined. The family has all
-    ball angles and radii that may be used, and only the certificates that the instrument already
-    has.
+    angles of the balls in their sockets and radii that may be used, and only the certificates that
+    the instrument already has.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]
