@@ -104,12 +104,15 @@ class AssumptionLog:
         """
         self._cited_lines.setdefault(place, []).extend(lines)
 
-    def allow_for_unused_texts(self) -> None:
+    def allow_for_unused_texts(self, has_unused_texts: bool) -> None:
         """Weaken the reason of every assumption whose reason is that nothing states the value.
 
-        The files contain texts that were not used, and one of these texts may state the value. The
-        new reason is therefore that no text states the value, as far as the texts are understood.
+        If the files contain texts that were not used (``has_unused_texts``), or if a reason cites a
+        line that is not understood, one of these texts may state the value. The new reason is
+        therefore that no text states the value, as far as the texts are understood.
         """
+        if not (has_unused_texts or self._cites_line_not_understood()):
+            return
         places_of_entries: dict[_Entry, list[str]] = {}
         for entry, places in self._places.items():
             if entry.reason == NOTHING_STATED:
@@ -137,6 +140,13 @@ class AssumptionLog:
                 place = f"{len(places)} places"
             assumptions.append(Assumption(place, *entry))
         return tuple(assumptions)
+
+    def _cites_line_not_understood(self) -> bool:
+        """Return whether a reason for an assumption cites a line that was not understood."""
+        for lines in self._cited_lines.values():
+            if not all(line.is_understood for line in lines):
+                return True
+        return False
 
     def lines_cited_for(self, places: Iterable[str]) -> list[CitedLine]:
         """Return the lines of files that are cited as reasons for assumptions about ``places``.

@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 __all__ = ["CitedLine", "cited_line", "quoted_line", "with_words"]
 
+# Remarks on a line from which nothing was taken, although it may matter.
+_UNREAD = ("not understood", "not used")
+
 
 class CitedLine(NamedTuple):
     """Line of a file that is the reason for an assumption, as in "line 3 says 'R = 100 mm'"."""
@@ -21,6 +24,9 @@ class CitedLine(NamedTuple):
     #: words that the reason for an assumption quotes from the line; empty if the reason only states
     #: the number of the line
     quoted: str = ""
+    #: whether the line was understood; False for a line that is told because nothing was taken
+    #: from it
+    is_understood: bool = True
 
     def __str__(self) -> str:
         """Return the text that states the reason for an assumption."""
@@ -51,7 +57,7 @@ def quoted_line(line: int | str, text: str, remark: str = "", longest: int = 60)
     reason = f"line {line} says {text.strip()[:longest]!r}"
     if remark:
         reason += f", {remark}"
-    return CitedLine(reason, line, text.strip())
+    return CitedLine(reason, line, text.strip(), is_understood=remark not in _UNREAD)
 
 
 def with_words(reason: str | CitedLine, words: str) -> str | CitedLine:

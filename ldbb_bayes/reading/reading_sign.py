@@ -18,7 +18,12 @@ from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.travel_direction import senses_in
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 
-__all__ = ["is_about_sign", "leaves_difference_unread", "sign_of_readings"]
+__all__ = [
+    "is_about_sign",
+    "leaves_difference_unread",
+    "names_sign_or_length",
+    "sign_of_readings",
+]
 
 _WORDS = WORDS["reading_sign"]
 # Regular expression for a word about the sign of a reading, such as "positive", or a word which
@@ -307,6 +312,11 @@ def is_about_sign(text: str) -> bool:
     if words and _sign_from_meanings(words) is not None:
         return True
     return _leaves_sign_open(cited_line(0), text) or _explains_sign(text)
+
+
+def names_sign_or_length(text: str) -> bool:
+    """Return whether a text has a word for a sign, or one for a longer or shorter bar."""
+    return bool(_meanings_of_words(text[:LONGEST_TEXT]))
 
 
 def leaves_difference_unread(text: str) -> bool:

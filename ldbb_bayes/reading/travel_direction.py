@@ -290,7 +290,8 @@ def _directions_in_statement(text: str) -> set[str]:
         return _senses_of_arcs(text) or _sense_beside_load(text)
     if _SENSE_OF_ANGLE.search(text):
         return set()
-    return _direction_after(match[1])
+    # In "sentido do movimento: horário", the sense consists of the first and the last word.
+    return _direction_after(match[1]) or _direction_after(match[0])
 
 
 def _sense_beside_load(text: str) -> set[str]:

@@ -97,8 +97,7 @@ def note_unstated(
         log.add("", "angle", convention, reason, "--angle-zero, --angle-sense")
     if "direction" not in noted and all(test.direction is None for test in tests):
         log.add("", "direction", "not stated", reason, "--direction")
-    if unused:
-        log.allow_for_unused_texts()
+    log.allow_for_unused_texts(bool(unused))
     _note_unused_texts(unused, log)
 
 

@@ -7,7 +7,7 @@ nothing from the second.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from ldbb_bayes.reading.angle_convention import states_angles, states_zero
 from ldbb_bayes.reading.circle_centre import without_centre
@@ -16,7 +16,11 @@ from ldbb_bayes.reading.lines_above import is_label, statements_in
 from ldbb_bayes.reading.mount_statement import mount_state
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import is_missing
-from ldbb_bayes.reading.reading_sign import is_about_sign, leaves_difference_unread
+from ldbb_bayes.reading.reading_sign import (
+    is_about_sign,
+    leaves_difference_unread,
+    names_sign_or_length,
+)
 from ldbb_bayes.reading.timestamps import stamps_in
 from ldbb_bayes.reading.travel_direction import directions_stated, senses_in
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, unit_named
@@ -42,7 +46,7 @@ def states_correction(text: str) -> bool:
 
 
 def unused_segments(text: str, quoted: Collection[str]) -> str:
-    """Return the unused segments of a line, joined by semicolons.
+    """Return the unused segments of a line, as they stand in it.
 
     A segment is unused if nothing was taken from it. Centres of circles are left out, because
     another note shows them.
@@ -63,18 +67,60 @@ def unused_segments(text: str, quoted: Collection[str]) -> str:
     has_parts = len(next(finer_divisions(text))) > 1
     if len(segments) == 1 and not has_parts and not leaves_difference_unread(text):
         return ""
-    is_line_quoted = text.strip() in quoted
     unused = []
     for k, segment in enumerate(segments):
-        states_load = load_in_name([segment]) is not None
-        is_quoted = segment.strip() in quoted or (is_line_quoted and states_load)
-        if not _may_matter(segment) or is_quoted:
+        if _is_label_of_next(segments, k, text) and _is_used(segments, k + 1, text):
+            continue
+        if not _may_matter(segment) or _is_quoted(segment, text, quoted):
             continue
         if _is_used(segments, k, text) and not (_defines(segment) and states_correction(segment)):
             unused += _unused_parts(segment, quoted)
         else:
             unused.append(segment.strip())
-    return "; ".join(unused)
+    return _as_they_stand(text, unused)
+
+
+def _is_quoted(segment: str, text: str, quoted: Collection[str]) -> bool:
+    """Return whether a note quotes a segment, or the whole line ``text`` if the segment is a load.
+
+    ``quoted`` are the parts of the line that notes quote.
+    """
+    is_line_quoted = text.strip() in quoted
+    return segment.strip() in quoted or (is_line_quoted and load_in_name([segment]) is not None)
+
+
+def _is_label_of_next(pieces: list[str], k: int, text: str) -> bool:
+    """Return whether a piece of a line is the label of the next piece.
+
+    A label ends with a colon, or it is a cell of one or two words at the beginning of a line with
+    tabs, as in ``Encoder<tab>7200 pulses/rev``. ``k`` is the index of the piece among ``pieces``,
+    into which the line ``text`` is divided.
+    """
+    if k + 1 == len(pieces):
+        return False
+    piece = pieces[k].strip()
+    is_first_cell = k == 0 and text.lstrip().startswith(f"{piece}\t")
+    is_short = len(piece.split()) <= 2 and not states_correction(piece)
+    return piece.endswith((":", "=")) or (is_first_cell and is_short)
+
+
+def _as_they_stand(text: str, parts: Sequence[str]) -> str:
+    """Join parts of the line ``text``, in their order, by the marks that stand between them there.
+
+    Parts with other words between them are joined by semicolons. In ``e = R - R0``, the minus sign
+    between two parts is kept.
+    """
+    joined = ""
+    end = 0
+    for part in parts:
+        start = text.find(part, end)
+        between = text[end:start] if start >= 0 else ""
+        is_next = start >= 0 and re.search(r"\w", between) is None
+        if joined:
+            joined += between if is_next else "; "
+        joined += part
+        end = max(start, end) + len(part)
+    return joined
 
 
 def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
@@ -83,16 +129,23 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
     The segment is divided at dashes and slashes. In ``Force 36 N - gauge turned over``, the last
     part is unused. A part counts as used if the segment without it states fewer fields, such as the
     force, or if the part is about the sign of readings. ``quoted`` holds those parts of the line
-    that notes already quote; they are left out.
+    that notes already quote; they are left out. An equation with an unused part is returned as a
+    whole, because its parts do not show what it means.
     """
     parts = next(finer_divisions(segment))
     unused = []
     for k, part in enumerate(parts):
         others = " - ".join(parts[:k] + parts[k + 1 :])
         is_needed = _stated_facts(segment) != _stated_facts(others) or is_about_sign(part)
+        is_needed = is_needed or _is_label_of_next(parts, k, segment)
         if len(parts) > 1 and _may_matter(part) and not (is_needed or part.strip() in quoted):
             unused.append(part.strip())
-    return unused
+    if not unused or _EQUATION.search(segment) is None:
+        return unused
+    # An equation such as "deviation = measured - nominal" only states the sign of readings. With a
+    # number, as in "2 x (measured - nominal)", it states more.
+    only_states_sign = is_about_sign(segment) and re.search(r"\d", segment) is None
+    return [] if only_states_sign else [segment.strip()]
 
 
 def _defines(segment: str) -> bool:
@@ -142,6 +195,8 @@ def _continues_statement(segment: str, text: str) -> bool:
     ``Operator: Meier, Huber``, the second segment is the second of two names.
     """
     if states_angles(text) and (senses_in(segment) or states_zero(segment)):
+        return True
+    if names_sign_or_length(segment) and is_about_sign(text):
         return True
     name = segment.strip()
     for statements in statements_in([(0, text)]).values():
