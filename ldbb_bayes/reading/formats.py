@@ -30,6 +30,11 @@ _OPENED_LIST = re.compile(
 # Regular expression for a line with a name and a list of numbers, as in "angle = [0, 5, 10]".
 _NAMED_LIST = re.compile(rf"{_NAME}\s*[=:]\s*[\[({{]?(?:\s*{NUMBER_IN_TEXT}[,;\s]){{9}}.*")
 
+# Regular expression for a range of numbers in MATLAB with its name, as in "phi = 0:10:350".
+_RANGE = re.compile(rf"{_NAME}\s*=\s*\[?\s*{NUMBER_IN_TEXT}\s*:\s*{NUMBER_IN_TEXT}\s*:")
+# Regular expression for the numbers in names that distinguish circles, as in "B(1).dl".
+_NUMBER = re.compile(r"\d+")
+
 
 def format_of(sheet: Sheet) -> str:
     """Return a description, for error messages, of the format of a text file without a table.
@@ -73,11 +78,33 @@ def advice_on_format(sheet: Sheet) -> str:
         " '5.0,-1.234' for each reading."
     )
     texts = [text.strip() for _, text in sheet.texts(sheet.rows)]
+    if texts and _WEB_PAGE.match(texts[0]):
+        return f"{advice} Or open the page in a spreadsheet program, and save it as XLSX."
     lists = _names_of_lists(texts)
     if len(lists) < 2 or not _is_program_of_matlab(sheet, texts):
         return advice
-    columns = f"[{lists[0]}(:) {lists[1]}(:)]"
-    return f"{advice} In MATLAB, for each circle: writematrix({columns}, '36 N.csv')."
+    angle, reading = lists[:2]
+    if _NUMBER.sub("", angle) == _NUMBER.sub("", reading):
+        # Both vectors hold readings, of different circles.
+        reading = angle
+        angle = _name_of_range(texts) or "angle"
+    command = f"writematrix([{angle}(:) {reading}(:)], '36 N.csv')"
+    advice = f"{advice} In MATLAB, for each circle: {command}."
+    if any(text.startswith("%") for text in texts):
+        advice += " Copy the lines that begin with % above its numbers."
+    return advice
+
+
+def _name_of_range(texts: Sequence[str]) -> str:
+    """Return the name of the first range in a program of MATLAB, as in ``phi = 0:10:350;``.
+
+    The result is empty if there is no range. ``texts`` are the lines of the program.
+    """
+    for text in texts:
+        match = _RANGE.match(text)
+        if match:
+            return match["name"]
+    return ""
 
 
 def _names_of_lists(texts: Sequence[str]) -> list[str]:

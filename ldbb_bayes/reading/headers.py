@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
@@ -504,8 +505,17 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
 
 
 def _number_rows(rows: Sequence[Row]) -> bool:
-    """Return whether the first cells of a table's rows are 1, 2, 3 and so on."""
-    return all(row.cells[0] == str(number) for number, row in enumerate(rows, start=1))
+    """Return whether the first cells of a table's rows are successive integers, such as 1, 2, 3.
+
+    The table ends at the first row with another number of cells than its first row. The first
+    integer may be larger than 1, because R numbers the rows of several tables throughout.
+    """
+    width = len(rows[0].cells)
+    table = list(takewhile(lambda row: len(row.cells) == width, rows))
+    first = rows[0].cells[0]
+    if not first.isdecimal() or len(table) < min(_BLOCK_ROWS, len(rows)):
+        return False
+    return all(row.cells[0] == str(number) for number, row in enumerate(table, start=int(first)))
 
 
 def _join_units(words: Sequence[str]) -> list[str]:

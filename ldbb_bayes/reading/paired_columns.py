@@ -30,7 +30,8 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
     A new table begins at each column of angles. Columns before the first column of angles must
-    number the rows, as in 1, 2, 3; they are added at the end of each table. All tables must have
+    number the rows, as in 1, 2, 3; they are added at the end of each table, and so are columns of
+    texts to the right of all tables. All tables must have
     the same number of columns. If ``layout`` names columns, every table must have columns with
     these names. A sheet that does not meet these conditions is returned unchanged. A table is named
     after the header of its second column without the unit, such as "100 N". The tables may differ
@@ -39,7 +40,9 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     header = first_header(sheet.rows)
     if header is None:
         return [sheet]
-    names = _with_last_gap(sheet.rows[header].cells)
+    names = list(sheet.rows[header].cells)
+    text_columns = _columns_of_texts(sheet.rows[header + 1 :], names)
+    names = _with_last_gap(names[: len(names) - len(text_columns)])
     width = _width_of_tables(names)
     if not width:
         return [sheet]
@@ -55,7 +58,8 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     tables = []
     for start, title in zip(starts, titles, strict=True):
         columns = range(start, start + width)
-        tables.append(_table_in_columns(sheet, header, columns, numbering, title))
+        further_columns = [*numbering, *text_columns]
+        tables.append(_table_in_columns(sheet, header, columns, further_columns, title))
     _check_whole_circles(sheet, [_angles_of_table(table) for table in tables])
     return tables
 
@@ -65,6 +69,28 @@ def _columns_of_angles(names: Sequence[str]) -> list[int]:
     return [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
 
 
+def _cell(row: Row, column: int) -> str:
+    """Return the text of a cell; empty if the row ends before the column."""
+    return "".join(row.cells[column : column + 1])
+
+
+def _columns_of_texts(rows: Sequence[Row], names: Sequence[str]) -> range:
+    """Return the indices of the columns to the right of all tables that hold texts only.
+
+    An example is a column of remarks. ``rows`` are the rows below the header, and ``names`` are the
+    headers of all columns.
+    """
+    starts = _columns_of_angles(names)
+    if len(starts) < 2:
+        return range(0)
+    width = starts[1] - starts[0]
+    columns = range(min(starts[0] + width * len(starts), len(names)), len(names))
+    for row in rows:
+        if any(looks_like_number(_cell(row, column)) for column in columns):
+            return range(0)
+    return columns
+
+
 def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
     """Return whether a column numbers the rows of a table, counted from 0 or 1.
 
@@ -72,7 +98,7 @@ def _numbers_rows(rows: Sequence[Row], column: int) -> bool:
     """
     numbers = []
     for row in rows:
-        cell = row.cells[column] if column < len(row.cells) else ""
+        cell = _cell(row, column)
         if cell:
             numbers.append(cell)
     counted_from_0 = [str(number) for number in range(len(numbers))]
@@ -152,21 +178,22 @@ def _width_of_tables(names: Sequence[str]) -> int:
 
 
 def _table_in_columns(
-    sheet: Sheet, header: int, columns: range, numbering: range, title: str
+    sheet: Sheet, header: int, columns: range, further_columns: Sequence[int], title: str
 ) -> Sheet:
     """Return one of the tables that stand beside each other in a sheet, as a separate sheet.
 
     The table is in the given ``columns``, and ``title`` is the name of the separate sheet. The rows
-    above the row of headers, whose index is ``header``, are copied too. The columns ``numbering``,
-    which hold the numbers of the rows, are appended to the right of the table.
+    above the row of headers, whose index is ``header``, are copied too. The columns
+    ``further_columns``, which hold the numbers of the rows or texts, are appended to the right of
+    the table.
     """
     rows = list(sheet.rows[:header])
     for row in sheet.rows[header:]:
         cells = row.cells[columns.start : columns.stop]
         if any(cells):
             n_missing = len(columns) - len(cells)
-            number_cells = row.cells[numbering.start : numbering.stop]
-            rows.append(Row(row.line, [*cells, *[""] * n_missing, *number_cells]))
+            further_cells = [_cell(row, column) for column in further_columns]
+            rows.append(Row(row.line, [*cells, *[""] * n_missing, *further_cells]))
     formulas = set()
     for line, column in sheet.formulas_without_value:
         formulas.add((line, column - columns.start))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +35,8 @@ from ldbb_bayes.reading.quoted_texts import (
     without_queries,
     without_quote_marks,
 )
+from ldbb_bayes.reading.r_groups import with_runs_for_groups
+from ldbb_bayes.reading.ragged_rows import with_remarks_joined, with_units_joined
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.transposed_tables import with_circles_in_columns
@@ -43,6 +46,10 @@ __all__ = ["read_sheets"]
 
 # Table that replaces the wide characters of East Asian text, including the wide blank, by ASCII.
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
+# Regular expression for the beginning of a page in HTML, which some programs save as a workbook.
+_WEB_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)", re.IGNORECASE)
+# Number of bytes at the beginning of a file that are examined for HTML.
+_HEAD_BYTES = 200
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Characters that almost certainly separate the cells of a text file, because they seldom occur
@@ -92,7 +99,8 @@ def read_sheets(
     if is_document(raw):
         return [Sheet(path, "", [])]
     is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
-    if is_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES:
+    is_web_page = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None
+    if is_workbook or (path.suffix.lower() in WORKBOOK_SUFFIXES and not is_web_page):
         tables = []
         for sheet in read_workbook(path, raw, sheets):
             tables += _tables_below_each_other(_with_plain_cells(sheet))
@@ -105,7 +113,7 @@ def read_sheets(
     if encoding is None:
         encoding = encoding_of(raw)
     text = with_names_of_dump(without_quote_marks(decode_text(path, raw, encoding)))
-    text = without_kinds_of_samples(without_queries(text))
+    text = with_runs_for_groups(without_kinds_of_samples(without_queries(text)))
     entries = _sheets_of_entries(Sheet(path, "", [], encoding, ","), text)
     if entries:
         return [_with_plain_cells(sheet) for sheet in entries]
@@ -134,6 +142,7 @@ def _sheets_of_rows(path: Path, text: str, encoding: str, separator: str) -> lis
     if separator == " ":
         lines = text.split("\n")
         rows = with_aligned_units(with_aligned_headers(rows, lines), lines)
+        rows = with_remarks_joined(with_units_joined(rows))
     sheet = Sheet(path, "", rows, encoding, separator, n_headers=n_removed)
     return _tables_below_each_other(_with_plain_cells(sheet))
 

@@ -35,13 +35,26 @@ _FIRST_WORD = re.compile(r"\W*[^\W\d_]{3,}")
 def statistics_among(cells: Sequence[str]) -> list[int]:
     """Return the indices of the cells of a column that name a statistic, such as "mean".
 
-    The list is empty if all cells of the column name a statistic, because all rows are then of the
-    same kind.
+    A less certain word, such as "max", counts next to a word that is certain. The list is empty if
+    all cells of the column name a statistic, because all rows are then of the same kind.
     """
     statistics = [k for k, cell in enumerate(cells) if comparable(cell) in _SURE_WORDS]
     if len(statistics) == len(cells):
         return []
-    return statistics
+    neighbours = set(statistics)
+    for first in statistics:
+        for step in (-1, 1):
+            k = first + step
+            while 0 <= k < len(cells) and _consists_of_statistics(cells[k]):
+                neighbours.add(k)
+                k += step
+    return sorted(neighbours)
+
+
+def _consists_of_statistics(cell: str) -> bool:
+    """Return whether all words of a cell may be parts of the name of a statistic."""
+    words = re.findall(r"[^\W\d_]+", comparable(cell))
+    return bool(words) and set(words) <= _WORDS
 
 
 def words_among_numbers(cells: Sequence[str]) -> list[int]:
@@ -95,8 +108,7 @@ def label_of_statistics(row: Row, angle_column: int) -> str:
         if cell:
             texts.append(cell)
     for label in (angle, " ".join(texts)[:LONGEST_NAME]):
-        words = re.findall(r"[^\W\d_]+", comparable(label))
-        if words and set(words) <= _WORDS:
+        if _consists_of_statistics(label):
             return label
     return ""
 

@@ -143,7 +143,7 @@ def check_not_transposed(sheet: Sheet) -> None:
     """
     _check_no_matrix(sheet)
     for row in sheet.rows[:LONGEST_OVERVIEW]:
-        angles = _angles_in(row.cells)
+        angles = _angles_in(_without_last_text(row.cells))
         if _cover_a_circle(angles):
             raise InputError(
                 f"{sheet.place}, line {row.line}: angles must stand below each other, got"
@@ -151,6 +151,14 @@ def check_not_transposed(sheet: Sheet) -> None:
                 " a column 'Angle [deg]', and each circle in a column with its force in the"
                 " header, such as '100 N [um]'."
             )
+
+
+def _without_last_text(cells: Sequence[str]) -> list[str]:
+    """Return the filled cells of a row without a text at its end, such as ``Remark``."""
+    filled = [cell for cell in cells if cell]
+    if filled and _ANGLE.fullmatch(filled[-1]) is None:
+        filled.pop()
+    return filled
 
 
 def _check_no_matrix(sheet: Sheet) -> None:

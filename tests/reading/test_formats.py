@@ -54,7 +54,8 @@ def test_a_program_of_matlab_is_named_with_its_command(name: str, tmp_path: Path
         lines.append("];")
     text = refusal(tmp_path, name, lines)
     assert "got a program of MATLAB with vectors in lines: 'run(1).theta' and 'run(1).dL'." in text
-    assert text.endswith("writematrix([run(1).theta(:) run(1).dL(:)], '36 N.csv').")
+    command = "writematrix([run(1).theta(:) run(1).dL(:)], '36 N.csv')."
+    assert text.endswith(f"{command} Copy the lines that begin with % above its numbers.")
 
 
 def test_lists_that_go_on_in_further_lines_are_named(tmp_path: Path) -> None:
