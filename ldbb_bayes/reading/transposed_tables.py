@@ -156,7 +156,7 @@ def check_not_transposed(sheet: Sheet) -> None:
 def _without_last_text(cells: Sequence[str]) -> list[str]:
     """Return the filled cells of a row without a text at its end, such as ``Remark``."""
     filled = [cell for cell in cells if cell]
-    if filled and _ANGLE.fullmatch(filled[-1]) is None:
+    if filled and not re.search(r"\d", filled[-1]):
         filled.pop()
     return filled
 
