@@ -32,6 +32,8 @@ __all__ = ["is_unit_stated", "unit_size"]
 
 # Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
+# Regular expression for the size of one count in the header of readings, such as 0.1 in "0.1 µm".
+_SIZE_OF_COUNT = re.compile(r"0[.,]0*1\s?[^\W\d]")
 # Regular expression for the length that a voltage stands for, as in "1 V = 10 µm" or "10 µm/V".
 _SENSITIVITY = re.compile(
     r"(?<![\d.,])1\s*(?P<volt>m?V)\s*(?:=|≙|:)\s*(?P<size>\d[\d.,]*\s*[^\W\d_]+)"
@@ -134,6 +136,7 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
     ``evidence`` holds the unit and its source, and ``role`` is the role of the column.
     """
     is_scaled = recording.heading.roles[role] in recording.heading.scaled_units
+    is_scaled = is_scaled or _SIZE_OF_COUNT.match(evidence.units[0]) is not None
     if evidence.source == _header_source(recording, role) and not is_scaled:
         return
     subject = f"unit of the {role}"
@@ -302,6 +305,9 @@ def _evidence_of_header(
         return []
     # A number in the unit of a header, as in 10 µm, may be a factor or the range of the
     # instrument. A unit with a number is therefore treated as unknown.
+    # A tenth, hundredth and so on, as in 0.1 µm, is the size of one count.
+    if role == "reading" and _SIZE_OF_COUNT.match(header_unit) and scaled_unit(header_unit):
+        return [_UnitEvidence([scaled_unit(header_unit)], _header_source(recording, role))]
     factor = " …" if re.search(r"\d", header_unit) else ""
     return [_UnitEvidence([header_unit + factor], _header_source(recording, role))]
 

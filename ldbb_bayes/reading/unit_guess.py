@@ -190,7 +190,7 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
             "reading_unit",
             list(UNITS["reading"]),
         )
-    reason = f"numbers up to {size.largest:.4g} fit no other unit"
+    reason = f"numbers up to {size.largest:.4g} fit this unit"
     for recording in recordings:
         source = _check_mentions(recording, fitting[0])
         if source:

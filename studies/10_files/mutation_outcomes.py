@@ -53,7 +53,7 @@ SIZES = {
     "kgf": 9.80665,
 }
 # Reasons of notes on quantities that nothing in a file states.
-_NOTHING_STATES = re.compile("says otherwise|fit no other unit|no unit in the header|spans")
+_NOTHING_STATES = re.compile("says otherwise|fit this unit|no unit in the header|spans")
 AXES_DEG = {"+X": 0.0, "+Y": 90.0, "-X": 180.0, "-Y": 270.0}
 
 

@@ -108,3 +108,14 @@ def test_inches_behind_a_dash_do_not_state_the_sign(
     rows = [f"{5 * k},{k / 100_000}" for k in range(72)]
     path.write_text("\n".join([f"Angle [deg],{header}", *rows, ""]))
     assert lb.import_campaign(path).campaign.tests[0].reading_um[1] == pytest.approx(sign * 0.254)
+
+
+def test_a_tenth_of_a_unit_in_the_header_is_the_size_of_a_count(tmp_path: Path) -> None:
+    file = tmp_path / "300N.csv"
+    table = "\n".join(f"{angle},{angle % 7}" for angle in range(0, 360, 5))
+    file.write_text(f"Angle [deg],dR [0.1 um]\n{table}\n", encoding="utf-8")
+    imported = lb.import_campaign(file)
+    assert imported.campaign.tests[0].reading_um[1] == pytest.approx(0.5)
+    assert ("unit of the reading", "0.1 um") in [
+        (note.what, note.value) for note in imported.assumptions
+    ]
