@@ -430,9 +430,9 @@ class _ComparisonPlan:
     """Plan of a comparison: the models to compare by evidence, and the further results to compute.
 
     The first two of the compared models are also compared under other priors of the slopes (changes
-    of compliance with force) and under other assumptions. In the dictionaries ``by_slope_scale``,
-    ``unchanged`` and ``by_assumption``, each key names a prior or an assumption, and each value
-    holds the first two models with this prior or assumption.
+    of compliance with force), and under other assumptions about the random differences between
+    circles. Three dictionaries hold copies of these two models: ``by_slope_scale`` for the other
+    priors, ``by_assumption`` for the other assumptions, and ``unchanged`` for none of these.
     """
 
     #: the first two of the compared models; the keys are the names that the caller gave them

@@ -42,9 +42,9 @@ class SessionRegistry:
     #: All sessions (browser tabs) that have not ended. The key of a session is the random text that
     #: identifies the session in URL paths.
     sessions: dict[str, Session] = field(default_factory=dict)
-    #: Two locks; the keys are fit and search. The first lock lets only one fit run at a time,
-    #: because a fit uses all cores. The second lock lets only one search for the cheapest campaign
-    #: run at a time.
+    #: Dict of two locks. The lock ``fit`` makes sure that only one fit runs at a time, because a
+    #: fit uses all cores. The lock ``search`` makes sure that only one search runs at a time; a
+    #: search looks for the cheapest campaign.
     turns: dict[str, asyncio.Semaphore] = field(default_factory=_one_of_each_kind)
 
     def begin(self, language: str) -> Session | None:

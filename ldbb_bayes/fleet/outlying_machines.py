@@ -65,8 +65,8 @@ class JudgedMachines:
     #: two-sided p-value of each of c parameters of n machines, not corrected for the number of
     #: comparisons, shape (n, c)
     parameter_p_value: Array
-    #: deviation of each of c parameters of n machines from the prediction of the other machines,
-    #: shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
+    #: deviation of each of c parameters of n machines from the value that the other machines
+    #: predict, shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
     #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
     z: Array
     #: array that is true for those of n machines whose p-values cannot be trusted, shape (n,). The

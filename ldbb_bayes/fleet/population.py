@@ -275,11 +275,12 @@ class Population(Result):
         The first columns are ``campaigns`` (the number of campaigns), ``p_value`` and ``flag``.
         Each parameter has further columns. For the parameter C_XXX, for example, they are
 
-        - ``C_XXX.mean``, ``C_XXX.sd``, ``C_XXX.ci_low`` and ``C_XXX.ci_high``: the estimate that
-          uses the population;
-        - ``C_XXX.alone_mean`` and ``C_XXX.alone_sd``: the estimate from the campaigns of the
-          machine alone;
-        - ``C_XXX.z``: the deviation from the prediction of the other machines.
+        - ``C_XXX.mean``, ``C_XXX.sd``, ``C_XXX.ci_low`` and ``C_XXX.ci_high``: the estimate from
+          the campaigns of all machines;
+        - ``C_XXX.alone_mean`` and ``C_XXX.alone_sd``: the estimate from the campaigns of this
+          machine only;
+        - ``C_XXX.z``: how far this machine's estimate lies from the value that the other machines
+          predict, as a quantile of the standard normal distribution.
         """
         rows: dict[str, dict[str, Any]] = {}
         for name, machine in self.machine.items():

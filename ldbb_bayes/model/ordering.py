@@ -43,9 +43,9 @@ _GROUP_COST = 100.0
 # proportional to the number of columns in the group. This is that time for one column, in units of
 # the time of one multiplication.
 _COLUMN_COST = 200.0
-# Time of the function calls that update one block of later columns, in units of the time of one
-# multiplication. When a group of columns of a sparse matrix is eliminated, later columns change;
-# they are updated in blocks of `PRODUCT_COLUMNS` columns.
+# When a group of columns of a sparse matrix is eliminated, the later columns are updated in blocks
+# of `PRODUCT_COLUMNS` columns. This is the time that calling the functions takes for one block,
+# without the arithmetic, in units of the time of one multiplication.
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product from one entry of the precision matrix P = Aᵀ D⁻¹ A (A is the design
 # matrix, D the noise covariance), in units of the time of one multiplication.

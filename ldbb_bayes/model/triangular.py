@@ -19,8 +19,10 @@ def eliminate(front: Array, *, signs: Array | None = None) -> None:
 
     The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ. S is a
     diagonal matrix of signs ±1, by default the unit matrix. Only the first s columns of L are
-    computed. Right-hand sides b, stored at the ends of the columns of P, are replaced by L⁻¹ b. If
-    P has no factor with these signs, entries become NaN, and NumPy warns.
+    computed. If P has no factor with these signs, entries become NaN, and NumPy warns.
+
+    Below the last row of P, ``front`` may have further rows with right-hand sides b, one in each
+    row. The first s numbers of b are replaced by those of L⁻¹ b.
 
     Parameters
     ----------

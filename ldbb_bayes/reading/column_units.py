@@ -330,9 +330,9 @@ def _unit_of_header(recording: Recording, role: str, evidence: Sequence[_UnitEvi
 def _may_be_counts(recording: Recording, role: str) -> bool:
     """Return whether the numbers of a column may be counts (digital steps of an instrument).
 
-    The size of one count may then be stated by a line of the file. Readings without a unit may be
-    counts. Angles are counts if their header has a word for counts. Times are numbers of samples if
-    they are successive integers. ``role`` is what the column holds: reading, angle or time.
+    The result is true for readings, for angles whose header has a word for counts, and for times
+    that are successive integers, because these number the samples. A line of the file may then
+    state the size of one count. ``role`` is what the column holds: reading, angle or time.
     """
     if role == "angle":
         return _heads_counts(recording, role)

@@ -275,10 +275,10 @@ def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict
 def _constant_load(recording: Recording, key: str) -> float | None:
     """Return the force [N] or pressure [bar] of a test from its column; None if there is no column.
 
-    If the values in the column vary like measured values (see `_is_measured`), the result is their
-    mean, which is noted. If they vary in another way, an `InputError` is raised. ``key`` is force_N
-    or pressure_bar. ``recording`` holds the rows of the test in its file, and everything that the
-    file or the user states about the test.
+    If all values in the column are equal, this value is returned. If they vary like measured values
+    (see `_is_measured`), their mean is returned, and a note says so. If they vary in any other way,
+    an `InputError` is raised. ``key`` is force_N or pressure_bar. ``recording`` holds the rows of
+    the test in its file, and everything that the file or the user states about the test.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]

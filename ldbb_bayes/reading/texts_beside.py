@@ -83,10 +83,10 @@ def texts_beside(
 
 
 def _headers_that_are_texts(heading: Heading, rows: Sequence[Row]) -> list[str]:
-    """Return the headers of unused columns that are texts, such as ``+ means bar longer``.
+    """Return those headers of unused columns that are remarks, such as ``+ means bar longer``.
 
-    The column below such a header is empty, or holds a few further texts. ``rows`` are the rows of
-    the table.
+    A remark is no name of a column: the cells below it are empty, or a few of them hold further
+    remarks. ``rows`` are the rows of the table.
     """
     headers = []
     for column in unused_columns(heading):

@@ -443,7 +443,7 @@ def _reachable(
     goals: Mapping[str, Goal],
     states: States,
 ) -> dict[str, Goal]:
-    """Return the goals that very many circles could reach with at least one set of certificates.
+    """Return the goals that are reached after very many circles, with some set of certificates.
 
     ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
     of the machine, over which the logarithms of the uncertainties are averaged. ``space`` holds the

@@ -246,8 +246,9 @@ def _mark_break(axes: Axes, end: float) -> None:
 def _gain_words(gain: float | None) -> str:
     """Return how much the readings favour an assumption, as a string with sign, such as "+3.1".
 
-    ``gain`` is the log evidence under this assumption minus the log evidence under the assumption
-    that the compared models make [nat]. The string is empty if ``gain`` is None.
+    ``gain`` is a difference of log evidences [nat]: the one under this assumption, minus the one
+    under the usual assumption, which the compared models make. The string is empty if ``gain`` is
+    None.
     """
     if gain is None:
         return ""
