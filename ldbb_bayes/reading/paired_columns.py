@@ -31,11 +31,11 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
 
     A new table begins at each column of angles. Columns before the first column of angles must
     number the rows, as in 1, 2, 3; they are added at the end of each table, and so are columns of
-    texts to the right of all tables. All tables must have
-    the same number of columns. If ``layout`` names columns, every table must have columns with
-    these names. A sheet that does not meet these conditions is returned unchanged. A table is named
-    after the header of its second column without the unit, such as "100 N". The tables may differ
-    in length: rows of the sheet that are empty within a table are left out of it.
+    texts to the right of all tables. All tables must have the same number of columns. If ``layout``
+    names columns, every table must have columns with these names. A sheet that does not meet these
+    conditions is returned unchanged. A table is named after the header of its second column without
+    the unit, such as "100 N". The tables may differ in length: rows of the sheet that are empty
+    within a table are left out of it.
     """
     header = first_header(sheet.rows)
     if header is None:

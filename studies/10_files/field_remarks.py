@@ -20,7 +20,7 @@ STATEMENTS: tuple[tuple[str, Row, str], ...] = (
 
 def remark_cases() -> dict[str, FieldCase]:
     """Return the cases of remarks and of heads of pages."""
-    return {**column_cases(), **header_cases(), **below_cases(), **report_cases()}
+    return {**column_cases(), **header_cases(), **below_cases(), **report_cases(), **ragged_cases()}
 
 
 def with_remark(row: Row, text: str, at_row: int) -> Row:
@@ -128,3 +128,45 @@ def report_cases() -> dict[str, FieldCase]:
         files = report(head, lines, header, encoding)
         cases[f"report_{name}"] = FieldCase(kind, f"{head!r} above {lines[-2]!r}", files)
     return cases
+
+
+def ragged_cases() -> dict[str, FieldCase]:
+    """Return printed tables whose rows have more cells than their header has names."""
+
+    def with_unit(circle: Circle, k: int) -> list[object]:
+        return [f"{circle.angle_deg[k]:g}   {circle.reading_um[k]:.3f} µm"]
+
+    def with_bump(circle: Circle, k: int) -> list[object]:
+        remark = "   small bump here" if k == 9 else ""
+        return [f"{circle.angle_deg[k]:g}   {circle.reading_um[k]:.3f}{remark}"]
+
+    lines = []
+    for group, circle in enumerate(field.TRUTH):
+        lines += [f"$`{circle.force_N:g}`", "      theta      dr"]
+        n_rows = len(circle.angle_deg)
+        for k in range(n_rows):
+            cells = (group * n_rows + k + 1, f"{circle.angle_deg[k]:g}", circle.reading_um[k])
+            lines.append("   ".join(str(cell) for cell in cells))
+        lines.append("")
+    forces = ",".join(f"{circle.force_N:g}" for circle in field.TRUTH)
+    kind = "rows with more cells than names"
+    return {
+        "unit_in_each_row": FieldCase(
+            kind,
+            "'µm' behind each number, without a name in the header",
+            field.texts("Angle   Deviation", with_unit, suffix=".txt"),
+        ),
+        "remark_in_one_row": FieldCase(
+            kind,
+            "a remark in one row below the name 'Remark'",
+            field.texts("Angle   Deviation   Remark", with_bump, suffix=".txt"),
+            told="small bump here",
+        ),
+        "groups_of_r": FieldCase(
+            kind,
+            "groups of R's split, with numbers of rows",
+            {"sink.txt": "\n".join(lines).encode()},
+            refusal="Give --forces-N",
+            step=("--forces-N", forces),
+        ),
+    }
