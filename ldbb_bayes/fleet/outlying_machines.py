@@ -66,8 +66,9 @@ class JudgedMachines:
     #: comparisons, shape (n, c)
     parameter_p_value: Array
     #: deviation of each of c parameters of n machines from the value that the other machines
-    #: predict, shape (n, c). A deviation is stated as the quantile of the standard normal distribution that
-    #: has the same two-sided p-value; it is positive if the parameter is above the prediction.
+    #: predict, shape (n, c). A deviation is stated as the quantile of the standard normal
+    #: distribution that has the same two-sided p-value; it is positive if the parameter is above
+    #: the prediction.
     z: Array
     #: array that is true for those of n machines whose p-values cannot be trusted, shape (n,). The
     #: p-values are computed from weighted random draws of the spreads (standard deviations from

@@ -198,6 +198,6 @@ def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutsid
     for line, text in sheet.texts(row for row in sheet.rows if row.line > last_line):
         yield _TextOutside(line, text, bool(directions_stated([(line, text)])))
     for entry in recording.texts_beside:
-        line = (entry.place, entry.text)
-        is_used = line in recording.lines_beside and bool(directions_stated([line]))
+        beside = (entry.place, entry.text)
+        is_used = beside in recording.lines_beside and bool(directions_stated([beside]))
         yield _TextOutside(entry.place, entry.text, is_used)
