@@ -38,6 +38,7 @@ from ldbb_bayes.reading.quoted_texts import (
 from ldbb_bayes.reading.r_groups import with_runs_for_groups
 from ldbb_bayes.reading.ragged_rows import with_remarks_joined, with_units_joined
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.sql_inserts import has_sql_inserts, sheets_of_sql_inserts
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.transposed_tables import with_circles_in_columns
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
@@ -154,7 +155,7 @@ def _tables_below_each_other(sheet: Sheet) -> list[Sheet]:
 
 
 def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
-    """Return one sheet for each table of a text in JSON or in the format of Octave.
+    """Return one sheet for each table of a text in JSON, in SQL or in the format of Octave.
 
     The result is an empty list for a text in another format. ``sheet`` is a sheet without rows,
     which states the path of the file.
@@ -163,6 +164,8 @@ def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
         return sheets_of_json(sheet, text)
     if is_octave(text):
         return sheets_of_octave(sheet, text)
+    if has_sql_inserts(text):
+        return sheets_of_sql_inserts(sheet, text)
     return []
 
 

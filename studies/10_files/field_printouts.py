@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import field_files as field
@@ -395,6 +396,19 @@ def quoted_cases() -> dict[str, FieldCase]:
         "ALTER TABLE ONLY public.reading ADD CONSTRAINT reading_pkey PRIMARY KEY (id);",
         "",
     ]
+    inserts = [
+        "-- MySQL dump",
+        "CREATE TABLE `test` (`id` int, `load` double COMMENT 'N', PRIMARY KEY (`id`));",
+        f"INSERT INTO `test` VALUES {_rows_of_insert(tests)};",
+        "CREATE TABLE `reading` (",
+        "  `id` int NOT NULL,",
+        "  `test_id` int NOT NULL,",
+        "  `angle` double DEFAULT NULL COMMENT 'degrees',",
+        "  `dev` double DEFAULT NULL COMMENT 'um, bar longer = positive'",
+        ") ENGINE=InnoDB;",
+        f"INSERT INTO `reading` VALUES {_rows_of_insert(rows)};",
+        "",
+    ]
     return {
         "quoted_mail": FieldCase(
             "quoted mails",
@@ -408,7 +422,17 @@ def quoted_cases() -> dict[str, FieldCase]:
             refusal="force or pressure must be known",
             step=("--test-column", "test_id", "--forces-N", "100,300,600"),
         ),
+        "dump_of_inserts": FieldCase(
+            "dumps of a database",
+            "a dump of MySQL with many rows in each command INSERT",
+            {"dump.sql": "\n".join(inserts).encode()},
+        ),
     }
+
+
+def _rows_of_insert(rows: Sequence[str]) -> str:
+    """Return rows, whose cells are separated by tabs, as in a command INSERT of SQL."""
+    return ",".join(f"({','.join(row.split())})" for row in rows)
 
 
 def run_in_cases() -> dict[str, FieldCase]:
