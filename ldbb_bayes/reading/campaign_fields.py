@@ -250,9 +250,10 @@ def _note_contradictions(
     """Add a note to the log on each value in the file that contradicts the user or a column.
 
     The user or a column of the table states the value ``certain``. The note names a line, or the
-    name of a test, column, sheet or file, that states another value. Raise an `InputError` if a
-    line says that the readings are raw, but the user states that they are compensated for the
-    deflection of the mount.
+    name of a test, column, sheet or file, that states another value. Raise an `InputError` if the
+    file states the value "raw" and ``certain`` is another value. For the field ``mount``, "raw"
+    means that the readings are not compensated for the deflection of the mount, as the user states.
+    The error is raised for every other field too, for example for an operator with the name "raw".
 
     Parameters
     ----------

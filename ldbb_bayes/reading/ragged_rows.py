@@ -83,7 +83,8 @@ def _begins_with_numbers(cells: Sequence[str], n_numbers: int) -> bool:
 def _table_below(rows: Sequence[Row], header: int) -> tuple[int, int]:
     """Return the indices of the first row of a table and of the row that follows its last row.
 
-    ``header`` is the index of the header. The rows of the table have the same number of cells.
+    ``header`` is the index of the header. Lines of dashes directly below the header are skipped.
+    The rows of the table have the same number of cells.
     """
     start = header + 1
     while start < len(rows) and is_rule(rows[start].cells):

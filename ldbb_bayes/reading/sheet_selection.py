@@ -161,15 +161,19 @@ def _lists_of_tests(sheets: Sequence[Sheet], optional: Collection[Path]) -> list
 def _files_of_text_only(
     sheets: Sequence[Sheet], layout: Layout, optional: Collection[Path]
 ) -> set[Path]:
-    """Return the files that hold only text, if other files hold tables of readings.
+    """Return the files with a sheet of text but no table of readings, if other files have a table.
 
-    ``optional`` are the files that need not hold a table of readings.
+    A sheet of text has at most a few lines of numbers (see `holds_text_only`). The result is empty
+    if no file has a table of readings. ``optional`` are the files that need not have such a table.
 
     Raises
     ------
     InputError
-        If a file has numbers, but no table of readings, while other files have such tables. The
-        message advises to leave this file out.
+        If a file has no table of readings, but a sheet that is not a sheet of text, while other
+        files have tables of readings. Examples are a picture and a table of temperatures. The
+        message advises to leave this file out, or, if angles stand in a row, to transpose the
+        table. No error is raised for the files in ``optional``, nor for a sheet that names columns
+        of readings in a header that cannot be read.
     """
     errors: dict[Path, InputError] = {}
     with_table: set[Path] = set()

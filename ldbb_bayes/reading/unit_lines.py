@@ -281,9 +281,11 @@ def _unit_of_pair(role: str, label: str, text: str) -> str:
     """Return the unit that ``text`` states for the quantity ``role``, such as angle.
 
     In a line such as ``Winkel: Grad``, ``label`` is the word before the colon, and ``text`` is what
-    follows it. The result is empty if the text is not a unit of the quantity, or if it is a value,
-    such as 5 µm. A unit of readings may have a power of ten as its factor, as in 10 nm. A unit of
-    angles may have a factor that is less than one, as in 0.01 deg. Other units have no factor.
+    follows it. The result is empty if the text is not a unit of the quantity, or if it begins with
+    a number that cannot be the factor of the unit, such as 5 µm. A unit of readings or angles may
+    have the factor 0.1, 0.01 and so on, or a fraction such as 1/10 or 1/3. A unit of readings may
+    also have the factor 1, 10 or 100. Other units have no factor. After a label with ``Winkel``
+    (German for angle), the word Grad is taken as deg, whatever ``role`` is.
     """
     if comparable(text) == "grad" and "winkel" in comparable(label):
         return "deg"  # in German, Grad means degree
@@ -299,7 +301,9 @@ def _unit_of_pair(role: str, label: str, text: str) -> str:
 def _may_be_factor(role: str, text: str) -> bool:
     """Return whether the number at the start of a text, such as ``0.1 um``, may be a unit's factor.
 
-    ``role`` is the quantity that has the unit, such as reading or angle.
+    ``role`` is the quantity that has the unit, such as reading or angle. A unit of readings or
+    angles may have the factor 0.1, 0.01 and so on, or a fraction such as 1/10 or 1/3. A unit of
+    readings may also have the factor 1, 10 or 100.
     """
     if _FACTOR_OF_TEN.match(text) is None:
         return False
