@@ -172,9 +172,14 @@ def _describe_degeneracy(
     ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations.
     One of them has the value one; ``pivot`` is its index. The other coefficients together cancel
     the effect of this coefficient on the readings. ``coefficients`` are all coefficients, and
-    ``space`` is the null space that the combination belongs to. Return None if the effect of every
-    parameter on the readings is at most 2 % of the largest effect of any coefficient in the
-    combination.
+    ``space`` is the null space that the combination belongs to.
+
+    In the result, the coefficients are in their own units, which are composed of mm, N and rad. If
+    the coefficient ``pivot`` is a nuisance coefficient, all coefficients are multiplied by the same
+    factor, so that this one equals one display unit, such as 1 µm. ``change_um`` is then the
+    largest change of any reading that these coefficients cause together. Return None if the effect
+    of every parameter on the readings is at most 2 % of the largest effect of any coefficient in
+    the combination.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -189,7 +194,7 @@ def _describe_degeneracy(
     nuisances = _sort_by_effect(other_nuisances, effect)
     if pivot >= space.parameters:
         nuisances.insert(0, pivot)
-    change = _in_reading_units(coefficients, pivot, vector)
+    change = _in_internal_units(coefficients, pivot, vector)
     prior_sds = change / coefficients.prior_sd
     terms = [term_named(bound, coefficients.owners[i]) for i in nuisances]
     stated = [
@@ -203,7 +208,7 @@ def _describe_degeneracy(
         modelled=None not in terms,
         stated=all(stated),
         prior_sds=float(np.linalg.norm(prior_sds)),
-        change_um=_reading_change_um(space, prior_sds),
+        change_um=_largest_change_um(space, prior_sds),
     )
 
 
@@ -217,7 +222,7 @@ def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
     return ranked(effect_by_index, effect_by_index.__getitem__)
 
 
-def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
+def _in_internal_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
     """Return a combination of coefficients, converted to units composed of mm, N and rad.
 
     ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations.
@@ -233,7 +238,7 @@ def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) ->
     return change
 
 
-def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
+def _largest_change_um(space: NullSpace, prior_sds: Array) -> float:
     """Return the largest change of a reading that a combination of coefficients causes [µm].
 
     Return zero if this change is a rounding error. ``prior_sds`` are the changes of the

@@ -488,9 +488,13 @@ def _contribution(
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
     """Return the type of evaluation, standard uncertainty and unit of one source of uncertainty.
 
-    ``term`` names the source in the budget. The source is either noise of the readings, such as
-    white noise, or the priors of all parameters together. The type of evaluation is A or B, as in
-    the GUM. ``phi`` are the hyper-parameters by name, with lengths in mm.
+    ``term`` names the source in the budget. The source is either an effect that acts on single
+    tests like noise of the readings, or white noise, or the priors of all parameters together. The
+    type of evaluation is A or B, as in the GUM: A for noise, B for the priors and for effects with
+    separate coefficients in each test. The standard uncertainty is the hyper-parameter that scales
+    the source. If there is none, it is the prior sd of the effect's only coefficient in each test.
+    If the source has no such single number, the standard uncertainty is None and the unit is an
+    empty string. ``phi`` are the hyper-parameters by name, with lengths in mm.
     """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")

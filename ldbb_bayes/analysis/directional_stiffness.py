@@ -460,10 +460,13 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
 
 
 def _forces_of_stiffness(bound: BoundModel, forces_N: Sequence[float]) -> Array:
-    """Return the forces at which stiffness is computed [N]; raise an error if one is not positive.
+    """Return the forces at which stiffness is computed [N].
 
     The result holds the forces in ``forces_N``. If ``forces_N`` is empty, the result holds the
-    smallest force tested, the reference force and the largest force tested.
+    smallest force tested, the reference force and the largest force tested, in ascending order. Of
+    these forces, those that are not above zero are left out, and of forces that differ by at most
+    a thousandth of the largest force, only the smallest is kept. Raise an `InputError` if
+    ``forces_N`` is a text, or if one of its forces is not positive and finite.
     """
     require(
         not isinstance(forces_N, str),

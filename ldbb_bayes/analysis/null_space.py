@@ -148,8 +148,9 @@ class NullSpace:
         ``targets`` are the indices of the target coefficients. ``imitators`` are the indices of the
         coefficients that may cancel the effect of a target on the readings. The keys of the result
         are the indices of the targets. Each value is an array, shape (m,), with the values of all m
-        coefficients: one for the target, and for the imitators the values that cancel its effect. A
-        target is left out if the imitators cannot cancel its effect.
+        coefficients in units of their prior sds: one for the target, and for the imitators the
+        values that cancel its effect. The values of imitators with small effects are zero if the
+        remaining imitators suffice. A target is left out if the imitators cannot cancel its effect.
         """
         # For each target coefficient of the model, a least-squares problem finds how other
         # coefficients, the imitators, can cancel its effect on the readings. The problems of all

@@ -145,8 +145,9 @@ class TriedRemedies:
         A remedy is a certificate of the instrument or a change of the plan. A parameter is
         confounded if more than half of its variance comes from effects with two properties: their
         standard uncertainties are assumed (neither measured nor stated), and they cause errors of
-        all parameters in nearly the same proportions (`confounding_sources`). The result is empty
-        if the remedies cannot be applied one after the other.
+        all parameters in nearly the same proportions (`confounding_sources`). The parameter's own
+        prior does not count as an effect, nor do effects that cause less than 5 % of the variance.
+        The result is empty if the remedies cannot be applied one after the other.
         """
         if steps not in self._confounded_with:
             names = set()

@@ -632,8 +632,9 @@ def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is the name that the
     caller gave it. The name must not be one that the result uses for another design. ``pilot`` is
-    the campaign or plan that the best design starts from; the design for comparison must have the
-    same machine.
+    the campaign or plan that the best design starts from. The machines count as the same if their
+    topologies and frames are equal. An `InputError` is also raised if ``campaign`` is not a
+    `Campaign`.
     """
     require(
         name not in _RESERVED_NAMES,

@@ -319,10 +319,17 @@ class _Search:
         self.effort = 0
 
     def start(self, progress: _Progress) -> bool:
-        """Set the number of circles at which the search in a `CampaignFamily` begins.
+        """Begin the search in a `CampaignFamily`, and return whether the search goes on.
 
-        Return false if the goals for uncertainties are not reached even with the largest number of
-        circles allowed. There is then nothing to search for in this family.
+        The result is false in two cases. In the first case, a goal for an uncertainty is missed in
+        the quick forecast even with very many circles. In the second case, the goals are missed in
+        the full forecast of a plan with the largest number of circles allowed. Only one such plan
+        is tried: the best plan of 8 circles, with every circle repeated five times. If this plan is
+        better than ``nearest``, it replaces ``nearest``.
+
+        If the result is true, `is_reachable` is set to true. The number of circles that is tried
+        first and ``lasting_inflation`` are then stored in ``progress``. In every case,
+        ``progress.started`` is set to true.
         """
         family = progress.family
         progress.started = True
