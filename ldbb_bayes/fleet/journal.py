@@ -57,14 +57,16 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 
     Parameters
     ----------
-    out : folder of the batch. A folder that does not exist is made, and is removed again if no
-        batch begins in it.
+    out : folder of the batch. A folder that does not exist is made. It is removed again if an error
+        ends the ``with`` block, or the preparation of the database, before a batch has begun. It is
+        kept if the database cannot be opened.
 
     Raises
     ------
     InputError
         If the folder holds anything other than a batch, cannot be written, or is in use by another
-        run.
+        run. Any error of the database in the ``with`` block, for example because the disk is full,
+        is also raised as an `InputError`.
     """
     is_new = not out.exists()
     _check_folder(out)

@@ -491,11 +491,14 @@ def pool(
 ) -> Population:
     """Estimate the mean of each parameter over machines, and its standard deviation (spread).
 
-    See `fit_population`.
+    If there are at least six machines, each machine is also compared with the others. Unlike
+    `fit_population`, this function does not check its arguments: the estimate is also made for a
+    single machine, without an error. The result lacks what `fit_population` adds to it: the caveats
+    on the choice of the campaigns, and the digests of the readings.
 
     Parameters
     ----------
-    statistics : likelihoods of the campaigns of at least two machines.
+    statistics : likelihoods of the campaigns, which should come from at least two machines.
     spread_scale, prob, seed, progress
         The same arguments as those of `fit_population`.
     """

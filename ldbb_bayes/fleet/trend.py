@@ -546,12 +546,13 @@ def _parameter_changes(
 
     The result is a dict; its keys are the names of the p parameters. A step is a sudden change of a
     parameter from one campaign to the next; a level is a value of a parameter. ``posteriors``
-    holds, for each hypothesis (see `hypotheses`), the joint Gaussian distribution of the levels,
-    the instrument errors and the size of the step. ``probabilities`` are the posterior
-    probabilities of the hypotheses, shape (r, n, p). Under each hypothesis, the machine's scatter
-    from campaign to campaign has one of r values. In addition, either one of the p parameters
-    changed just before one of the campaigns 2 to n, or no parameter changed. ``chart`` holds the
-    points and limits of the control chart. ``prob`` is the probability of the credible intervals.
+    holds, for each hypothesis (see `hypotheses`), the joint Gaussian distribution of the levels
+    before the step, the instrument errors and the size of the step. ``probabilities`` are the
+    posterior probabilities of the hypotheses, shape (r, n, p). Under each hypothesis, the machine's
+    scatter from campaign to campaign has one of r values. In addition, either one of the p
+    parameters changed just before one of the campaigns 2 to n, or no parameter changed. ``chart``
+    holds the points and limits of the control chart. ``prob`` is the probability of the credible
+    intervals.
     """
     levels = current_levels(posteriors, probabilities, prob=prob)
     changes = {}
@@ -574,8 +575,11 @@ def _parameter_change(
     """Return the estimated step of the parameter with the index j, and its present value (level).
 
     A step is a sudden change of a parameter from one campaign to the next. It is estimated under
-    the assumption that this parameter has changed. The present value is the value at the last
-    campaign.
+    the assumption that this parameter has changed; if the probability of this is zero, all
+    hypotheses of a change have the same weight. The present value is the value at the last
+    campaign. The result also holds the parameter's standard uncertainty due to the errors of the
+    instrument, as ``common_sd``. The result is in internal units (mm, N, rad), and its step in per
+    cent is None unless the level before the step exceeds five of its standard uncertainties.
 
     Parameters
     ----------
@@ -584,16 +588,17 @@ def _parameter_change(
     j
         Index of the parameter.
     posteriors
-        Joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels, the
-        instrument errors and the size of the step.
+        Joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels before
+        the step, the instrument errors and the size of the step, in units of the prior sds.
     step_probabilities
         Posterior probabilities of hypotheses, shape (r, n − 1). Under each hypothesis, the
         parameter changed just before one of the campaigns 2 to n, and the machine's scatter from
         campaign to campaign has one of r values.
     levels
-        Values of all parameters at the last campaign.
+        Values of all parameters at the last campaign, in units of the prior sds.
     chart
-        Points and limits of the control chart.
+        Points and limits of the control chart, in units of the prior sds, with the standard
+        uncertainties due to the errors of the instrument, which are the same in all campaigns.
     prob
         Probability of the credible intervals.
     """
