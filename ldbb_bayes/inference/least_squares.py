@@ -92,7 +92,8 @@ def fit_least_squares(
     Returns
     -------
     LeastSquares
-        Estimate in mm, N and rad.
+        Estimate in mm, N and rad. All estimates and all u are NaN if the readings do not determine
+        every parameter, or if there are at most as many readings as parameters.
 
     Raises
     ------

@@ -611,8 +611,10 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
     """Return a posterior with its draws in units that are easy to read, such as nm/N and µrad.
 
     The result is for plots and summaries by other libraries; the analyses of this package need the
-    posterior itself. The unit of each variable is in its attribute ``units``. Readings, forces and
-    angles are not converted.
+    posterior itself. Only the draws in the groups ``posterior`` and ``prior`` are converted;
+    readings, forces and angles are not. In all groups, a variable that has the attribute ``unit``
+    has the attribute ``units`` instead in the result, and no other attributes. Variables without
+    the attribute ``unit`` are left unchanged.
 
     Parameters
     ----------

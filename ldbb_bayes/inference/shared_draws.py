@@ -51,14 +51,15 @@ class SharedDraws(NamedTuple):
 def draw_with_shared(
     bound: BoundModel, free: Array, repeats: int, rng: np.random.Generator
 ) -> SharedDraws:
-    """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
+    """Return ``repeats`` draws of the parameters and shared nuisances for each of w values of φ.
 
-    Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters (such
-    as the standard deviation of the noise); ``free``, shape (w, h), holds the w values of φ in
-    unbounded coordinates, mostly ln(φ − lower bound). ``bound`` is the model of the campaign. The
-    result has w × ``repeats`` draws; the draws for one value of φ are next to each other. A model
-    may require all compliances to be at least zero; if no such draw is found, an `InputError` is
-    raised.
+    Shared nuisances are effects that are modelled but not of interest, with coefficients that are
+    the same in all tests. Effects with separate coefficients for each test are not drawn. φ are the
+    h hyper-parameters (such as the standard deviation of the noise); ``free``, shape (w, h), holds
+    the w values of φ in unbounded coordinates, mostly ln(φ − lower bound). ``bound`` is the model
+    of the campaign. The result has w × ``repeats`` draws; the draws for one value of φ are next to
+    each other, and the result contains this value ``repeats`` times. A model may require all
+    compliances to be at least zero; if no such draw is found, an `InputError` is raised.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)

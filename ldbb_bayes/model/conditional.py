@@ -48,7 +48,8 @@ class ParameterConditional(Gaussian):
         """Object that computes the probability that no compliance is negative, for w values of φ.
 
         φ are the hyper-parameters (such as the standard deviation of the noise). The object can
-        also draw random parameters given that no compliance is negative.
+        also draw standard normal vectors under the condition that no compliance is negative. The
+        method ``from_standard`` converts such vectors to parameters.
         """
         rows = self.physical.rows
         return Orthant(self.mean @ rows.T, self.spread(rows))

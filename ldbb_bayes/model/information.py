@@ -93,8 +93,8 @@ class Information:
     def terms(self) -> tuple[str, ...]:
         """Class names of all nuisance terms (effects modelled but not of interest).
 
-        Terms that act as noise of single tests come last. The white noise of the readings is left
-        out.
+        Terms that act only as noise of single tests come last. The white noise of the readings is
+        left out.
         """
         names = list(self.owners)
         for sources in self.noise:

@@ -79,8 +79,8 @@ class Uncertainty:
     #: Name of the field of `Instrument` for the uncertainty that a certificate states, such as
     #: ``bar_U_um`` for the length of the bar; empty string if there is no such field.
     certificate: str
-    #: whether a certificate states the uncertainty of a property of the instrument; otherwise the
-    #: uncertainty is a default value
+    #: whether the campaign's `Instrument` states the uncertainty of a property, for example from a
+    #: certificate, or the grade of a ball; otherwise the uncertainty is a default value
     stated: bool
 
 
