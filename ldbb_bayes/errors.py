@@ -68,9 +68,10 @@ def check_probability(prob: object, name: str = "prob") -> None:
 
 
 def require_whole(name: str, number: object) -> None:
-    """Raise an `InputError` unless ``number`` is an integer.
+    """Raise an `InputError` unless ``number`` has the method ``__index__``, as every integer has.
 
-    ``name`` is the name of the argument in the message.
+    Booleans and NumPy arrays have this method too, and cause no error. ``name`` is the name of the
+    argument in the message.
     """
     require(
         isinstance(number, SupportsIndex),
@@ -79,7 +80,11 @@ def require_whole(name: str, number: object) -> None:
 
 
 def check_seed(seed: object) -> None:
-    """Raise an `InputError` unless ``seed`` is an integer of at least zero."""
+    """Raise an `InputError` unless ``seed`` is an integer of at least zero.
+
+    Every object with the method ``__index__`` is taken as an integer. Booleans and NumPy arrays
+    also have this method.
+    """
     require(
         isinstance(seed, SupportsIndex) and int(seed) >= 0,
         f"seed must be a whole number of at least 0, got {seed!r}. Give for example seed=1.",

@@ -571,7 +571,8 @@ def test_row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
     }
 
 
-_PILOT_LABELS = (
+# Names of the attributes of a campaign that are texts on the operator's sheet.
+_PILOT_TEXTS = (
     "name",
     "machine_type",
     "serial_number",
@@ -593,10 +594,12 @@ def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
     Returns
     -------
     dict
-        Texts, such as the name of the campaign and the feed, and three numbers: the lowest and the
-        highest force [N] and the number of tests.
+        Texts with the keys ``name``, ``machine_type``, ``serial_number``, ``place``, ``ball_bar``,
+        ``force_device``, ``topology`` and ``feed`` [mm/min]; a text is empty if the campaign does
+        not state it. Three numbers with the keys ``low`` and ``high``, the lowest and the highest
+        force [N], and ``tests``, the number of tests.
     """
-    row: dict[str, Any] = {name: getattr(pilot, name) or "" for name in _PILOT_LABELS}
+    row: dict[str, Any] = {name: getattr(pilot, name) or "" for name in _PILOT_TEXTS}
     row["feed"] = ""
     if pilot.feed_mm_per_min is not None:
         row["feed"] = f"{pilot.feed_mm_per_min:g}"

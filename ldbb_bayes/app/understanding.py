@@ -236,12 +236,19 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 
 
 def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
-    """Return the uncertainties that a fit assumes for each part of the instrument.
+    """Return the prior uncertainties of the instrument, which the browser page shows part by part.
 
     The keys of the result are the parts, such as bar or balls. For each part there is a list with
-    one dict for each uncertainty. The dict names the field of the browser page in which the user
-    can state the uncertainty. It also tells whether a calibration certificate states the
-    uncertainty.
+    one dict for each uncertainty. The dict has these keys:
+
+    - ``words``: name of the uncertainty; for a ball, "work" or "tool"
+    - ``field``: field of the browser page in which the user can state the uncertainty; an empty
+      string if there is no such field
+    - ``size``: text with the uncertainty, or with a ball's grade or sphericity
+    - ``is_sphericity``: whether ``size`` is the sphericity of a ball
+    - ``stated``: whether the campaign's data of the instrument state the uncertainty; for a ball,
+      whether they state its sphericity, its grade or the harmonic concerned. Otherwise the
+      uncertainty is a default value.
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
@@ -263,8 +270,8 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
     """Return what the browser page shows about one ball's form error: its grade or sphericity.
 
-    ``ball_name`` is work or tool. ``assumed`` is the uncertainty of the ball's form that the fit
-    assumes. The result also says whether this uncertainty comes from a calibration certificate.
+    ``ball_name`` is work or tool. ``assumed`` is the prior uncertainty of the ball's form error.
+    For the keys of the result see `_uncertainties_by_part`.
     """
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
     # ``assumed.sd`` is the prior sd of one Fourier order of the ball's form error. Convert this sd
@@ -286,8 +293,8 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
     """Return what the browser page shows about one uncertainty of the instrument.
 
-    The page shows a text and ± U, where U is twice the prior standard deviation. The result also
-    says whether U comes from a calibration certificate. ``part`` is the part of the instrument.
+    The page shows a text and ± U, where U is twice the prior standard deviation. ``part`` is the
+    part of the instrument. For the keys of the result see `_uncertainties_by_part`.
     """
     factor = _FACTORS.get(assumed.unit, 1e3)
     label = _LABELS.get(assumed.unit, "µm")

@@ -104,10 +104,14 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 
 
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
-    """Return the table [[test]] or [[foreseen]] of campaign.toml for one test of a campaign.
+    """Return what campaign.toml states about one test, as a dict with the keys of that file.
 
-    A field is left out if its value is filled in again when the file is read. For example, the
-    radius is left out if it is the radius of the campaign.
+    The caller writes the dict below [[test]] or [[foreseen]]. A foreseen test may be run later. A
+    test below [[test]] has readings, or is planned if the campaign is a plan. For a test with
+    readings, the dict names the file of the readings. For a test without readings, it holds the
+    number, the first angle and the arc of the planned angles instead; an `InputError` is raised if
+    these angles are not evenly spaced. A field is left out if its value is filled in again when the
+    file is read. For example, the radius is left out if it is the radius of the campaign.
     """
     usual = {
         "radius_mm": campaign.radius_mm,
@@ -116,16 +120,16 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
         "temperature_C": None,
         "time_s": None,
     }
-    is_planned = test.reading_um is None
-    table: dict[str, Any] = {"file": None if is_planned else f"{test.name}.csv"}
+    lacks_readings = test.reading_um is None  # a foreseen test, or a test of a plan
+    table: dict[str, Any] = {"file": None if lacks_readings else f"{test.name}.csv"}
     for key in ("force_N", "pressure_bar", "direction"):
         table[key] = getattr(test, key)
-    table["name"] = test.name or None  # foreseen tests, which may be run later, have no name
+    table["name"] = test.name or None  # foreseen tests have no name, but tests of a plan have
     for key in PER_TEST:
         value = getattr(test, key)
         if value != usual.get(key, 0.0):
             table[key] = value
-    if is_planned:
+    if lacks_readings:
         table |= _planned_angles_table(test)
     return _without_none(table)
 

@@ -147,8 +147,9 @@ def degree(findings: Findings) -> Iterator[Part]:
 def uncertainty(findings: Findings) -> Iterator[Part]:
     """Yield the section on uncertainty budgets.
 
-    The section also states what would reduce each uncertainty most. The budgets of slopes (changes
-    of compliances with force) are hidden until the reader opens them.
+    The section also states what would reduce each uncertainty most. A table and a figure of the
+    largest sources of uncertainty are always visible. The budget of each parameter is hidden until
+    the reader opens it, and so are the budgets of slopes (changes of compliances with force).
     """
     budgets = ByName[Budget]()
     of_slopes = ByName[Budget]()

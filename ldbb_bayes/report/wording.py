@@ -800,8 +800,8 @@ def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a string with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
     Each source of variance belongs to one of three groups: its standard uncertainty was measured in
-    the campaign, was stated by the user, or was assumed by the model. The string states the shares
-    of these groups [%], in this order.
+    the campaign, was stated by a certificate or by the user, or was assumed by the model. The
+    string states the shares of these groups [%], in this order.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
