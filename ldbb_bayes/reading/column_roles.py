@@ -115,6 +115,12 @@ _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 _CIRCLE_WORDS = [
     entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
 ]
+# Regular expression for a difference of two radii that defines the readings, such as "nominal -
+# measured".
+_DIFFERENCE = re.compile(
+    rf"\s*(?:{WORDS['reading_sign']['nominal_less_actual']}"
+    rf"|{WORDS['reading_sign']['actual_less_nominal']})\s*"
+)
 # The name, unit and roles of at most this number of headers are kept in memory, because many steps
 # of an import need them again.
 _KEPT_HEADERS = 4096
@@ -274,6 +280,7 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
         return "deg"
     if len(texts) == 1 and unit_in_shares(texts[0]):
         return texts[0]
+    texts = [_without_definition(text) for text in texts]
     units = {unit_named(text) for text in texts} - {""}
     if len(units) == 1 and not is_scaled:
         return units.pop()
@@ -281,6 +288,17 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     if is_scaled:
         return f"{stated} …"
     return stated
+
+
+def _without_definition(text: str) -> str:
+    """Return the unit in a text in which a definition of the readings follows the unit.
+
+    An example is ``mm, nominal - measured``. Any other text is returned unchanged.
+    """
+    unit, _, definition = text.partition(",")
+    if unit_named(unit.strip()) and _DIFFERENCE.fullmatch(comparable(definition)):
+        return unit.strip()
+    return text
 
 
 def _with_factor_apart(header: str) -> str:

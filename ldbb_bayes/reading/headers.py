@@ -27,6 +27,7 @@ from ldbb_bayes.reading.column_roles import (
 from ldbb_bayes.reading.formats import advice_on_format, format_of
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME
+from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_rows import row_of_units, without_comment_sign
@@ -358,11 +359,25 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
     for k in range(start, min(len(rows) - 1, start + LONGEST_OVERVIEW)):
         if _is_block(sheet, k):
             return k
+    if _has_single_column(rows[start:]):
+        raise NoTableError(
+            f"{sheet.place} must hold a table with a column of angles, got one column of"
+            " numbers. Add a column 'Angle [deg]', or write a line 'Start angle: 0 deg; angle step:"
+            " 1 deg' above the numbers."
+        )
     raise NoTableError(
         f"{sheet.place} must hold a table of at least {_BLOCK_ROWS} rows with two columns of"
         f" numbers, got none. {_middle_row(sheet)}Check the separator (--separator), the encoding"
         " (--encoding) and what the file is; units belong into the header, not into cells."
     )
+
+
+def _has_single_column(rows: Sequence[Row]) -> bool:
+    """Return whether most rows of a sheet, and enough of them for a table, hold one number each."""
+    n_numbers = 0
+    for row in rows:
+        n_numbers += len(row.cells) == 1 and looks_like_number(row.cells[0])
+    return n_numbers >= max(_BLOCK_ROWS, len(rows) // 2)
 
 
 def _is_block(sheet: Sheet, start: int) -> bool:

@@ -1,4 +1,4 @@
-"""Functions that compute angles from times, average laps, and find the direction of travel.
+"""Functions that compute angles from times, average laps, and find the order of angles.
 
 A lap is one turn of the bar. The readings of one test in a file may cover several laps.
 """
@@ -11,13 +11,26 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.results import Array
 
-__all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel", "on_the_circle"]
+__all__ = [
+    "TURN_DEG",
+    "angles_from_time",
+    "average_laps",
+    "direction_of_travel",
+    "is_in_random_order",
+    "on_the_circle",
+]
 
 TURN_DEG = 360.0
 # Within one test, the bar may turn back, against the direction of travel, by at most this angle
 # [deg]. Overshoot and scatter of the angles are much smaller. If the bar turned back by more, it
 # was driven over the circle in both directions, and the readings belong to two tests.
 _LARGEST_RETREAT_DEG = 120.0
+# Neighbouring angles of a turn that is filled differ by at most this angle [deg]. Angles are listed
+# in random order only if the bar usually turns by more than this angle from one row to the next.
+_WIDEST_GAP_DEG = 30.0
+# Angles are listed in random order only if the bar turns back after more than this share of the
+# rows. If the order were random, it would be about one half.
+_TO_AND_FRO = 0.25
 
 
 def angles_from_time(
@@ -154,6 +167,23 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     first_lap = travelled[in_first_lap]
     laps = [np.interp(first_lap + lap * TURN_DEG, travelled, reading_um) for lap in range(n_laps)]
     return angle_deg[in_first_lap], np.mean(laps, axis=0)
+
+
+def is_in_random_order(angle_deg: Array) -> bool:
+    """Return whether the angles of a test fill one turn, each once, but are listed in any order.
+
+    A coordinate measuring machine, for example, may measure points in any order. The bar is then
+    moved to and fro, usually by a large part of a turn, from one point to the next. ``angle_deg``
+    are the angles as listed, shape (n,) [deg].
+    """
+    positions = np.sort(np.mod(angle_deg, TURN_DEG))
+    gaps = np.diff(positions, append=positions[0] + TURN_DEG)
+    is_filled_once = np.min(gaps) > 0.0 and np.max(gaps) <= _WIDEST_GAP_DEG
+    steps = np.diff(np.unwrap(angle_deg, period=TURN_DEG))
+    if not is_filled_once or len(steps) < 2:
+        return False
+    share_of_turns = float(np.mean(steps[1:] * steps[:-1] < 0.0))
+    return float(np.median(np.abs(steps))) > _WIDEST_GAP_DEG and share_of_turns > _TO_AND_FRO
 
 
 def direction_of_travel(angle_deg: Array) -> str | None:

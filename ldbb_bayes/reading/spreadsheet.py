@@ -38,6 +38,7 @@ from ldbb_bayes.reading.quoted_texts import (
 from ldbb_bayes.reading.r_groups import with_runs_for_groups
 from ldbb_bayes.reading.ragged_rows import with_remarks_joined, with_units_joined
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.single_columns import is_single_column, with_points_numbered
 from ldbb_bayes.reading.sql_inserts import has_sql_inserts, sheets_of_sql_inserts
 from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.transposed_tables import with_circles_in_columns
@@ -115,6 +116,7 @@ def read_sheets(
         encoding = encoding_of(raw)
     text = with_names_of_dump(without_quote_marks(decode_text(path, raw, encoding)))
     text = with_runs_for_groups(without_kinds_of_samples(without_queries(text)))
+    text = with_points_numbered(text)
     entries = _sheets_of_entries(Sheet(path, "", [], encoding, ","), text)
     if entries:
         return [_with_plain_cells(sheet) for sheet in entries]
@@ -187,8 +189,11 @@ def _find_separator(lines: Sequence[str]) -> str:
 
     This character splits most lines into the same number of cells, many of which are numbers. The
     first third of the lines is not considered, because these lines may stand above the table. If no
-    character splits the lines, the comma is returned.
+    character splits the lines, the comma is returned. In a single column of readings, a comma is a
+    decimal mark; the semicolon is then returned.
     """
+    if is_single_column(lines):
+        return ";"
     sample = [line for line in lines if line.strip()]
     sample = sample[len(sample) // 3 :][:_SAMPLE_LINES]
     best_separator = ","

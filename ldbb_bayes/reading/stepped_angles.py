@@ -15,28 +15,18 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.cited_lines import CitedLine
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, number_in_text
 from ldbb_bayes.reading.recording import Recording
-from ldbb_bayes.reading.words import LONGEST_TEXT, UNITS, unit_named
+from ldbb_bayes.reading.words import LONGEST_TEXT, UNITS, WORDS, unit_named
 from ldbb_bayes.results import Array
 
-__all__ = ["may_be_stepped", "stepped_angles"]
+__all__ = ["may_be_stepped", "states_step", "stepped_angles"]
 
 _STATED = rf"\s*[:=;,]?\s*(?P<number>{NUMBER_IN_TEXT})\s*(?P<unit>°|[^\W\d_]+)?"
+_WORDS = WORDS["stepped_angles"]
 # Regular expressions for the start, the end and the step of the angles in a line.
-_START = re.compile(
-    r"(?:start(?:ing)?[ _-]?(?:angle|winkel)|anfangswinkel|(?:angle|winkel)[ _-]start)" + _STATED,
-    re.IGNORECASE,
-)
-_END = re.compile(
-    r"(?:(?:end|final|stop)[ _-]?(?:angle|winkel)|(?:angle|winkel)[ _-](?:end|stop))" + _STATED,
-    re.IGNORECASE,
-)
-_STEP = re.compile(
-    r"(?:winkel[ _-]?(?:schritt(?:weite)?|inkrement)|(?<!\w)schritt(?:weite)?"
-    r"|(?:angular|angle)[ _-](?:step|increment)|step(?:[ _-](?:size|width|angle))?|increment)"
-    + _STATED,
-    re.IGNORECASE,
-)
-_NAMES_ANGLE = re.compile("angle|winkel|angular", re.IGNORECASE)
+_START = re.compile(rf"(?<![^\W_])(?:{_WORDS['start']}){_STATED}", re.IGNORECASE)
+_END = re.compile(rf"(?<![^\W_])(?:{_WORDS['end']}){_STATED}", re.IGNORECASE)
+_STEP = re.compile(rf"(?<![^\W_])(?:{_WORDS['step']}){_STATED}", re.IGNORECASE)
+_NAMES_ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 # The last angle that a file states must be a whole number of steps away from the first angle. A
 # deviation of less than this fraction of a step is allowed.
 _EVEN_SHARE = 0.01
@@ -64,6 +54,14 @@ def may_be_stepped(recording: Recording) -> bool:
     unit = recording.heading.units[recording.heading.roles["angle"]]
     is_counted = numbers[0] in (0.0, 1.0) and bool(np.all(np.diff(numbers) == 1.0))
     return is_counted and not unit
+
+
+def states_step(text: str) -> bool:
+    """Return whether a line states the step of angles, as in ``Angle step: 5°``."""
+    step = _STEP.search(text[:LONGEST_TEXT])
+    if step is None:
+        return False
+    return unit_named(step["unit"] or "") in UNITS["angle"] or _NAMES_ANGLE.search(text) is not None
 
 
 def stepped_angles(recording: Recording, direction: str | None) -> Array | None:

@@ -21,6 +21,7 @@ from ldbb_bayes.reading.laps import (
     angles_from_time,
     average_laps,
     direction_of_travel,
+    is_in_random_order,
     on_the_circle,
 )
 from ldbb_bayes.reading.log_start import start_at_axis, start_of_programme, unread_run_in
@@ -119,6 +120,11 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
     if readings is None:
         raise _missing_column(recording, "reading", "reading")
     reading = _deviations(recording, readings)
+    if is_in_random_order(angle):
+        angle = np.mod(angle, TURN_DEG)
+        order = np.argsort(angle)
+        angle, reading = angle[order], reading[order]
+        recording.note("rows", "sorted by angle", "they fill a turn in no order", "sort the file")
     with placed(recording.place):
         return _handle_laps(recording, Trace(angle, reading, direction))
 

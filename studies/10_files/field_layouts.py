@@ -8,7 +8,8 @@ from dataclasses import replace
 from datetime import time
 
 import field_files as field
-from field_files import TRUTH, FieldCase
+import numpy as np
+from field_files import TRUTH, Circle, FieldCase
 from openpyxl import Workbook
 
 __all__ = ["layout_cases"]
@@ -30,7 +31,50 @@ def layout_cases() -> dict[str, FieldCase]:
         **page_cases(),
         **numbering_cases(),
         **list_cases(),
+        **order_cases(),
+        **single_column_cases(),
     }
+
+
+def single_column_cases() -> dict[str, FieldCase]:
+    """Return files with a single column of readings."""
+    kind = "single columns of readings"
+    steps = np.diff(TRUTH[0].angle_deg)
+    above = f"Ángulo inicial: {TRUTH[0].angle_deg[0]:g}°\nIncremento angular: {steps[0]:g}°"
+    header = "Desviación radial [µm]"
+
+    def alone(circle: Circle, k: int) -> list[object]:
+        return [f"{circle.reading_um[k]:.3f}".replace(".", ",")]
+
+    read = field.texts(header, alone, above=above, suffix=".dat")
+    return {
+        "single_column": FieldCase(kind, "start and step of the angles above it", read),
+        "single_column_without_step": FieldCase(
+            kind,
+            "no line states the angles",
+            field.texts(header, alone, suffix=".dat"),
+            refusal="must hold a table with a column of angles, got one column of numbers",
+            mended=read,
+        ),
+    }
+
+
+def order_cases() -> dict[str, FieldCase]:
+    """Return tables whose points were measured in any order."""
+    order = np.random.default_rng(7).permutation(len(TRUTH[0].angle_deg))
+
+    def shuffled(circle: Circle, k: int) -> list[object]:
+        angle, reading = field.scaled(-1e3)(circle, int(order[k]))
+        return [k + 1, angle, reading]
+
+    header = "Point;Angle [deg];Deviation (mm, nominal - measured)"
+    case = FieldCase(
+        "orders of points",
+        "points of a coordinate measuring machine in any order, readings nominal minus measured",
+        field.texts(header, shuffled, separator=";"),
+        told="rows: sorted by angle",
+    )
+    return {"points_in_any_order": case}
 
 
 def listed_workbook(header: Sequence[str], directions: Sequence[str]) -> dict[str, bytes]:

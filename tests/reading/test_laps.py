@@ -12,6 +12,7 @@ from ldbb_bayes.reading.laps import (
     angles_from_time,
     average_laps,
     direction_of_travel,
+    is_in_random_order,
     on_the_circle,
 )
 
@@ -82,3 +83,17 @@ def test_direction_of_travel_allows_for_overshoot(
     turning_points: tuple[float, ...], direction: str | None
 ) -> None:
     assert direction_of_travel(run_through(*turning_points)) == direction
+
+
+def test_angles_that_fill_a_turn_in_any_order_are_recognised() -> None:
+    shuffled = np.random.default_rng(1).permutation(np.arange(-180.0, 180.0, 5.0))
+    assert is_in_random_order(shuffled)
+    assert not is_in_random_order(shuffled[:50] / 2.0)
+    assert not is_in_random_order(np.append(shuffled, shuffled[0]))
+
+
+@pytest.mark.parametrize("turning_points", [(0.0, 355.0), (0.0, 355.0, 1.0), (0.0, 1081.0)])
+def test_angles_along_the_circle_are_not_in_random_order(
+    turning_points: tuple[float, ...],
+) -> None:
+    assert not is_in_random_order(run_through(*turning_points))
