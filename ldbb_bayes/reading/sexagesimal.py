@@ -25,7 +25,8 @@ _WITHOUT_SIGNS = re.compile(
 # seconds.
 _NAMED = re.compile(
     r"(?<![^\W_])d[-. :,/]?m[-. :,/]?s(?![^\W_])|\bdeg\w*[-. :,/]{1,2}min\w*[-. :,/]{1,2}sec"
-    r"|°\s?['′]\s?(?:\"|″|'')|\bgrad[-. :,/]{1,2}min\w*[-. :,/]{1,2}sek",
+    r"|°\s?['′]\s?(?:\"|″|'')|\bgrad[-. :,/]{1,2}min\w*[-. :,/]{1,2}sek"
+    r"|度[-. :,/]?分[-. :,/]?秒|도[-. :,/]?분[-. :,/]?초",
     re.IGNORECASE,
 )
 # Number of minutes in a degree, and of seconds in a minute.

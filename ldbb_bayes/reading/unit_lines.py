@@ -89,6 +89,13 @@ _BETWEEN_PAIRS = re.compile(r"[;,|\t](?!\d)|\s{2,}(?=[^\W\d]+\s*[:=])")
 _BETWEEN_REMARKS = re.compile(r"[;|\t]")
 # Regular expression for a pair of a quantity and its unit, such as "Angle: deg".
 _PAIR = re.compile(r"\s*(?P<label>[^:=]+)[:=](?P<unit>[^:=]+)")
+# Regular expression for a quantity and its unit in an East Asian language, in which no blanks
+# separate the words, as in 位移单位0.1微米 (unit of displacement 0.1 µm).
+_WITHOUT_BLANKS = re.compile(
+    r"(?P<label>[^\W\d_]+)\s?(?:单位|單位|単位|단위)\s*[:=为為は]?\s*"
+    r"(?P<unit>(?:\d[\d./]*\s*)?(?:[^\W\d_]+|°))(?=\s*(?:$|[;,、。|()\t]))",
+    re.IGNORECASE,
+)
 # Regular expression for a number that may be the factor of a unit: 1, 10, 100, or a fraction such
 # as 0.1 or 1/100. A text with any other number, such as 5 µm, is a value and not a unit.
 _FACTOR_OF_TEN = re.compile(r"(?:1\s?/\s?10+|10{0,2})(?![\d.,])|0[.,]0*1(?!\d)")
@@ -240,7 +247,7 @@ def _units_of_whole_line(text: str) -> dict[str, str]:
     label and a unit. The keys are ``reading_unit``, ``angle_unit`` and so on. The dict is empty for
     any other line.
     """
-    units_of_pairs = _units_of_pairs(text)
+    units_of_pairs = _units_of_pairs(text) or _units_without_blanks(text)
     if units_of_pairs:
         return units_of_pairs
     units_of_list = _units_of_list(_LABEL_IN_FRONT.sub("", text, count=1))
@@ -274,6 +281,21 @@ def _units_of_pairs(text: str) -> dict[str, str]:
         units[f"{role}_unit"] = unit
     if len(units) < 2 or len(units) < len(pairs):
         return {}
+    return units
+
+
+def _units_without_blanks(text: str) -> dict[str, str]:
+    """Return a dict with the units in a line of an East Asian language, such as 力单位0.1N.
+
+    The keys are ``reading_unit``, ``angle_unit`` and so on. The dict is empty if the line names no
+    quantity with its unit in this way.
+    """
+    units = {}
+    for match in _WITHOUT_BLANKS.finditer(text):
+        role = _role_of_label(match["label"])
+        unit = scaled_unit(match["unit"])
+        if role and unit and unit.split()[-1] in UNITS[role]:
+            units[f"{role}_unit"] = unit
     return units
 
 

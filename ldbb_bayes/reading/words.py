@@ -157,6 +157,10 @@ UNITS: Mapping[str, Mapping[str, float]] = _unit_sizes()
 _UNITS_BY_WORD = _units_by_word()
 
 
+# Polish sign for a kilogram-force. Only the capital letter distinguishes it from kg, a mass.
+_POLISH_KILOGRAM_FORCE = "kG"
+
+
 def unit_named(text: str) -> str:
     """Return this package's name for the unit in a text, such as "um" for "µm".
 
@@ -164,6 +168,8 @@ def unit_named(text: str) -> str:
     """
     if len(text) > _LONGEST_UNIT:
         return ""
+    if text.strip(" .:") == _POLISH_KILOGRAM_FORCE:
+        return "kgf"
     return _UNITS_BY_WORD.get(comparable(text), "")
 
 

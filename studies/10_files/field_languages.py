@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import field_files as field
 import numpy as np
-from field_files import TRUTH, FieldCase
+from field_files import TRUTH, Circle, FieldCase
 
 __all__ = ["language_cases"]
 
@@ -25,6 +25,40 @@ def language_cases() -> dict[str, FieldCase]:
         **sample_cases(),
         **diameter_cases(),
         **matrix_cases(),
+        **glued_cases(),
+    }
+
+
+def glued_cases() -> dict[str, FieldCase]:
+    """Return files with units of other languages: without blanks, sexagesimal, and with kG."""
+    kind = "units of other languages"
+    log = ["注:角度单位0.01度;位移单位0.001微米,杆伸长为正;力单位0.1N", "试验号,角度,位移,力"]
+    for number, circle in enumerate(TRUTH, start=1):
+        for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
+            force = 10.0 * circle.force_N
+            log.append(f"{number},{100 * angle:.0f},{1e3 * reading:.0f},{force:.0f}")
+
+    def sexagesimal(circle: Circle, k: int) -> list[object]:
+        return [f"{circle.angle_deg[k]:.0f}°00'00''", f"{circle.reading_um[k]:.3f}"]
+
+    polish = {}
+    for circle in TRUTH:
+        line = f"Siła: {circle.force_N / NEWTONS_PER_KGF:.7f} kG"
+        header = "kąt [°];odchyłka [µm]"
+        own = field.texts(header, above=line, separator=";", suffix=".txt", circles=[circle])
+        polish[f"pomiar {circle.force_N:g}.txt"] = next(iter(own.values()))
+    return {
+        "units_without_blanks": FieldCase(
+            kind,
+            "a Chinese remark with the unit of each quantity and no blank",
+            {"log.csv": "\n".join([*log, ""]).encode("gb18030")},
+        ),
+        "sexagesimal_in_japan": FieldCase(
+            kind,
+            "a header 角度(度分秒)",
+            field.texts("角度(度分秒)\t変位(μm)", sexagesimal, separator="\t", suffix=".txt"),
+        ),
+        "kilogram_force_in_poland": FieldCase(kind, "forces in kG", polish),
     }
 
 
