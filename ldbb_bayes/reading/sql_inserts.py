@@ -16,7 +16,7 @@ from ldbb_bayes.reading.words import unit_named
 __all__ = ["has_sql_inserts", "sheets_of_sql_inserts"]
 
 # Regular expressions for a text in quotation marks, and for the name of a table or a column.
-_QUOTED = r"'(?:[^'\\]|\\.|'')*'"
+_QUOTED = r"'(?:[^'\\]|\\.|'')*'(?!')"
 _NAME = r"(?:\"[^\"]*\"|`[^`]*`|\[[^\]]*\]|[^\s(,;'\"`\[])+"
 # Regular expression for a command that inserts rows: INSERT INTO `test` VALUES (1,36). The names of
 # the columns may follow the name of the table.
@@ -28,7 +28,7 @@ _INSERT = re.compile(
 # Regular expression for one part of the rows of such a command: a value or a mark.
 _PART = re.compile(rf"\s*(?:(?P<value>{_QUOTED}|[^\s,;()'][^,;()']*)|(?P<mark>[(),;]))")
 # Regular expression for the definition of one column of a table, which may contain brackets.
-_BRACKETS = rf"\((?:[^'()]|{_QUOTED}|\([^()]*\))*\)"
+_BRACKETS = rf"\((?:[^'()]|{_QUOTED}|\([^()]{{0,99}}\)){{0,999}}\)"
 _DEFINITION = rf"(?:[^,'()]|{_QUOTED}|{_BRACKETS})+"
 # Regular expression for a command that creates a table.
 _CREATE = re.compile(
