@@ -73,12 +73,12 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     """Return what would resolve each degeneracy: kinds of further tests, or a calibration.
 
     A degeneracy is a combination of parameters and nuisance coefficients whose effects on every
-    reading cancel. Nuisance coefficients describe effects that are modelled but not of interest. A
-    kind of further tests is returned if the degeneracy vanishes when these tests are added to the
-    plan. Turning both balls is returned only if turning a single ball does not suffice. A
-    calibration is returned for every degeneracy whose field ``term`` is not empty. In such a
-    degeneracy, other coefficients cancel the effect of a nuisance coefficient, and a calibration
-    could determine this effect.
+    reading cancel. Nuisance coefficients describe effects that are modelled but not of interest.
+    The result lists each kind of tests that removes the degeneracy when such tests are added to the
+    plan. One kind is tests with one ball turned; tests with both balls turned are listed only if
+    one turned ball is not enough. A calibration is listed for every degeneracy whose field ``term``
+    is not empty. In such a degeneracy, other coefficients cancel the effect of a nuisance
+    coefficient, and a calibration could determine this effect.
 
     Parameters
     ----------

@@ -71,9 +71,8 @@ class FleetStatistics:
     #: reference sds of the c parameters (see `reference_sd`), then the prior sds of the s
     #: instrument errors. They are in internal units, made of mm, N and rad.
     prior_sd: Array
-    #: one likelihood for each of the n campaigns, shape (n, c + s). The likelihood is a Gaussian
-    #: function of c + s variables: the c parameters, then the s instrument errors. The variables
-    #: are in units of ``prior_sd``.
+    #: likelihoods of n campaigns. Each is a Gaussian function of c + s variables: the c parameters,
+    #: followed by the s instrument errors. The variables are in units of ``prior_sd``.
     likelihood: Gaussian
     reference_force_N: float  #: force for which the compliances of all campaigns are given [N]
     #: lower and upper end of the range of forces that all campaigns have in common [N]: the largest

@@ -600,7 +600,7 @@ def _check_no_axis(recording: Recording, source: str | CitedLine, text: str) -> 
 
 
 def _unknown_zero(recording: Recording, source: str | CitedLine, shown: str) -> OpenQuestionError:
-    """Return the error for a text that should say at which axis angles begin, but does not.
+    """Return the error for a text that should name the axis where angles begin, but does not.
 
     ``shown`` is the text, and ``source`` tells where it is, such as "line 3".
     """

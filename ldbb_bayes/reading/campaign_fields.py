@@ -211,11 +211,12 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
 
 def _source_of_named_plane(recording: Recording) -> str:
-    """Return the words by which a note names the source of a plane if the source is a name.
+    """Return the words with which a note says that a plane was taken from a name.
 
-    It is the name of the test, its column, its sheet or its file. Usually, the words are "its
-    name". If the name gives the letters of the plane in the other order, as XZ for ZX, further
-    words say at which axis angles are assumed to begin, and towards which axis they run.
+    The name is that of the test, of its column, of its sheet or of its file. The words are usually
+    "its name". If the name gives the letters of the plane in the other order, as XZ for ZX, the
+    words also state the axis where angles are assumed to begin, and the axis towards which they
+    run.
     """
     word = plane_word_in_name(recording.names()) or ""
     usual = PLANE_OF_SWAPPED.get(word)

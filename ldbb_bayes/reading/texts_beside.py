@@ -19,7 +19,8 @@ from ldbb_bayes.reading.words import LONGEST_TEXT
 
 __all__ = ["TextBeside", "texts_beside", "texts_of_test"]
 
-# From each column, at most this number of texts that differ not only in their numbers is taken.
+# Largest number of texts that are taken from a column. Texts that differ only in their numbers
+# count as one text.
 _MOST_TEXTS = 20
 # A header is taken as a text, and not as a name, if it has at least this number of words.
 _FEWEST_WORDS_OF_TEXT = 4

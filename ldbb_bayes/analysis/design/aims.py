@@ -26,9 +26,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
-# When the next circle is chosen, the distance from an aim that is already reached is multiplied by
-# this number. Because the number is not zero, a reached aim can still decide between two circles
-# that are equally good for all other aims.
+# Weight of an aim that is already reached, when the next circle is chosen; an aim that is not yet
+# reached has the weight 1. Because this weight is not zero, a reached aim can still decide between
+# two circles that are equally good for all other aims.
 _REACHED = 1e-3
 # If the expected log Bayes factor of two models [nat] is smaller than this number, it is replaced
 # by this number before its logarithm is taken. This avoids the logarithm of zero.

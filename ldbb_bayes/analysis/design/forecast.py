@@ -580,8 +580,9 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         Posterior in which compliances may be negative; None if priors are flat and the tests do not
         determine all parameters.
     floor : Array
-        Standard deviations of the p parameters if every test were run a million times, shape (p,):
-        their root mean square over the K values of φ. Empty if ``posterior`` is None.
+        Standard deviation that each parameter would have if every test were run a million times,
+        shape (p,). It is the root mean square over the K sets of φ. The array is empty if
+        ``posterior`` is None.
     """
     phi = extend_hyper_parameters(bound, phi, run)
     first = information_of(bound, phi[0])
