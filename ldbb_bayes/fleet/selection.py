@@ -126,8 +126,8 @@ def choose(
 
     Returns
     -------
-    The rows to use, and caveats. The caveats name the campaigns that are left out, and the
-    campaigns that are kept although their fits are doubtful.
+    The rows to use, and caveats. The caveats name the campaigns that are left out, and those that
+    are kept although their sampler did not converge or their noise is not white.
 
     Raises
     ------

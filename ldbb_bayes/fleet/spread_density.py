@@ -354,11 +354,11 @@ def draw_spreads(
 ) -> Spreads:
     """Return weighted random draws of the spreads s from their posterior density.
 
-    Spreads are the standard deviations of the machines about the mean of their population. Values
-    of ln s are drawn from a Student t distribution about the mode of the density of ln s. If the
-    weights of these draws are unreliable or too unequal, a second set is drawn. It is drawn about
-    the mean of the first set, with a slightly larger covariance. The better of the two sets is
-    returned.
+    Spreads are the standard deviations of the machines about the mean of their population, in units
+    of the parameters' prior standard deviations. Values of ln s are drawn from a Student t
+    distribution about the mode of the density of ln s. If the weights of these draws are unreliable
+    or too unequal, a second set is drawn. It is drawn about the mean of the first set, with a
+    slightly larger covariance. The better of the two sets is returned.
 
     Parameters
     ----------

@@ -847,8 +847,8 @@ class Nodes:
         readings. All draws are in units made of mm, N and rad. For p parameters and h
         hyper-parameters, the results have the shapes (size, p) and (size, h). If the posterior of
         the nodes is ``truncated``, no compliance is negative in any draw. ``rng`` generates the
-        random numbers. Raise an `InputError` if every draw has a negative compliance, even after
-        many attempts.
+        random numbers. Raise an `InputError` if, for one of the picked hyper-parameters, many
+        attempts all give a negative compliance.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)

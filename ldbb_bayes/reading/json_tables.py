@@ -303,7 +303,8 @@ def _key_of_header(content: Mapping[str, Any], width: int) -> str:
 def _are_records(content: Sequence[Any]) -> bool:
     """Return whether a list consists of records, which are the rows of a table.
 
-    A record is a dict without lists; the first record must hold at least two numbers.
+    A record is a dict without lists. At least two values of the first record must be numbers or
+    dicts.
     """
     if len(content) < _FEWEST_ROWS or not all(isinstance(record, dict) for record in content):
         return False

@@ -210,6 +210,7 @@ def _lines_about_test(recording: Recording) -> Lines:
 def _check_factors(recording: Recording) -> None:
     """Raise an error if a header or a line says that readings are multiplied by a number.
 
+    A text that says that readings are doubled, and may mean diameters, raises no error here.
     If the header states a unit, but a line mentions a scale or another unit, this line is noted.
     Nothing is checked if the user states the unit of the readings.
     """

@@ -215,7 +215,7 @@ class SheetNumbers:
         """The posterior mean, sd, median and credible interval of each parameter.
 
         The keys are the names of the parameters. Each value is a mapping with the numbers of one
-        parameter.
+        parameter, in mm, N and rad.
         """
         prob = self.findings.prob
         return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
