@@ -70,9 +70,11 @@ def sheets_of_sql_inserts(sheet: Sheet, text: str) -> list[Sheet]:
     for insert in inserts:
         name = _plain_name(insert["table"])
         table = tables.setdefault(name, EntryTable(name, [], [], []))
-        if insert["columns"] and not table.rows:
-            table.header = [_plain_name(cell) for cell in insert["columns"].split(",")]
-        table.rows += _rows_from(text, insert.end())
+        rows = list(_rows_from(text, insert.end()))
+        if insert["columns"]:
+            names = [_plain_name(cell) for cell in insert["columns"].split(",")]
+            rows = _in_order_of_header(table, names, rows)
+        table.rows += rows
     for comment in _COMMENT_ON.finditer(text):
         owner, _, column = comment["column"].rpartition(".")
         if _plain_name(owner) in tables:
@@ -99,6 +101,28 @@ def _created_table(name: str, create: re.Match[str]) -> EntryTable:
         for comment in _COMMENT.finditer(definition):
             _add_comment(table, table.header[-1], _plain_value(comment["comment"]))
     return table
+
+
+def _in_order_of_header(
+    table: EntryTable, names: list[str], rows: list[list[str]]
+) -> list[list[str]]:
+    """Return rows whose cells are put in the order of the header of a table.
+
+    ``names`` are the names of the columns in the order of the cells of ``rows``. Names that the
+    header lacks are added to it. A column that ``names`` lacks gets empty cells.
+    """
+    known = [_name_without_unit(header) for header in table.header]
+    table.header += [name for name in names if name not in known]
+    ordered = []
+    for row in rows:
+        cell_of = dict(zip(names, row, strict=False))
+        ordered.append([cell_of.get(_name_without_unit(header), "") for header in table.header])
+    return ordered
+
+
+def _name_without_unit(header: str) -> str:
+    """Return the name of a column from its header, to which a unit may have been added."""
+    return header.partition(" [")[0]
 
 
 def _add_comment(table: EntryTable, name: str, comment: str) -> None:

@@ -75,3 +75,19 @@ def test_a_command_that_is_not_closed_does_not_delay_the_reading(tmp_path: Path)
     lines += [f"INSERT INTO s (force_n, angle_deg, um) VALUES (36,{5 * k},{k});" for k in range(72)]
     with pytest.raises(lb.InputError):
         imported(tmp_path, lines)
+
+
+@pytest.mark.parametrize("orders", [("theta, dl", "theta, dl"), ("dl, theta", "theta, dl")])
+def test_named_columns_keep_their_units_and_places(orders: tuple[str, str], tmp_path: Path) -> None:
+    lines = ["CREATE TABLE t (theta double COMMENT 'deg', dl double COMMENT 'nm');"]
+    for half, order in enumerate(orders):
+        rows = [(5 * k, 100 * k) for k in range(36 * half, 36 * half + 36)]
+        values = [f"({angle}, {reading})" for angle, reading in rows]
+        if order == "dl, theta":
+            values = [f"({reading}, {angle})" for angle, reading in rows]
+        lines.append(f"INSERT INTO t ({order}) VALUES {', '.join(values)};")
+    path = tmp_path / "100N.sql"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    (test,) = lb.import_campaign(path).campaign.tests
+    np.testing.assert_allclose(test.angle_deg, [5.0 * k for k in range(72)])
+    np.testing.assert_allclose(test.reading_um, READING_UM)
