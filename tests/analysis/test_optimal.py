@@ -145,6 +145,35 @@ def test_sensitivities_are_derivatives(criterion: Criterion) -> None:
     np.testing.assert_allclose(slope, numeric, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("interest", [2, 5])
+@pytest.mark.parametrize("known_before", [True, False])
+@pytest.mark.parametrize(
+    "criterion", [Determinant(2), Variance(np.diag([1.0, 3.0])), LogBayesFactor(1.0)]
+)
+def test_one_more_test_against_dense_precision(
+    criterion: Criterion, interest: int, *, known_before: bool
+) -> None:
+    """Φ with one more test of each candidate, from S = (M⁻¹)_ss⁻¹ of the whole precision M; with
+    nuisance parameters and without, with a proper prior and with a flat one."""
+    if isinstance(criterion, Variance):
+        criterion = Variance(np.diag(np.arange(1.0, interest + 1.0)))
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((2, 7, 4, 5))
+    prior = np.array([np.eye(5), 2.0 * np.eye(5)]) if known_before else np.zeros((2, 5, 5))
+    counts = np.array([1.0, 0.0, 2.0, 0.0, 0.0, 1.0, 0.0])
+    chosen = np.array([6, 1, 2])
+    found = Objective(rows, prior, interest, criterion).after_adding(counts, chosen)
+    for added, value in zip(chosen, found, strict=True):
+        runs = counts.copy()
+        runs[added] += 1.0
+        expected = []
+        for k in range(2):
+            information = sum(n * g.T @ g for n, g in zip(runs, rows[k], strict=True))
+            covariance = np.linalg.inv(prior[k] + information)[-interest:, -interest:]
+            expected.append(criterion.value(np.linalg.cholesky(np.linalg.inv(covariance))))
+        assert value == pytest.approx(np.mean(expected), rel=1e-10)
+
+
 def test_expected_log_bayes_factor_by_simulation() -> None:
     """Φ of `LogBayesFactor` is half the difference of mean ln B with and without the slopes, by
     dense evidences."""

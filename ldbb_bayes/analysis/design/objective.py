@@ -11,7 +11,8 @@ before the tests of the design. The criterion Φ is the figure of merit that the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,23 @@ _SINGULAR_SHARE = 1e-6
 # Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
 # time, so that little memory is needed.
 _CHUNK_SIZE = 1 << 22
+
+
+class _WithoutNuisance(NamedTuple):
+    """Precision of the s parameters of interest when the n nuisance parameters are unknown.
+
+    M is the precision matrix of all parameters, at each of K values of the hyper-parameters. Its
+    blocks for nuisance parameters and parameters of interest are M_nn, M_ns and M_ss.
+    """
+
+    #: Schur complement M_ss − M_sn M_nn⁻¹ M_ns: the precision of the parameters of interest, shape
+    #: (K, s, s)
+    schur: Array
+    #: −M_nn⁻¹ M_ns: change of the nuisance parameters that belongs to a change of the parameters of
+    #: interest, shape (K, n, s)
+    projection: Array
+    #: L⁻ᵀ for the Cholesky factor L of M_nn, so that L⁻ᵀ L⁻¹ is M_nn⁻¹, shape (K, n, n)
+    whitening: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,15 +108,46 @@ class Objective(Shown):
         indices of the candidates that are tried. For each of them, one test is added to the same
         design. The result has the shape (chosen,).
         """
-        total = np.zeros(len(chosen))
         base = self._precision(counts)
+        values_of = partial(self._values_after_adding_to_undetermined, base)
+        if not self._has_undetermined_prior:
+            values_of = partial(self._values_after_adding, _eliminate_nuisance(base, self.interest))
+        total = np.zeros(len(chosen))
         size = max(1, _CHUNK_SIZE // base.size)
         for start in range(0, len(chosen), size):
-            rows = self.rows[:, chosen[start : start + size]]
-            precision = base + np.swapaxes(np.swapaxes(rows, -1, -2) @ rows, 0, 1)
-            values = self._values(precision.reshape(-1, *base.shape[1:]))
-            total[start : start + size] = values.reshape(-1, len(base)).mean(axis=1)
+            total[start : start + size] = values_of(chosen[start : start + size])
         return total
+
+    def _values_after_adding(self, before: _WithoutNuisance, chosen: Array) -> Array:
+        """Return the criterion Φ after one test of each chosen candidate is added, shape (chosen,).
+
+        ``before`` holds the precision S of the parameters of interest before the test is added. A
+        test with the derivatives G = (G_n, G_s) adds HᵀW⁻¹H to S. Here n are the nuisance
+        parameters and s the parameters of interest, H = G_s − G_n M_nn⁻¹ M_ns, and W = I + G_n
+        M_nn⁻¹ G_nᵀ. The matrix W has one row for each value to which the readings of a test are
+        reduced. It is much smaller than the precision matrix M of all parameters.
+        """
+        s = self.interest
+        rows = self.rows[:, chosen]
+        stacked = rows.reshape(len(rows), -1, rows.shape[-1])
+        of_test = (*rows.shape[:3], -1)
+        whitened = (stacked[:, :, :-s] @ before.whitening).reshape(of_test)
+        effect = stacked[:, :, -s:] + stacked[:, :, :-s] @ before.projection
+        covariance = np.eye(rows.shape[2]) + whitened @ np.swapaxes(whitened, -1, -2)
+        added = np.linalg.solve(np.linalg.cholesky(covariance), effect.reshape(of_test))
+        roots = np.linalg.cholesky(before.schur[:, None] + np.swapaxes(added, -1, -2) @ added)
+        return np.asarray(self.criterion.value(roots).mean(axis=0))
+
+    def _values_after_adding_to_undetermined(self, base: Array, chosen: Array) -> Array:
+        """Return the criterion Φ after one test of each chosen candidate is added, shape (chosen,).
+
+        ``base``, shape (K, p, p), are the precision matrices of all parameters before the test is
+        added, for K values of the hyper-parameters. They may be singular.
+        """
+        rows = self.rows[:, chosen]
+        precision = base + np.swapaxes(np.swapaxes(rows, -1, -2) @ rows, 0, 1)
+        values = self._values(precision.reshape(-1, *base.shape[1:]))
+        return np.asarray(values.reshape(-1, len(base)).mean(axis=1))
 
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
         """Return the criterion Φ of a design, and its derivatives with respect to the counts n_i.
@@ -163,3 +212,22 @@ class Objective(Shown):
     def _has_undetermined_prior(self) -> bool:
         """Whether some parameter is undetermined before the design's tests, as with flat priors."""
         return bool(np.linalg.matrix_rank(self.prior).min() < self.prior.shape[-1])
+
+
+def _eliminate_nuisance(precision: Array, interest: int) -> _WithoutNuisance:
+    """Return the precision of the parameters of interest, from which all others are eliminated.
+
+    ``precision``, shape (K, p, p), are the precision matrices M of p parameters. The last
+    ``interest`` of these parameters are the parameters of interest; all others are nuisance
+    parameters, which M must determine.
+    """
+    cross = precision[:, :-interest, -interest:]
+    root = np.linalg.cholesky(precision[:, :-interest, :-interest])
+    whitening = np.swapaxes(np.linalg.inv(root), -1, -2)
+    whitened_cross = np.swapaxes(whitening, -1, -2) @ cross
+    explained = np.swapaxes(whitened_cross, -1, -2) @ whitened_cross
+    return _WithoutNuisance(
+        schur=precision[:, -interest:, -interest:] - explained,
+        projection=-whitening @ whitened_cross,
+        whitening=whitening,
+    )
