@@ -59,6 +59,11 @@ _EXPECTED_HYPER = 0.999
 # user stated exceeds this limit. The unit of the limit is the standard deviation that the distance
 # has if the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
+# A compliance that cannot be negative may be zero if its posterior mean is at most ``_EXPANSION``
+# standard deviations (the expanded uncertainty U, k = 2). The fit then states the value below which
+# the compliance lies with the probability ``_PROBABILITY_OF_UPPER``.
+_EXPANSION = 2.0
+_PROBABILITY_OF_UPPER = 0.95
 # The distance between the prior mean and the posterior mean of a parameter is divided by the
 # standard deviation that this distance has if the prior is right. To avoid a division by zero, the
 # variance of the distance is taken to be at least this fraction of the prior variance.
@@ -85,6 +90,7 @@ class ConcernKind(StrEnum):
     HYPER = "hyper"
     CENTRE = "centre"
     PRIOR = "prior"
+    NEAR_ZERO = "near-zero"
 
 
 @dataclass(frozen=True)
@@ -108,12 +114,16 @@ class Concern(Result):
     - PRIOR: ``value`` is the distance of the posterior mean of the parameter ``name`` from the
       prior mean that the user stated, ``limit`` the largest distance expected. Both are in units of
       the standard deviation that this distance has if the prior is right.
+    - NEAR_ZERO: ``value`` is the posterior mean of the compliance ``name``, which cannot be
+      negative and is not larger than two standard deviations. ``limit`` is the value below which it
+      lies with a probability of 95 %. Both are in the internal unit ``unit``, such as mm/N.
     """
 
     kind: ConcernKind
     value: float
     limit: float
     name: str = ""
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -396,7 +406,7 @@ def _check_posterior(
 
     There is a warning for each assumption that the posterior contradicts, and a warning if there
     are too few different forces to check an assumption. `Concern` describes the kinds of warnings:
-    TRUNCATION, FORCES, HYPER, PRIOR and CENTRE.
+    TRUNCATION, FORCES, HYPER, PRIOR, CENTRE and NEAR_ZERO.
 
     Parameters
     ----------
@@ -420,6 +430,7 @@ def _check_posterior(
     yield from _distant_means(bound, beta)
     for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
         yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
+    yield from _compliances_near_zero(bound, beta)
 
 
 def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
@@ -458,3 +469,24 @@ def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     for name, z in zip(bound.names, distance, strict=True):
         if z > _LARGEST_PRIOR_DISTANCE and name in stated:
             yield Concern(ConcernKind.PRIOR, float(z), _LARGEST_PRIOR_DISTANCE, name)
+
+
+def _compliances_near_zero(bound: BoundModel, beta: Array) -> Iterator[Concern]:
+    """Yield a warning for each compliance that cannot be negative and may be zero.
+
+    Credible intervals have equal tails. The interval of such a compliance leaves out the values
+    next to zero, where the compliance may well lie. The warning therefore states the value below
+    which the compliance lies with a probability of 95 %. It is given if the posterior mean is at
+    most two standard deviations. ``beta``, shape (n, p), holds n posterior draws of the p
+    parameters in internal units (mm, N, rad). ``bound`` is the model of the campaign.
+    """
+    is_restricted = (bound.truncation.rows != 0.0).any(axis=0)
+    mean = beta.mean(axis=0)
+    is_near_zero = mean <= _EXPANSION * beta.std(axis=0)
+    for j in np.flatnonzero(is_restricted & is_near_zero):
+        parameter = bound.parameters[j]
+        if parameter.group == "compliance":
+            upper = float(np.quantile(beta[:, j], _PROBABILITY_OF_UPPER))
+            yield Concern(
+                ConcernKind.NEAR_ZERO, float(mean[j]), upper, parameter.name, parameter.unit
+            )

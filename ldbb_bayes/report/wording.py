@@ -170,6 +170,9 @@ _MOST_CHECKS = 3
 # below this limit, sentences say that the readings contradict non-negative compliances. The limit
 # is ln 1e-6.
 _CONTRADICTED = -13.815510557964274
+# Kinds of concerns about a fit that are listed with the quality of the fit, but not at the top of
+# the report.
+_MINOR_CONCERNS = ("forces", "centre", "near-zero")
 # If a change has at least this probability, sentences state it as a fact. The change may be that a
 # compliance increases or decreases with force, or that a slope (a coefficient of this change)
 # differs from zero.
@@ -631,6 +634,10 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
+        limit_shown = ""
+        if concern.unit:
+            factor, label = display_unit(concern.unit)
+            limit_shown = f"{two_digits(concern.limit, factor)} {label}"
         # The value ``degree`` is inserted only into the sentence which says that the tests have too
         # few different forces. In this sentence, ``limit`` is the number of forces that the model
         # needs, which is two more than the degree of the polynomial C(F).
@@ -644,6 +651,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
             rhat=sampler.get("target_rhat", 0.0),
             advice=advice,
             name=display_name(concern.name),
+            limit_shown=limit_shown,
         )
         yield typeset(sentence)
 
@@ -1478,7 +1486,7 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
 
     ``result`` is the JSON record of the fit.
     """
-    grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
+    grave = tuple(concern for concern in fit.concerns if concern.kind not in _MINOR_CONCERNS)
     sentences = list(concern_sentences(grave, result["sampler"]))
     is_explained = "not-converged" in fit.kinds or "truncation" in fit.kinds
     if fit.misfits and not is_explained:

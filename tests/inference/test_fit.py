@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.special import ndtri
 
+import ldbb_bayes as lb
 from ldbb_bayes.inference.checks import TestChecks
-from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State
-from ldbb_bayes.report.wording import check_notes, fit_verdict
+from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State, _compliances_near_zero
+from ldbb_bayes.report.wording import check_notes, concern_sentences, fit_verdict
 
 CHECKS = TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)
 MISSED = Concern(ConcernKind.NOT_CONVERGED, 200.0, 1000.0)
@@ -84,3 +87,22 @@ def test_a_failing_check_that_moves_nothing_is_a_note(unlikely: Fit) -> None:
 
 def test_print_names_no_order_where_none_fails(fit: Fit) -> None:
     assert "order" not in str(fit)
+
+
+def test_a_compliance_that_may_be_zero_has_an_upper_limit(recovered: lb.Campaign) -> None:
+    """Draws of a half-normal distribution: 95 % of it lie below 1.95996 of its scale. A compliance
+    of four standard deviations has no such limit, nor has one that may be negative."""
+    bound = lb.HybridModel.default(0).bind(recovered)
+    quantiles = (np.arange(20_000) + 0.5) / 20_000
+    beta = np.zeros((len(quantiles), len(bound.names)))
+    beta[:, bound.names.index("C_XXX")] = 4e-5 + 1e-5 * ndtri(quantiles)
+    beta[:, bound.names.index("C_XYX")] = 1e-6 * ndtri(quantiles)
+    beta[:, bound.names.index("C_YYY")] = 4e-5 + 1e-5 * ndtri(quantiles)
+    beta[:, bound.names.index("C_CCY")] = 3e-10 * ndtri(0.5 + 0.5 * quantiles)
+    (concern,) = _compliances_near_zero(bound, beta)
+    assert (concern.kind, concern.name, concern.unit) == ("near-zero", "C_CCY", "rad/(N mm)")
+    assert concern.limit == pytest.approx(1.95996 * 3e-10, rel=1e-4)
+    (sentence,) = concern_sentences((concern,), {})
+    assert "read it as 0 to 0.59 µrad/(N m) (95 %)" in sentence
+    untruncated = lb.HybridModel.default(0).without("truncation")
+    assert not list(_compliances_near_zero(untruncated.bind(recovered), beta))
