@@ -14,7 +14,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, ndtr, stdtr
@@ -34,7 +33,7 @@ from ldbb_bayes.inference.residuals import (
 )
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.bound_information import information_of
-from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, harmonic_index
+from ldbb_bayes.model.fourier import MAX_ORDER, SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
@@ -389,41 +388,44 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
     for term in private_terms(draws.bound, draws.phi, r):
         columns.append(basis_to_harmonics @ term.columns)
         sd.append(term.sd)
-    expected = _Scatter(np.concatenate(columns, axis=1), np.concatenate(sd, axis=1))
-    p_values = {}
-    for order in range(MAX_ORDER + 1):
-        at_order = order == ORDERS
-        of_order = _Scatter(expected.columns[at_order], expected.sd)
-        p_values[order] = _mean_tail_probability(residual[:, at_order], of_order)
-    return p_values
+    squares = _squares_of_orders(
+        residual, np.concatenate(columns, axis=1), np.concatenate(sd, axis=1)
+    )
+    freedom = np.where(np.arange(MAX_ORDER + 1) == 0, 1, 2)
+    p_values = chdtrc(freedom, squares).mean(axis=0)
+    return dict(enumerate(p_values.tolist()))
 
 
-class _Scatter(NamedTuple):
-    """Covariance matrix C S² Cᵀ of k residuals, which scatter because of v independent sources.
+def _squares_of_orders(residual: Array, columns: Array, sd: Array) -> Array:
+    """Return rᵀ V⁻¹ r for each draw and each of the Fourier orders 0 to 12, shape (draws, 13).
 
-    C, shape (k, v), holds the effects of the sources on the residuals. S is the diagonal matrix of
-    the standard deviations of the sources; each posterior draw has its own S.
+    r is the part of the residual at one order. It is one number at the order 0, and two numbers (of
+    the cosine and of the sine) at all others. V is its covariance matrix C S² Cᵀ. The residual
+    scatters because of v independent sources. C holds the effects of the sources at this order, and
+    the diagonal matrix S holds their standard deviations.
+
+    Parameters
+    ----------
+    residual
+        Residual Fourier coefficients of a test, shape (draws, 25) [mm].
+    columns
+        Effect of each of v independent sources on the 25 coefficients, shape (25, v).
+    sd
+        Standard deviations of the v sources in every draw, shape (draws, v).
     """
-
-    #: effects of v independent sources of scatter on k residuals of a test's readings, per unit of
-    #: each source, shape (k, v)
-    columns: Array
-    #: standard deviations of v independent sources of scatter of a test's readings, for every
-    #: posterior draw, shape (draws, v)
-    sd: Array
-
-
-def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
-    """Return the p-value of k residuals: P(χ² ≥ rᵀ V⁻¹ r), averaged over the posterior draws.
-
-    For each draw, the vector r is a row of ``residual``, shape (draws, k), and V is the covariance
-    matrix that ``scatter`` describes. χ² has k degrees of freedom.
-    """
-    columns = scatter.columns
-    covariance = np.einsum("iv,jv,wv->wij", columns, columns, scatter.sd**2)
-    solved = np.linalg.solve(covariance, residual[..., None])[..., 0]
-    square = np.einsum("wi,wi->w", residual, solved)
-    return float(chdtrc(residual.shape[1], square).mean())
+    cosine, sine = np.transpose([harmonic_index(order) for order in range(1, MAX_ORDER + 1)])
+    variance = sd**2 @ (columns**2).T
+    covariance = sd**2 @ (columns[cosine] * columns[sine]).T
+    squares = np.empty((len(residual), MAX_ORDER + 1))
+    squares[:, 0] = residual[:, 0] ** 2 / variance[:, 0]
+    # The square of a pair is the square of its first number, plus that of what the first number
+    # does not predict of the second; each is divided by its own variance.
+    slope = covariance / variance[:, cosine]
+    remainder = residual[:, sine] - slope * residual[:, cosine]
+    remaining_variance = variance[:, sine] - slope * covariance
+    squares[:, 1:] = residual[:, cosine] ** 2 / variance[:, cosine]
+    squares[:, 1:] += remainder**2 / remaining_variance
+    return squares
 
 
 def average_checks(

@@ -1,9 +1,11 @@
-"""Diagnostics of random draws, computed with ArviZ: convergence, weights and sensitivity.
+"""Diagnostics of random draws: convergence, weights and sensitivity.
 
 ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
-to the largest weights; if k̂ is large, averages with these weights cannot be trusted. ArviZ is
-imported inside the functions that use it, because ArviZ loads scipy.stats, which takes a long time,
-and most commands need no diagnostics.
+to the largest weights; if k̂ is large, averages with these weights cannot be trusted. All
+diagnostics are those of ArviZ. ArviZ evaluates one parameter after the other. Convergence and
+sensitivity are computed here for all parameters at once, which takes a fraction of the time. Only
+the Pareto distribution is fitted by ArviZ itself. It is imported inside the function that uses it,
+because ArviZ loads scipy.stats, which takes a long time, and most commands need no diagnostics.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.special import ndtri
 
 from ldbb_bayes.results import Array
 
@@ -34,6 +38,8 @@ _UPPER_POWER = 1.01
 # effective sample size for the tails is the smaller of those for the two quantiles (Vehtari et al.
 # 2021).
 _TAILS = (0.05, 0.95)
+# Smallest number of draws of a chain from which convergence is assessed.
+_FEWEST_DRAWS = 4
 # Smallest number of importance weights whose tail can be judged. ArviZ fits a Pareto distribution
 # to the largest fifth of the weights, and needs at least five weights in this fifth.
 _FEWEST_WEIGHTS = 25
@@ -63,17 +69,112 @@ def diagnose(chain: Array) -> Diagnostics:
 
     ``chain`` holds random draws, shape (chains, draws, d). The diagnostics are defined by Vehtari
     et al. 2021. The effective sample size for the tails is the smaller of the effective sample
-    sizes for the quantiles at 5 % and at 95 %.
+    sizes for the quantiles at 5 % and at 95 %. If there are fewer than four draws, or if a draw of
+    a parameter is not a number, the diagnostics are NaN.
     """
-    from arviz_stats.base import array_stats
-
-    axes = {"chain_axis": 0, "draw_axis": 1}
+    d = chain.shape[2]
+    half = chain.shape[1] // 2
+    if chain.shape[1] < _FEWEST_DRAWS:
+        unknown = np.full(d, np.nan)
+        return Diagnostics(unknown, unknown, unknown)
+    pooled = chain.reshape(-1, d)
+    below = [chain <= quantile for quantile in np.quantile(pooled, _TAILS, axis=0)]
+    split = np.concatenate([chain[:, :half], chain[:, -half:]])
+    scores = _normal_scores(split)
+    distances = np.abs(split - np.median(split.reshape(-1, d), axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return Diagnostics(
-            np.asarray(array_stats.ess(chain, method="bulk", **axes)),
-            np.asarray(array_stats.ess(chain, method="tail", prob=_TAILS, **axes)),
-            np.asarray(array_stats.rhat(chain, method="rank", **axes)),
-        )
+        rhat = np.maximum(_rhat(scores), _rhat(_normal_scores(distances)))
+    halves = [np.concatenate([part[:, :half], part[:, -half:]]) for part in below]
+    ess = _effective_sizes(np.concatenate([scores, *halves], axis=2)).reshape(3, d)
+    is_number = ~np.isnan(pooled).any(axis=0)
+    # ArviZ has no R-hat of a single chain.
+    has_rhat = is_number & (len(chain) > 1)
+    return Diagnostics(
+        np.where(is_number, ess[0], np.nan),
+        np.where(is_number, np.minimum(ess[1], ess[2]), np.nan),
+        np.where(has_rhat, rhat, np.nan),
+    )
+
+
+def _normal_scores(chain: Array) -> Array:
+    """Return the normal scores of draws, computed from their ranks among the draws of all chains.
+
+    ``chain`` and the result have the shape (chains, draws, d). Of the n draws of a parameter, the
+    draw with the rank r has the score Φ⁻¹((r − 3/8) / (n + 1/4)). Equal draws have the mean of
+    their ranks (Blom 1958; Vehtari et al. 2021).
+    """
+    by_parameter = np.ascontiguousarray(chain.reshape(-1, chain.shape[2]).T)
+    n = by_parameter.shape[1]
+    order = np.argsort(by_parameter, axis=1)
+    in_order = np.take_along_axis(by_parameter, order, axis=1)
+    rank = np.tile(np.arange(1.0, n + 1.0), (len(in_order), 1))
+    has_equal_draws = (in_order[:, 1:] == in_order[:, :-1]).any(axis=1)
+    for k in np.flatnonzero(has_equal_draws):
+        smaller = np.searchsorted(in_order[k], in_order[k], side="left")
+        not_larger = np.searchsorted(in_order[k], in_order[k], side="right")
+        rank[k] = 0.5 * (smaller + 1 + not_larger)
+    scores = np.empty(by_parameter.shape)
+    np.put_along_axis(scores, order, ndtri((rank - 0.375) / (n + 0.25)), axis=1)
+    return scores.T.reshape(chain.shape)
+
+
+def _rhat(chain: Array) -> Array:
+    """Return the square root of total variance over variance within chains, for d parameters.
+
+    ``chain`` has the shape (chains, draws, d), the result the shape (d,).
+    """
+    draws = chain.shape[1]
+    between = draws * chain.mean(axis=1).var(axis=0, ddof=1)
+    within = chain.var(axis=1, ddof=1).mean(axis=0)
+    return np.asarray(np.sqrt((between / within + draws - 1.0) / draws))
+
+
+def _effective_sizes(chain: Array) -> Array:
+    """Return the effective sample sizes of d parameters, shape (d,).
+
+    ``chain``, shape (chains, draws, d), holds random draws. If all draws of a parameter are equal,
+    its effective sample size is the number of draws.
+    """
+    chains, draws, d = chain.shape
+    by_parameter = np.moveaxis(chain, 2, 0).astype(float)
+    means = by_parameter.mean(axis=2)
+    # The autocovariances at all lags are computed by a Fourier transform, and averaged over the
+    # chains. The draws are padded with zeros, so that the first draws do not follow the last ones.
+    length = next_fast_len(2 * draws, real=True)
+    transformed = rfft(by_parameter - means[:, :, None], n=length, axis=2)
+    power = (transformed.real**2 + transformed.imag**2).mean(axis=1)
+    covariance = irfft(power, n=length, axis=1)[:, :draws] / draws
+    within = covariance[:, :1] * draws / (draws - 1.0)
+    total = covariance[:, :1]
+    if chains > 1:
+        total = total + means.var(axis=1, ddof=1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = 1.0 - (within - covariance) / total
+    correlation[:, 0] = 1.0
+    time = np.maximum(_autocorrelation_times(correlation), 1.0 / np.log10(chains * draws))
+    is_constant = np.ptp(by_parameter.reshape(d, -1), axis=1) < np.finfo(float).resolution
+    return np.where(is_constant, 1.0, 1.0 / time) * chains * draws
+
+
+def _autocorrelation_times(correlation: Array) -> Array:
+    """Return the autocorrelation times of d parameters' draws, in draws, shape (d,).
+
+    The effective sample size is the number of draws divided by this time. The time is −1 plus twice
+    the sum of the autocorrelations at all lags. ``correlation``, shape (d, draws), holds them from
+    lag 0 on. They are added in pairs (lags 0 and 1, 2 and 3, ...), and a pair never counts more
+    than the pair before it. The sum ends at the first pair whose sum is not positive; of this pair,
+    only the first autocorrelation counts, once and if it is positive (Geyer 1992).
+    """
+    last_pair = max((correlation.shape[1] - 3) // 2, 0)
+    pairs = correlation[:, : 2 * last_pair + 2].reshape(len(correlation), -1, 2).sum(axis=2)
+    ends = ~(pairs > 0.0)
+    ends[:, 0] = False
+    ends[:, last_pair] = True
+    end = ends.argmax(axis=1)
+    counts = np.arange(last_pair + 1) < end[:, None]
+    of_pairs = np.where(counts, np.minimum.accumulate(pairs, axis=1), 0.0).sum(axis=1)
+    after = correlation[np.arange(len(correlation)), 2 * end]
+    return np.asarray(-1.0 + 2.0 * of_pairs + np.maximum(after, 0.0))
 
 
 def power_sensitivity(
@@ -95,38 +196,57 @@ def power_sensitivity(
     factor. The posterior after the change is represented by the same draws with weights, which are
     so nearly equal that they need no smoothing.
     """
-    from arviz_stats.base import array_stats
-
     stacked = np.stack([np.ravel(values) for values in draws.values()])
+    order = np.argsort(stacked, axis=1)
+    width = np.diff(np.take_along_axis(stacked, order, axis=1), axis=1)
     sensitivity: dict[str, dict[str, float]] = {name: {} for name in draws}
     for factor, log_density in log_densities.items():
+        by_parameter = np.zeros(len(stacked))
         if np.ptp(log_density) > 0.0:
-            by_parameter = array_stats.power_scale_sense(
-                stacked,
-                _scaling_weights(log_density, _LOWER_POWER, len(stacked)),
-                _scaling_weights(log_density, _UPPER_POWER, len(stacked)),
-                _LOWER_POWER,
-                _UPPER_POWER,
-                chain_axis=None,
-            )
-        else:
-            by_parameter = np.zeros(len(stacked))
+            for power in (_LOWER_POWER, _UPPER_POWER):
+                weight = _scaling_weights(log_density, power)[order]
+                distance = np.maximum(
+                    _distances(width, weight), _distances(width[:, ::-1], weight[:, ::-1])
+                )
+                by_parameter += 0.5 * distance / abs(np.log2(power))
         for name, value in zip(draws, by_parameter, strict=True):
             sensitivity[name][factor] = float(value)
     return sensitivity
 
 
-def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights with which posterior draws represent a changed posterior.
+def _scaling_weights(log_density: Array, power: float) -> Array:
+    """Return weights with which posterior draws represent a changed posterior, shape (n,).
 
     The posterior density is a product of factors such as prior and likelihood. In the changed
     posterior, one factor is raised to ``power``. ``log_density``, shape (chains, draws), is the
-    logarithm of this factor at the draws. The result has one column for each draw and one row for
-    each of ``parameters`` parameters; all rows are equal, because the weights are the same for all
-    parameters.
+    logarithm of this factor at the n draws of all chains. The weights sum to one.
     """
-    log_weight = (power - 1.0) * (log_density - log_density.mean())
-    return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))
+    weight = np.exp((power - 1.0) * (log_density - log_density.mean())).ravel()
+    return np.asarray(weight / weight.sum())
+
+
+def _distances(width: Array, weight: Array) -> Array:
+    """Return cumulative Jensen-Shannon distances between equal and given weights, shape (p,).
+
+    The distance compares two distribution functions of a parameter: P, in which all n draws have
+    equal weights, and Q, in which they have the weights ``weight``, shape (p, n), in the order of
+    the p parameters' draws. ``width``, shape (p, n − 1), holds the distances between successive
+    draws (Nguyen and Vreeken 2015; Kallioinen et al. 2023).
+    """
+    n = weight.shape[1]
+    p = np.linspace(1.0 / n, 1.0 - 1.0 / n, n - 1)
+    q = np.cumsum(weight, axis=1)[:, :-1]
+    log_middle = np.log(0.5 * (p + q))
+    area_of_p = width @ p
+    area_of_q = (width * q).sum(axis=1)
+    from_p = (width * (p * (np.log(p) - log_middle))).sum(axis=1)
+    from_q = (width * (q * (np.log(q) - log_middle))).sum(axis=1)
+    change = 0.5 * (area_of_q - area_of_p)
+    # Each of the two divergences is zero or positive; rounding errors may make it negative.
+    divergence = np.maximum(from_p + change, 0.0) + np.maximum(from_q - change, 0.0)
+    area = area_of_p + area_of_q
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(divergence / area / np.log(2.0)))
 
 
 class SmoothedWeights(NamedTuple):

@@ -12,12 +12,14 @@ from scipy import stats
 import ldbb_bayes as lb
 from ldbb_bayes.inference.checks import (
     TestChecks,
+    _squares_of_orders,
     autocorrelation,
     centre_shift,
     effects_of_failures,
 )
 from ldbb_bayes.inference.fit import Fit, State
 from ldbb_bayes.inference.posterior import fit_of
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE
 from ldbb_bayes.report.wording import check_words
 
 MODEL = lb.HybridModel.first(0)
@@ -138,3 +140,18 @@ def test_a_centre_that_moves_in_one_plane_is_seen_beside_others(plane: str) -> N
     assert centre_shift(bound, beta) == {}
     moving = MODEL.bind(with_moving_centre(simulation.campaign, plane))
     assert list(centre_shift(moving, beta)) == ["X"]
+
+
+def test_squares_of_orders_are_those_of_each_covariance() -> None:
+    """Beside the covariance matrix of each order in full, solved draw by draw."""
+    rng = np.random.default_rng(8)
+    residual = rng.normal(size=(5, SIZE))
+    columns = rng.normal(size=(SIZE, 40))
+    sd = rng.gamma(2.0, size=(5, 40))
+    squares = _squares_of_orders(residual, columns, sd)
+    for order in range(MAX_ORDER + 1):
+        own = order == ORDERS
+        for draw in range(5):
+            covariance = columns[own] @ np.diag(sd[draw] ** 2) @ columns[own].T
+            expected = residual[draw, own] @ np.linalg.solve(covariance, residual[draw, own])
+            assert squares[draw, order] == pytest.approx(expected, rel=1e-10)
