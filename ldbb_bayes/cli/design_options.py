@@ -8,8 +8,7 @@ from pathlib import Path
 import ldbb_bayes as lb
 from ldbb_bayes.cli.options import Kind, Option, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
-from ldbb_bayes.cli.values import names_in, pairs_in
-from ldbb_bayes.errors import check_known
+from ldbb_bayes.cli.values import directions_in, names_in, pairs_in
 
 __all__ = ["COST_OPTIONS", "DESIGN_OPTIONS"]
 
@@ -18,19 +17,6 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
     """Return the campaigns or plans typed as NAME=PATH; the keys are the names that were typed."""
     paths = pairs_in(entries, flag, "NAME=PATH")
     return {name: lb.read_campaign(Path(path)) for name, path in paths.items()}
-
-
-def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
-    """Return the directions of travel, such as CW (clockwise), that the user typed.
-
-    The string ``both`` means CW and CCW (counter-clockwise). ``flag`` names the option in error
-    messages. Raise an `InputError` for any other word.
-    """
-    if entry.strip().lower() == "both":
-        return ("CW", "CCW")
-    directions = names_in(entry)
-    check_known(flag, directions, ("CW", "CCW", "both"))
-    return directions
 
 
 def _read_prices(entry: str, flag: str) -> dict[str, float]:
@@ -58,7 +44,7 @@ DESIGN_OPTIONS: Mapping[str, Option] = options_of(
     radii=Kind(str, read_radii),
     clockings=Kind(str, read_clockings),
     designs=Kind(list[str], _read_designs),
-    directions=Kind(str, _read_directions),
+    directions=Kind(str, directions_in),
     prices=Kind(str, _read_prices),
 )
 # Options of the command design that state machine times (in minutes or hours) and the price of an

@@ -10,6 +10,7 @@ from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.options import Kind, command, group, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
+from ldbb_bayes.cli.values import directions_in
 
 if TYPE_CHECKING:
     from ldbb_bayes.cli.sources import SourceCampaign
@@ -23,6 +24,7 @@ _OPTIONS = group(
         force_levels=Kind(str, read_force_levels),
         radii=Kind(str, read_radii),
         clockings=Kind(str, read_clockings),
+        directions=Kind(str, directions_in),
     )
 )
 

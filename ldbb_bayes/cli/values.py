@@ -1,4 +1,4 @@
-"""Conversion of option values, as typed by the user, to names, numbers, points or balls."""
+"""Conversion of option values, as typed by the user, to names, directions, numbers and balls."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import math
 from collections.abc import Iterable
 
 import ldbb_bayes as lb
-from ldbb_bayes.errors import InputError, placed, require
+from ldbb_bayes.errors import InputError, check_known, placed, require
 from ldbb_bayes.units import setting_to_inside
 
-__all__ = ["ball_in", "names_in", "numbers_in", "pairs_in", "points_in"]
+__all__ = ["ball_in", "directions_in", "names_in", "numbers_in", "pairs_in", "points_in"]
 
 # Coordinates X,Y,Z [mm] of a point, as an example in messages.
 _POINT = "0,-200,350"
+# Words for directions of travel, as this package writes them; the keys are in small letters.
+_WRITTEN = {"cw": "CW", "ccw": "CCW", "both": "both"}
 
 
 def names_in(text: str) -> tuple[str, ...]:
@@ -30,6 +32,37 @@ def names_in(text: str) -> tuple[str, ...]:
     """
     names = [name.strip() for name in text.split(",")]
     return tuple(name for name in names if name)
+
+
+def directions_in(text: str, flag: str) -> tuple[str, ...]:
+    """Return the directions of travel that the user typed as an option's value.
+
+    Parameters
+    ----------
+    text
+        Typed string: CW (clockwise), CCW (counterclockwise), both of them separated by a comma, or
+        the word ``both``. Small letters are accepted, too.
+    flag
+        Flag of the option, which is named in error messages.
+
+    Returns
+    -------
+    tuple of str
+        CW, CCW or both, each at most once.
+
+    Raises
+    ------
+    InputError
+        If the string contains another word, or none.
+    """
+    names = names_in(text)
+    require(names != (), f"{flag} must name CW, CCW or both, got {text!r}. Name them.")
+    directions: list[str] = []
+    for name in names:
+        written = _WRITTEN.get(name.casefold(), name)
+        check_known(flag, [written], ("CW", "CCW", "both"))
+        directions += ("CW", "CCW") if written == "both" else (written,)
+    return tuple(dict.fromkeys(directions))
 
 
 def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from campaigns import Invoke
+from campaigns import Invoke, plan, simulated
 
 import ldbb_bayes as lb
 
@@ -66,6 +67,56 @@ def test_the_operators_sheet_has_the_force_and_the_pressure(
     assert " bar</dd>" in sheet
 
 
+@pytest.fixture(scope="module")
+def clockwise(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of two circles, which says that they ran clockwise."""
+    campaign = simulated(plan((40, 40), forces_N=(36.0, 742.0)))
+    tests = tuple(replace(test, direction="CW") for test in campaign.tests)
+    folder = tmp_path_factory.mktemp("clockwise") / "c"
+    return lb.write_campaign(replace(campaign, tests=tests), folder)
+
+
+def test_both_directions_are_candidates_and_are_named(
+    clockwise: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    """As for design: the word both, hysteresis in the model, and the direction on the sheet."""
+    options = (clockwise, "--goal", "C_XXX=1%", "--forces", "36,742", "--directions")
+    stdout = invoke("next", *options, "both", "--out", tmp_path / "next")[1]
+    lines = stdout.splitlines()
+    direction = lb.read_campaign(tmp_path / "next").tests[0].direction
+    assert lines[0].endswith(f", {direction}.")
+    assert {"CW", "CCW"} <= {word for line in lines[-6:] for word in line.split()}
+    sheet = (tmp_path / "next" / "sheet.html").read_text(encoding="utf-8")
+    assert f"<dt>Direction</dt><dd>{direction}</dd>" in sheet
+    record = json.loads(invoke("next", *options, "CCW,CW", "--json")[1])
+    written = json.loads((tmp_path / "next" / "next.json").read_text(encoding="utf-8"))
+    assert record["goals"] == written["goals"]
+    step = lb.analysis.next_circle(
+        lb.HybridModel.default(1),
+        lb.read_campaign(clockwise),
+        goals={"C_XXX": "1 %"},
+        forces_N=(36.0, 742.0),
+        directions=("CW", "CCW"),
+    )
+    assert record["goals"] == step.as_dict()["goals"]
+    assert "eta" in step.chosen.space.bound.hyper_prior.names  # of hysteresis, if run both ways
+
+
+def test_a_direction_that_was_not_run_yet_is_named(clockwise: Path, invoke: Invoke) -> None:
+    options = ("--preset", "first", "--goal", "C_XXX=1%", "--forces", "742")
+    stdout = invoke("next", clockwise, *options, "--directions", "ccw")[1]
+    assert stdout.splitlines()[0].endswith("(tool), CCW.")
+    assert "CW" not in invoke("next", clockwise, *options)[1]
+
+
+def test_both_directions_need_the_direction_of_the_circles_run(
+    folder: Path, invoke: Invoke
+) -> None:
+    code, _, stderr = invoke("next", folder, *GOAL, "--directions", "both")
+    assert code == 2
+    assert "must state its direction, CW or CCW" in stderr
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -74,7 +125,8 @@ def test_the_operators_sheet_has_the_force_and_the_pressure(
         (("--goal", "E_C0YX=5%"), "must be an uncertainty with its unit"),
         (("--confidence", "1"), "confidence must lie between 0.5 and 1"),
         (("--forces", "0"), "forces must be finite and > 0"),
-        (("--directions", "up"), "'up'"),
+        (("--directions", "up"), "--directions must be one of CW, CCW, both, got 'up'."),
+        (("--directions", ","), "--directions must name CW, CCW or both, got ','."),
     ],
 )
 def test_bad_options_are_refused(

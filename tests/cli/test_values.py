@@ -15,7 +15,7 @@ from ldbb_bayes.cli.arguments import _model_options
 from ldbb_bayes.cli.file_reports import _next_tests
 from ldbb_bayes.cli.questions import _read_topology
 from ldbb_bayes.cli.ranges import read_force_levels
-from ldbb_bayes.cli.values import ball_in
+from ldbb_bayes.cli.values import ball_in, directions_in
 
 
 @pytest.mark.parametrize(
@@ -49,6 +49,20 @@ def test_a_range_ends_exactly() -> None:
 )
 def test_a_ball_by_its_deviation_from_sphericity(text: str, sphericity_um: float) -> None:
     assert ball_in(text, "--balls") == lb.Ball(sphericity_um=sphericity_um)
+
+
+@pytest.mark.parametrize(
+    ("text", "directions"),
+    [
+        ("both", ("CW", "CCW")),
+        ("CCW", ("CCW",)),
+        ("ccw, cw", ("CCW", "CW")),
+        ("CW,Both", ("CW", "CCW")),
+        ("CW,CW", ("CW",)),
+    ],
+)
+def test_directions_are_named_or_both(text: str, directions: tuple[str, ...]) -> None:
+    assert directions_in(text, "--directions") == directions
 
 
 @pytest.mark.parametrize("text", ["0.5", "5 N", "-", "1 2 um"])

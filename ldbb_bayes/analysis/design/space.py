@@ -40,7 +40,7 @@ __all__ = ["CriterionName", "Space"]
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
 # Columns of tables of tests, in addition to the force. Every table contains the columns
 # ``_FIXED_COLUMNS``. A column of ``_OPTIONAL_COLUMNS`` is included only if the tests differ in the
-# property that it shows.
+# property that it shows; the direction also if it is not that of the pilot's tests.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Number of values of the hyper-parameters (such as the standard deviation of the noise) that the
@@ -199,16 +199,17 @@ class Space:
 
         The table also has columns for plane, direction and set-up. Each of these three columns is
         included only if the property differs between candidate tests or tests of compared designs.
+        The direction is also included if it differs from that of the pilot's tests.
         """
         all_tests = (*self.tests, *self.compared_tests)
-        columns = ["force_N", *_FIXED_COLUMNS]
-        for name in _OPTIONAL_COLUMNS:
-            if len({getattr(test, name) for test in all_tests}) > 1:
-                columns.append(name)
+        values = {name: {getattr(test, name) for test in all_tests} for name in _OPTIONAL_COLUMNS}
+        values["direction"] |= {test.direction for test in self.pilot.tests}
+        varied = [name for name in _OPTIONAL_COLUMNS if len(values[name]) > 1]
+        columns = ["force_N", *_FIXED_COLUMNS, *varied]
         rows = []
         for test in tests:
-            values = [getattr(test, name) for name in columns]
-            rows.append(["" if value is None else value for value in values])
+            row = [getattr(test, name) for name in columns]
+            rows.append(["" if value is None else value for value in row])
         return pd.DataFrame(rows, columns=columns)
 
     def tests_of(self, design: ExactDesign) -> tuple[CircularTest, ...]:
