@@ -954,6 +954,16 @@ class BoundModel(Shown):
             return self.prior_sd
         return self._of_interest.prior_sd(Prior.first(), self.setting)[self._free]
 
+    def prior_sd_for_sizes(self, compliance_size: Array) -> Array:
+        """Return the prior sds that the parameters have if the compliances have other magnitudes.
+
+        The prior sd of a slope (change of a compliance with force) is proportional to the estimated
+        magnitude of its compliance. ``compliance_size``, shape (compliances,), holds the magnitudes
+        that replace the estimated ones. The result has the shape (p,), in mm, N and rad.
+        """
+        setting = replace(self.setting, compliance_size_estimate=compliance_size)
+        return self._of_interest.prior_sd(self.model.prior, setting)[self._free]
+
     @cached_property
     def centre(self) -> Array:
         """Least-squares estimate of the p parameters of interest, shape (p,), in mm, N and rad.

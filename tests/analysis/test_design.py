@@ -18,15 +18,21 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.campaign_design import _limits
 from ldbb_bayes.analysis.design.candidates import (
     add_foreseen_tests,
+    bind_plan,
     bind_tests,
     grid_of_tests,
     running_order,
     templates,
 )
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
-from ldbb_bayes.analysis.design.forecast import forecast_tests, stated_variances
+from ldbb_bayes.analysis.design.forecast import (
+    _believed_covariance,
+    _precision_added_by_slope_priors,
+    forecast_tests,
+    stated_variances,
+)
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.analysis.design.states import States, hyper_nodes
+from ldbb_bayes.analysis.design.states import States, hyper_nodes, states_before
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.gaussian import Gaussian
@@ -425,6 +431,35 @@ def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
     cured = lb.design(LINEAR, pilot, **options, clockings_deg=BOTH)
     assert cured.expected["E_C0YX"].sd < 2e-6
     assert lb.identify(LINEAR, cured.plan()).parameters["E_C0YX"].verdict == "identified"
+
+
+def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
+    """The prior sd of a slope follows from the compliance that new readings show. The forecast
+    spread of the prior sds, beside those of models bound to simulated readings of the same
+    machines."""
+    model = lb.HybridModel.default(1)
+    space = Space(model, pilot, THREE)
+    new = space.plan_of(space.tests)
+    bound = bind_plan(model, new)
+    states = states_before(model, pilot, 192, 1, augment=False)
+    slope = bound.names.index("C_CXY_1")
+    covariance = _believed_covariance(bound, states, 0)
+    added = _precision_added_by_slope_priors(bound, states, covariance)
+    assert not added[:, [p.group != "slope" for p in bound.parameters]].any()
+    forecast = (added[:, slope] + 1.0) ** -0.5
+
+    found = []
+    for k, (beta, phi) in enumerate(zip(states.beta, states.phi, strict=True)):
+        machine = dict(zip(bound.names, beta.tolist(), strict=True))
+        scales_um = dict(zip(bound.hyper_prior.names, (1e3 * phi).tolist(), strict=False))
+        names = {name: scales_um[name] for name in ("sigma", "delta", "kappa", "tau")}
+        readings = model.simulate(new, seed=k, parameters=machine, hyper_um=names).campaign
+        found.append(model.bind(readings).prior_sd[slope] / bound.prior_sd[slope])
+    levels = [0.1, 0.5, 0.9]
+    expected = np.quantile(found, levels)
+    assert expected[2] > 1.3 * expected[0]
+    print(np.quantile(forecast, levels), expected)
+    np.testing.assert_allclose(np.quantile(forecast, levels), expected, rtol=0.1)
 
 
 def test_finding_a_slope(pilot: lb.Campaign) -> None:

@@ -19,7 +19,7 @@ negative. The expected uncertainty is the median of the stated uncertainties ove
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -222,7 +222,8 @@ def stated_by_machines(
         run = len(plan.pilot.tests)
     states = states_of(model, plan, machines)
     bound = bind_plan(model, plan)
-    covariance = _believed_covariance(bound, states, run) * np.outer(bound.scale, bound.scale)
+    states, covariance = _simulated_analyses(bound, states, run)
+    covariance = covariance * np.outer(bound.scale, bound.scale)
     variances = stated_variances(bound, states, covariance)
     beta = states.beta[_is_possible(bound, states)]
     repetitions = len(variances) // len(beta)
@@ -280,9 +281,10 @@ def forecast_tests(
         return _undetermined_forecast(bound)
     covariance = posterior.covariance
     believed = covariance[:, None]
+    states_of_analyses = states
     if not (known_scales or bound.model.prior.flat):
-        believed = _believed_covariance(bound, states, run)
-    expected = expected_uncertainties(bound, states, covariance, believed, floor)
+        states_of_analyses, believed = _simulated_analyses(bound, states, run)
+    expected = expected_uncertainties(bound, states_of_analyses, covariance, believed, floor)
     if bound.model.prior.flat:
         return Forecast(expected, np.inf, None)
     information_gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
@@ -308,6 +310,70 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
     p = len(bound.names)
     return np.asarray(covariance.reshape(len(phi), _BELIEFS, p, p))
+
+
+def _simulated_analyses(bound: BoundModel, states: States, run: int) -> tuple[States, Array]:
+    """Return the states before the tests, and the covariances that the analyses of the tests state.
+
+    See `_believed_covariance` for the arguments and for the covariances. The prior sd of a slope
+    (change of a compliance with force) is proportional to the estimated magnitude of its
+    compliance. ``bound`` takes this estimate from the campaign that the design starts from. An
+    analysis of the tests estimates the compliances anew, from its own readings, so that its priors
+    of the slopes differ. Both results have these new priors.
+    """
+    covariance = _believed_covariance(bound, states, run)
+    prior = bound.model.prior
+    if prior.flat or not prior.slopes_of_estimate or bound.model.degree == 0:
+        return states, covariance
+    added = _precision_added_by_slope_priors(bound, states, covariance)
+    scale = bound.scale
+    matrix = np.eye(len(scale)) * added[:, None]
+    precision = matrix / np.outer(scale, scale)
+    before = states.before + Gaussian(precision, precision @ bound.prior_mean)
+    covariance = np.linalg.inv(np.linalg.inv(covariance) + matrix[:, None])
+    return replace(states, before=before), covariance
+
+
+def _precision_added_by_slope_priors(bound: BoundModel, states: States, covariance: Array) -> Array:
+    """Return by how much the analysis of planned tests changes the prior precision of each slope.
+
+    The prior sd of a slope (change of a compliance with force) is proportional to the estimated
+    magnitude of its compliance. In each of the K states, the estimate that the analysis finds is
+    drawn at random. Let r be the ratio of the new prior sd of a slope to that in ``bound``. The
+    prior precision of the slope, in units of the prior sd in ``bound``, increases by 1/r² − 1. The
+    result has the shape (K, p) and is zero for all parameters that are not slopes. ``covariance``,
+    shape (K, n, p, p), holds posterior covariances in units of the prior sds in ``bound``.
+    """
+    scale = bound.scale
+    every_state = np.ones(len(covariance), bool)
+    posterior_means = _draw_posterior_means(
+        states, every_state, covariance * np.outer(scale, scale), scale, repetitions=1
+    )
+    estimates = posterior_means[0].mean(axis=1)
+    sd = _sd_of_estimates(bound)
+    column_of = {name: j for j, name in enumerate(bound.names)}
+    added = np.zeros_like(estimates)
+    for k, estimate in enumerate(estimates):
+        size = bound.setting.compliance_size_estimate.copy()
+        for i, compliance in enumerate(bound.compliances):
+            column = column_of.get(compliance.label)
+            if column is not None:
+                size[i] = np.hypot(estimate[column], sd[column])
+        ratio = bound.prior_sd_for_sizes(size) / bound.prior_sd
+        added[k] = ratio**-2.0 - 1.0
+    return added
+
+
+def _sd_of_estimates(bound: BoundModel) -> Array:
+    """Return the standard uncertainties of the estimates from which slopes get their prior sds.
+
+    An analysis computes these estimates with the hyper-parameters at the medians of their priors,
+    as if compliances could be negative. The result has the shape (p,), in internal units (mm, N,
+    rad).
+    """
+    medians = bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), 0.5))
+    _, posterior = bound.given(medians)
+    return np.asarray(np.linalg.norm(posterior.spread()[0], axis=-1))
 
 
 def _evidence(
