@@ -134,10 +134,12 @@ def _move_stack_last(
     shape (q, k, ...).
     """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
-    # Make the triangular matrices contiguous in memory before they are broadcast, because copying
-    # the larger broadcast array would be slow.
-    contiguous = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
-    stack_first = np.moveaxis(contiguous, (0, 1), (-2, -1))
+    stack_last = np.moveaxis(lower, (-2, -1), (0, 1))
+    if stack_last.strides[-1] != stack_last.itemsize:
+        # The matrices of the stack are made contiguous in memory before they are broadcast, because
+        # copying the larger broadcast array would be slow.
+        stack_last = np.ascontiguousarray(stack_last)
+    stack_first = np.moveaxis(stack_last, (0, 1), (-2, -1))
     full_lower = np.broadcast_to(stack_first, (*stack, *lower.shape[-2:]))
     full_right = np.broadcast_to(right, (*stack, *right.shape[-right_axes:]))
     copied = np.empty((*right.shape[-right_axes:], *stack))
