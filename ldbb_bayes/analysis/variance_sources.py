@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -413,9 +414,6 @@ def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
     stacked = np.stack(list(patterns.values()))
     length = np.linalg.norm(stacked, axis=1, keepdims=True)
     unit = stacked / np.where(length > 0.0, length, 1.0)
-    cosine = (unit @ unit.T).tolist()
-    likeness = {}
-    for first, row in zip(patterns, cosine, strict=True):
-        for second, value in zip(patterns, row, strict=True):
-            likeness[first, second] = value**2
-    return likeness
+    squared_cosine = (unit @ unit.T) ** 2
+    pairs = product(patterns, patterns)
+    return dict(zip(pairs, squared_cosine.ravel().tolist(), strict=True))

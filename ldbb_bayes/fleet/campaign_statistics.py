@@ -91,11 +91,9 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     covariances = []
     for start in range(0, _NODES, _NODES_AT_ONCE):
         phi = bound.hyper_prior.phi(nodes[start : start + _NODES_AT_ONCE])
-        _, coefficients = bound.collapsed.conditional(phi)
-        selector = np.eye(coefficients.mean.shape[1])[chosen.places]
-        spread = coefficients.spread(selector)
-        means.append(coefficients.mean[:, chosen.places])
-        covariances.append(spread @ np.swapaxes(spread, 1, 2))
+        _, coefficients = bound.collapsed.conditional_of(chosen.places, phi)
+        means.append(coefficients.mean)
+        covariances.append(coefficients.covariance)
     weight = np.full(_NODES, 1.0 / _NODES)
     mean, covariance = mixture_covariance(
         weight, np.concatenate(means), np.concatenate(covariances)

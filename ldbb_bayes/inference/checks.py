@@ -391,9 +391,10 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
     squares = _squares_of_orders(
         residual, np.concatenate(columns, axis=1), np.concatenate(sd, axis=1)
     )
-    freedom = np.where(np.arange(MAX_ORDER + 1) == 0, 1, 2)
-    p_values = chdtrc(freedom, squares).mean(axis=0)
-    return dict(enumerate(p_values.tolist()))
+    # At all orders but 0, χ² has two degrees of freedom: it exceeds x with probability e^(−x/2).
+    p_values = np.exp(-0.5 * squares)
+    p_values[:, 0] = chdtrc(1, squares[:, 0])
+    return dict(enumerate(p_values.mean(axis=0).tolist()))
 
 
 def _squares_of_orders(residual: Array, columns: Array, sd: Array) -> Array:

@@ -42,10 +42,10 @@ __all__ = [
     "elastic_draws_with",
     "evenly_spaced",
     "machine_coefficients",
+    "mean_shared_coefficients",
     "new_circle_coefficients",
     "pool_draws",
     "private_terms",
-    "shared_coefficients",
     "shared_columns",
     "shared_terms",
 ]
@@ -280,26 +280,24 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
     return names
 
 
-def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return the Fourier coefficients that posterior draws predict for each measured circle [mm].
+def mean_shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
+    """Return the Fourier coefficients that posterior draws predict on average for each circle [mm].
 
     The prediction has no random scatter. It includes the effects of the machine, of ball form, of
     bar length, of the deflection of the mount, and of force error. Nuisances are effects that are
     modelled but not of interest. The nuisances are set to their means conditional on the readings,
     on the p parameters ``beta``, shape (draws, p), and on the h hyper-parameters ``phi``, shape
-    (draws, h). The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests,
-    25). ``bound`` is the model of the campaign.
+    (draws, h). The prediction depends linearly on parameters and nuisances. The average over the
+    draws is therefore the prediction for their averages. The result holds Fourier coefficients of
+    the orders 0 to 12, shape (tests, 25). ``bound`` is the model of the campaign.
     """
-    shifted = beta - bound.centre
-    mean = bound.given_interest.conditional(phi, shifted)[1].mean
-    shared = np.einsum("tkq,wq->wtk", shared_columns(bound), mean)
-    coefficients = machine_coefficients(bound, beta) + shared
-    private = shared_columns(bound, private=True)
-    if not private.size:
-        return np.asarray(coefficients)
-    private_mean = bound.given_interest.private_mean(phi, shifted, mean)
-    private_mean = private_mean[:, :, : private.shape[2]]
-    return np.asarray(coefficients + np.einsum("tkv,wtv->wtk", private, private_mean))
+    shared_means, private_means = bound.given_interest.means(phi, beta - bound.centre)
+    machine = machine_coefficients(bound, beta.mean(axis=0, keepdims=True))[0]
+    shared = shared_columns(bound) @ shared_means.mean(axis=0)
+    columns = shared_columns(bound, private=True)
+    private_mean = private_means.mean(axis=0)[:, : columns.shape[2]]
+    private = np.einsum("tkv,tv->tk", columns, private_mean)
+    return np.asarray(machine + shared + private)
 
 
 def new_circle_coefficients(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from ldbb_bayes.inference.checks import (
     effects_of_failures,
     failing_checks,
 )
-from ldbb_bayes.inference.coefficients import ModelDraws, pool_draws, shared_coefficients
+from ldbb_bayes.inference.coefficients import ModelDraws, mean_shared_coefficients, pool_draws
 from ldbb_bayes.inference.diagnostics import power_sensitivity
 from ldbb_bayes.inference.residuals import FitQuality, quality_of
 from ldbb_bayes.model.hybrid import BoundModel
@@ -167,12 +168,12 @@ class Fit(Result):
     #: checks.
     widening: float
 
-    @property
+    @cached_property
     def checks(self) -> list[Check]:
         """Return the posterior predictive checks of all tests, the smallest p-value first."""
         return all_checks(self.predictive_checks)
 
-    @property
+    @cached_property
     def unexpected(self) -> tuple[Check, ...]:
         """Return the posterior predictive checks that fail, the smallest p-value first.
 
@@ -181,7 +182,7 @@ class Fit(Result):
         """
         return failing_checks(self.checks)
 
-    @property
+    @cached_property
     def misfits(self) -> tuple[Check, ...]:
         """Return the failing posterior predictive checks that matter for the credible intervals.
 
@@ -339,9 +340,7 @@ def _average_quality(
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):
         thinned = draws.thinned(int(np.ceil(share * _QUALITY_DRAWS)))
-        predictions.append(
-            shared_coefficients(thinned.bound, thinned.phi, thinned.beta).mean(axis=0)
-        )
+        predictions.append(mean_shared_coefficients(thinned.bound, thinned.phi, thinned.beta))
     return quality_of(bound, np.tensordot(shares, predictions, axes=1))
 
 

@@ -643,8 +643,8 @@ class HyperPosterior:
         density is the probability that no compliance is negative. The smooth density has a smooth
         upper bound in place of this probability.
         """
-        log_density = self.log_density(self._scores.free(scores), smooth=True)
-        return np.asarray(log_density + self._scores.log_jacobian(scores))
+        free, log_jacobian = self._scores.free_with_jacobian(scores)
+        return np.asarray(self.log_density(free, smooth=True) + log_jacobian)
 
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
         """Return the gradient and the Hessian of the smooth log density at a point.

@@ -146,17 +146,16 @@ class NormalScores:
         log_normal = -0.5 * white**2 - 0.5 * np.log(2.0 * np.pi)
         return np.asarray(log_normal - np.log(self._sd) - self._log_mass)
 
-    def _log_distances(self, scores: Array) -> tuple[Array, Array]:
+    def _log_distances(self, scores: Array, values: Array) -> tuple[Array, Array]:
         """Return ln(φ − a) and ln(b − φ), each of shape (..., k).
 
         φ are the k hyper-parameters with truncated normal priors, and a and b their lower and upper
         bounds. If b is infinite, ln(b − φ) is replaced by zero. ``scores``, shape (..., h), has one
         number for each of h hyper-parameters. For the k hyper-parameters with truncated normal
         priors, this number is the normal score, whose prior is standard normal. All others are
-        noise factors of circles; their numbers are not used.
+        noise factors of circles; their numbers are not used. ``values``, shape (..., k), holds φ.
         """
         lower, upper = self._bounds
-        values = self._values(scores)
         restricted = scores[..., self._has_normal_prior]
         log_density_at_lower, log_density_at_upper = self._log_density_at_bounds
         above = np.log(np.maximum(values - lower, _LEAST_DISTANCE))
@@ -177,10 +176,27 @@ class NormalScores:
         The unbounded coordinates have the same shape. Each is a function of one hyper-parameter, in
         most cases ln(value − lower bound).
         """
+        return self.free_with_jacobian(scores)[0]
+
+    def free_with_jacobian(self, scores: Array) -> tuple[Array, Array]:
+        """Return unbounded coordinates of h hyper-parameters, and the log Jacobian, for scores.
+
+        The results are those of `free`, shape (..., h), and of `log_jacobian`, shape (...).
+        ``scores``, shape (..., h), holds the normal scores. Most of the work is the same for both.
+        """
+        values = self._values(scores)
+        above, below = self._log_distances(scores, values)
         free = np.array(scores, dtype=float)
-        above, below = self._log_distances(scores)
         free[..., self._has_normal_prior] = above - below
-        return free
+        width = np.diff(self._bounds, axis=0)[0]
+        log_slope = above + below - np.log(np.where(np.isfinite(width), width, 1.0))
+        # The prior density of a hyper-parameter and the standard normal density of its normal score
+        # both contain the factor 1 / √(2π). This factor cancels, and is therefore left out of both.
+        white = (values - self._mean) / self._sd
+        log_prior = -0.5 * white**2 - np.log(self._sd) - self._log_mass
+        log_normal = -0.5 * scores[..., self._has_normal_prior] ** 2
+        log_jacobian: Array = (log_normal - log_prior - log_slope).sum(axis=-1)
+        return free, log_jacobian
 
     def scores(self, free: Array) -> Array:
         """Return the normal scores of h hyper-parameters from their unbounded coordinates.
@@ -237,17 +253,7 @@ class NormalScores:
         du if b is finite. ``scores``, shape (..., h), holds the normal scores of the h
         hyper-parameters.
         """
-        values = self._values(scores)
-        above, below = self._log_distances(scores)
-        width = np.diff(self._bounds, axis=0)[0]
-        log_slope = above + below - np.log(np.where(np.isfinite(width), width, 1.0))
-        # The prior density of a hyper-parameter and the standard normal density of its normal score
-        # both contain the factor 1 / √(2π). This factor cancels, and is therefore left out of both.
-        white = (values - self._mean) / self._sd
-        log_prior = -0.5 * white**2 - np.log(self._sd) - self._log_mass
-        log_normal = -0.5 * scores[..., self._has_normal_prior] ** 2
-        total: Array = (log_normal - log_prior - log_slope).sum(axis=-1)
-        return total
+        return self.free_with_jacobian(scores)[1]
 
     def to_free(self, integral: Integral) -> Integral:
         """Convert the nodes of an integral from normal scores to unbounded coordinates.
@@ -256,13 +262,13 @@ class NormalScores:
         normal; for the noise factor of a circle, the logarithm takes the place of the normal score.
         An unbounded coordinate is in most cases ln(value − lower bound) of a hyper-parameter.
         """
-        log_jacobian = self.log_jacobian(integral.free)
+        free, log_jacobian = self.free_with_jacobian(integral.free)
         proposal: ProposalDensity | None = None
         if integral.proposal is not None:
             proposal = _FreeProposal(self, integral.proposal)
         return replace(
             integral,
-            free=self.free(integral.free),
+            free=free,
             log_density=integral.log_density - log_jacobian,
             log_volume=integral.log_volume + log_jacobian,
             proposal=proposal,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import CircularTest
-from ldbb_bayes.inference.coefficients import shared_coefficients
+from ldbb_bayes.inference.coefficients import mean_shared_coefficients
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
@@ -61,7 +61,7 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     standard deviation of the noise); ``beta``, shape (draws, p), holds draws of the p parameters.
     ``bound`` is the model of the campaign.
     """
-    return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
+    return quality_of(bound, mean_shared_coefficients(bound, phi, beta))
 
 
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:

@@ -36,7 +36,7 @@ pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with these signs.
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -525,7 +525,7 @@ class DesignRows:
         self._kinds = kinds
         self._signs = signs
         self._shared = shared
-        self._eliminations: dict[int, Elimination] = {}
+        self._eliminations: dict[tuple[int, ...], Elimination] = {}
 
     def elimination(self, last: int) -> Elimination:
         """Return the Cholesky elimination of all nuisance coefficients in an order that saves time.
@@ -534,21 +534,19 @@ class DesignRows:
         tests. The shared coefficients of the last columns are eliminated after all others, in the
         order of these columns; ``last`` is their number.
         """
-        if last not in self._eliminations:
-            last_columns = np.arange(self._shared - last, self._shared)
-            self._eliminations[last] = self._eliminate(self._columns, self._signs, last_columns)
-        return self._eliminations[last]
+        return self.elimination_ending_with(tuple(range(self._shared - last, self._shared)))
 
-    @cached_property
-    def private_elimination(self) -> Elimination:
-        """Cholesky elimination of the coefficients that belong to single tests.
+    def elimination_ending_with(self, last_columns: tuple[int, ...]) -> Elimination:
+        """Return the Cholesky elimination of all nuisance coefficients that ends with some columns.
 
-        Shared coefficients, which are the same in all tests, are treated as known. Their columns
-        are left out: column 0 of the result is the first column of the design matrix whose
-        coefficient belongs to a single test.
+        Nuisances are effects modelled but not of interest. ``last_columns`` holds the indices of
+        columns of the design matrix, in the order in which they are eliminated after all others.
         """
-        columns = self._columns[:, self._shared :]
-        return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
+        if last_columns not in self._eliminations:
+            indices = np.array(last_columns, dtype=np.intp)
+            elimination = self._eliminate(self._columns, self._signs, indices)
+            self._eliminations[last_columns] = elimination
+        return self._eliminations[last_columns]
 
     def _eliminate(self, columns: Array, signs: Array, last: NDArray[np.intp]) -> Elimination:
         """Return the Cholesky elimination of the coefficients of some columns.

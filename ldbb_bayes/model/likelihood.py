@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ldbb_bayes.model.elimination import BLAS_MULTIPLE, FEWEST_PHI, DesignRows
+from ldbb_bayes.model.elimination import BLAS_MULTIPLE, DesignRows
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.linear_algebra import sparse_or_dense
@@ -169,7 +169,7 @@ class StructuredGaussian:
         self._sources = observed.sources
         self._unit = observed.unit
         self._shared = observed.shared
-        self._private = observed.private
+        self._tests = len(reduced)
         self._columns = rows.columns
         _, first, kinds = np.unique(
             _round_to_ten_digits(rows.variance), axis=0, return_index=True, return_inverse=True
@@ -252,9 +252,20 @@ class StructuredGaussian:
             the same in all tests. By default, all of these coefficients are used.
         """
         size = self._shared if last is None else last
-        first = self._shared - size
-        elimination = self._design.elimination(size)
-        wanted = np.arange(first, self._shared)
+        return self.conditional_of(range(self._shared - size, self._shared), phi, beta)
+
+    def conditional_of(
+        self, wanted: Sequence[int], phi: Array, beta: Array | None = None
+    ) -> tuple[Array, Gaussian]:
+        """Return the log density ln p(z | β, φ), shape (w,), and the density of some coefficients.
+
+        The result is that of `conditional`, but only for the coefficients with the indices
+        ``wanted`` among those that are the same in all tests, and in their order. All others are
+        integrated out.
+        """
+        size = len(wanted)
+        indices = np.array(wanted, dtype=np.intp)
+        elimination = self._design.elimination_ending_with(tuple(wanted))
         total = np.empty(len(phi))
         lower = np.zeros((size, size, len(phi)))
         white_shift = np.empty((size, len(phi)))
@@ -263,11 +274,11 @@ class StructuredGaussian:
             total[batch.phi_index] = batch.log_density + gain
             elimination.copy_factor(
                 workspace,
-                wanted,
+                indices,
                 lower=lower[:, :, batch.numbers],
                 white_shift=white_shift[:, batch.numbers],
             )
-        unit = self._unit[first : self._shared]
+        unit = self._unit[indices]
         mean = solve_columns(lower, white_shift).T * unit
         scale = np.broadcast_to(unit, mean.shape)
         root = lower.transpose(2, 1, 0)
@@ -316,19 +327,15 @@ class StructuredGaussian:
                 draws[batch.phi_index, k] = elimination.solve(workspace, normal)[: self._shared].T
         return draws * self._unit[: self._shared]
 
-    def private_mean(
-        self,
-        phi: Array,
-        beta: Array,
-        shared: Array,
-    ) -> Array:
-        """Return conditional means of nuisance coefficients that differ between tests.
+    def means(self, phi: Array, beta: Array) -> tuple[Array, Array]:
+        """Return conditional means of all nuisance coefficients, for w values of φ and β.
 
-        Nuisances are effects that are modelled but not of interest. For each test there are v
-        coefficients that differ between tests, and the result has the shape (w, tests, v). The
-        means are conditional on the readings, the parameters of interest, the hyper-parameters and
-        the nuisance coefficients that are the same in all tests. If the covariance of a noise term
-        could not be made diagonal, the last of the v coefficients describe this noise.
+        Nuisances are effects that are modelled but not of interest. The means are conditional on
+        the readings, the parameters of interest β and the hyper-parameters φ. The first result,
+        shape (w, q), holds the means of the q coefficients that are the same in all tests. The
+        second result, shape (w, tests, v), holds the means of the v coefficients of every test that
+        belong to this test only. If the covariance of a noise term could not be made diagonal, the
+        last of the v coefficients describe this noise.
 
         Parameters
         ----------
@@ -337,23 +344,16 @@ class StructuredGaussian:
         beta
             Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
             all values of φ.
-        shared
-            Values of the q coefficients that are the same in all tests, shape (w, q).
         """
-        q = self._shared
-        tests = len(self._private)
-        v = len(self._private[0])
-        unit = self._unit[:q]
-        elimination = self._design.private_elimination
-        scaled = np.divide(shared, unit, out=np.zeros(shared.shape), where=unit > 0.0)
-        mean = np.empty((len(phi), tests * v))
-        for batch in self._batches(phi, beta, FEWEST_PHI):
-            explained = self._columns[:, :q] @ scaled[batch.phi_index].T
-            weighted = explained * batch.weight[self._kinds]
-            shift = batch.shift - self._columns.T @ weighted
-            workspace, _ = elimination.factorize(batch.weight, shift[q:])
+        elimination = self._design.elimination(0)
+        mean = np.empty((len(phi), self._columns.shape[1]))
+        for batch in self._batches(phi, beta, elimination.chunk_size):
+            workspace, _ = elimination.factorize(batch.weight, batch.shift)
             mean[batch.phi_index] = elimination.solve(workspace).T
-        return mean.reshape(len(phi), tests, v) * self._unit[q : q + v]
+        mean *= self._unit
+        shared, private = np.split(mean, [self._shared], axis=1)
+        of_one_test = private.shape[1] // self._tests
+        return shared, private.reshape(len(phi), self._tests, of_one_test)
 
     def _batches(
         self,

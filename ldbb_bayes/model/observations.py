@@ -94,10 +94,6 @@ class Observations(NamedTuple):
     #: the design matrix of the nuisance coefficients. Nuisances are effects modelled but not of
     #: interest.
     shared: int
-    #: For every test, the indices of the columns of the design matrix whose nuisance coefficients
-    #: belong to this test alone; empty if no test has such columns. Nuisances are effects modelled
-    #: but not of interest.
-    private: list[NDArray[np.intp]]
     #: Constants that are added to the log density of the readings, shape (tests + 1,): one for
     #: every test, and a last one for all flat priors of nuisance coefficients together. Nuisances
     #: are effects modelled but not of interest.
@@ -254,7 +250,6 @@ def observation_equations(
         unit=unit,
         signs=signs,
         shared=nuisances.shared_size,
-        private=_private_columns(nuisances, len(reduced)),
         log_constants=np.array([*log_constants, log_volume]),
     )
 
@@ -305,22 +300,6 @@ def _sort_nuisances(
 def _count_orders(term: BasisNoise) -> int:
     """Return the number of Fourier coefficients on which a noise term acts."""
     return int(np.count_nonzero(term.sd))
-
-
-def _private_columns(
-    nuisances: _Nuisances,
-    tests: int,
-) -> list[NDArray[np.intp]]:
-    """Return, for each test, the indices of the columns whose coefficients belong to this test.
-
-    ``tests`` is the number of tests. The columns are columns of the design matrix of the nuisances
-    (effects modelled but not of interest). The list is empty if no test has such columns.
-    """
-    size = nuisances.private_size
-    if size == 0:
-        return []
-    first = nuisances.shared_size
-    return [np.arange(first + r * size, first + (r + 1) * size) for r in range(tests)]
 
 
 def _sort_sources(

@@ -7,7 +7,7 @@ import pytest
 from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.coefficients import machine_coefficients, shared_coefficients
+from ldbb_bayes.inference.coefficients import machine_coefficients, mean_shared_coefficients
 from ldbb_bayes.model.fourier import basis
 
 PHI = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
@@ -40,7 +40,7 @@ def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> Non
     covariance = oracle.covariance(PHI[0])
     expected = machine + oracle.shared(PHI[0]) @ np.linalg.solve(covariance, residual)
     offset = np.concatenate([test.readings_mm() for test in campaign.tests]) - oracle.y
-    predicted = readings_of(campaign, shared_coefficients(bound, PHI, beta)[0])
+    predicted = readings_of(campaign, mean_shared_coefficients(bound, PHI, beta))
     np.testing.assert_allclose(predicted, expected + offset, atol=1e-9)
     predicted = readings_of(campaign, machine_coefficients(bound, beta)[0])
     np.testing.assert_allclose(predicted, machine + offset, atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.coefficients import shared_coefficients
+from ldbb_bayes.inference.coefficients import mean_shared_coefficients
 from ldbb_bayes.inference.residuals import fit_quality
 from ldbb_bayes.model.fourier import basis
 
@@ -23,7 +23,7 @@ def test_rmse_and_fitness_by_their_definition() -> None:
     beta = bound.centre[None].repeat(3, axis=0) * [[0.9], [1.0], [1.1]]
     phi = PHI.repeat(3, axis=0)
     quality = fit_quality(bound, phi, beta)
-    coefficients = shared_coefficients(bound, phi, beta).mean(axis=0)
+    coefficients = mean_shared_coefficients(bound, phi, beta)
     errors = [
         basis(test.angles_rad()) @ of_test - test.readings_mm()
         for test, of_test in zip(campaign.tests, coefficients, strict=True)

@@ -338,6 +338,14 @@ def test_the_order_of_elimination_does_not_matter(name: str) -> None:
     np.testing.assert_allclose(all_shared.sd[:, -p:] / sd, 1.0, atol=1e-8)
     difference = all_shared.mean[:, -p:] - conditional.mean
     np.testing.assert_allclose(difference / sd, 0.0, atol=2e-8)
+    chosen = [3, 0, *range(len(all_shared.scale[0]) - p, len(all_shared.scale[0]))]
+    log_evidence, some_shared = bound.collapsed.conditional_of(chosen, phi)
+    np.testing.assert_allclose(log_evidence, bound.collapsed.log_density(phi), rtol=1e-9)
+    sd = all_shared.sd[:, chosen]
+    difference = all_shared.mean[:, chosen] - some_shared.mean
+    np.testing.assert_allclose(difference / sd, 0.0, atol=2e-8)
+    difference = all_shared.covariance[:, chosen][:, :, chosen] - some_shared.covariance
+    np.testing.assert_allclose(difference / (sd[:, :, None] * sd[:, None]), 0.0, atol=2e-8)
 
 
 @pytest.mark.parametrize("name", CAMPAIGNS)
@@ -365,23 +373,22 @@ def multiplied(elimination: Elimination) -> float:
 
 
 @pytest.mark.parametrize("name", ["one plane", "one plane, arcs", "one plane, gaps", "two planes"])
-def test_coefficients_of_single_tests_against_dense_algebra(name: str) -> None:
-    """Given all shared coefficients and the parameters."""
+def test_means_of_all_coefficients_against_dense_algebra(name: str) -> None:
+    """Those that tests share and those of single tests, given the parameters."""
     bound = bound_to(name)
     phi = scales(bound)
     gaussian = bound.given_interest
     rng = np.random.default_rng(2)
     beta = 0.1 * bound.scale * rng.normal(size=(len(phi), len(bound.names)))
     q = gaussian._shared
-    units = rng.normal(size=(len(phi), q))
-    means = gaussian.private_mean(phi, beta, units * gaussian._unit[:q])
+    shared, private = gaussian.means(phi, beta)
     design = gaussian._design
     for k in range(len(phi)):
         batch = next(gaussian._batches(phi[k : k + 1], beta[k], 1))
         weighted = design._columns * batch.weight[design._kinds, :1]
         precision = design._columns.T @ weighted
         right = weighted.T @ design._values + batch.shift[:, 0]
-        expected = np.linalg.solve(precision[q:, q:], right[q:] - precision[q:, :q] @ units[k])
-        expected *= gaussian._unit[q:]
+        expected = np.linalg.solve(precision, right) * gaussian._unit
         scale = np.abs(expected).max()
-        np.testing.assert_allclose(means[k].ravel() / scale, expected / scale, atol=1e-9)
+        np.testing.assert_allclose(shared[k] / scale, expected[:q] / scale, atol=1e-9)
+        np.testing.assert_allclose(private[k].ravel() / scale, expected[q:] / scale, atol=1e-9)

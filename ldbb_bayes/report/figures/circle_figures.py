@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from ldbb_bayes.inference.coefficients import new_circle_coefficients, shared_coefficients
+from ldbb_bayes.inference.coefficients import mean_shared_coefficients, new_circle_coefficients
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.prediction import band_um
 from ldbb_bayes.inference.residuals import residuals_mm
@@ -70,7 +70,7 @@ class _TraceData:
         There is one value for each of the angles 0° … 360°. Each value is the mean over the random
         draws from the posterior. The prediction includes the effects of machine, bar and balls.
         """
-        coefficients = shared_coefficients(self.bound, self.phi, self.beta).mean(axis=0)
+        coefficients = mean_shared_coefficients(self.bound, self.phi, self.beta)
         return coefficients @ basis(_ANGLE).T * 1e3
 
     @cached_property
@@ -373,7 +373,7 @@ def residuals(posterior: xr.DataTree) -> Figure:
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, _DRAWS)
-    coefficients = shared_coefficients(bound, phi, beta).mean(axis=0)
+    coefficients = mean_shared_coefficients(bound, phi, beta)
     residuals_um: Sequence[Array] = [
         residual * 1e3 for residual in residuals_mm(bound, coefficients)
     ]
