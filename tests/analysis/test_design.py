@@ -458,7 +458,6 @@ def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
     levels = [0.1, 0.5, 0.9]
     expected = np.quantile(found, levels)
     assert expected[2] > 1.3 * expected[0]
-    print(np.quantile(forecast, levels), expected)
     np.testing.assert_allclose(np.quantile(forecast, levels), expected, rtol=0.1)
 
 
