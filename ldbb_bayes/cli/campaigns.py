@@ -55,7 +55,7 @@ def import_(
     # The modules that import tables are imported here, and not at the top of the file, because only
     # the command ``import`` needs them.
     from ldbb_bayes.cli.questions import can_ask, import_with_answers
-    from ldbb_bayes.reading.importing import Imported
+    from ldbb_bayes.reading.import_result import Imported
     from ldbb_bayes.reading.layout import layout_to_toml
 
     output = Output(out, force, as_json, quiet=False)

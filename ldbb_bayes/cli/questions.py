@@ -19,7 +19,7 @@ from ldbb_bayes.cli.layout_options import LAYOUT_FLAGS
 from ldbb_bayes.cli.options import CATALOGUE
 from ldbb_bayes.cli.values import ball_in
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.reading.importing import Imported
+from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.reading.open_question import OpenQuestionError
 
 __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign", "import_with_answers"]

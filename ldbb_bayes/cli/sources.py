@@ -15,7 +15,7 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.files.similar_names import advice_on_path
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.reading.assumptions import Assumption
-from ldbb_bayes.reading.importing import Imported
+from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.report import text, wording
 
 __all__ = [

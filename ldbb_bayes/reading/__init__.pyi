@@ -1,6 +1,6 @@
 """Public names of `lb.reading`; each is imported when it is first used."""
 
-from .importing import Imported as Imported
+from .import_result import Imported as Imported
 from .layout import Layout as Layout
 from .layout import read_layout as read_layout
 from .masks import mask_angles as mask_angles

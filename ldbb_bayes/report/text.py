@@ -25,7 +25,7 @@ from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.least_squares import LeastSquares
 from ldbb_bayes.model.hybrid import HybridModel, Simulation
-from ldbb_bayes.reading.importing import Imported
+from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.report import (
     campaign_text,
     goal_design_text,
