@@ -735,11 +735,14 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
     """Return a function that returns a copy of a model with another width of the slopes' prior.
 
     Slopes are changes of compliance with force. In the copy, their prior sd is proportional to
-    ``scale``.
+    ``scale``. A model without slopes is returned unchanged, so that its evidence is computed only
+    once for all scales.
     """
 
     def change(model: HybridModel) -> HybridModel:
         """Return a copy of ``model`` in which the width of the slopes' prior is ``scale``."""
+        if model.degree == 0:
+            return model
         return model.with_slope_scale(scale)
 
     return change

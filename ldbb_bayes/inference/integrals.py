@@ -256,7 +256,7 @@ class Integral:
         equally spaced values of the cumulative weight, the first of which is random (``rng``). A
         node may be picked several times. The nodes returned are in random order.
         """
-        order = np.lexsort(self.free.T)
+        order = _sorted_by_coordinates(self.free)
         levels = (rng.random() + np.arange(size)) / size
         reached = np.searchsorted(np.cumsum(self.weight[order]), levels)
         return rng.permutation(self.free[order][np.minimum(reached, len(order) - 1)])
@@ -312,6 +312,20 @@ class Integral:
         share = max(1.0 - float(self.weight[heavy].sum()), 0.0)
         log_ratio = factor.max() + self.log_integral - product.log_integral
         return replace(product, left_out=share * float(np.exp(log_ratio)))
+
+
+def _sorted_by_coordinates(points: Array) -> Index:
+    """Return the indices of points in the order of their last coordinate, shape (n,).
+
+    ``points``, shape (n, h), holds n points in h dimensions. If several points have the same last
+    coordinate, they are in the order of the last coordinate but one, and so on. Random points have
+    different last coordinates, so that the other coordinates need not be sorted.
+    """
+    last = points[:, -1]
+    order = np.argsort(last)
+    if (np.diff(last[order]) > 0.0).all():
+        return order
+    return np.lexsort(points.T)
 
 
 def in_chunks(log_density: Callable[..., Array], points: Array, size: int = CHUNK) -> Array:

@@ -12,8 +12,9 @@ from ldbb_bayes.results import Array
 __all__ = ["central_differences", "newton"]
 
 # In the search for the maximum of a log density, these fractions of each Newton step are tried
-# simultaneously. The fraction with the largest density is used.
-_FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
+# simultaneously. The fraction with the largest density is used. The fraction zero gives the density
+# at the point from which the step starts.
+_FRACTIONS = (0.0, 1.0, 0.5, 0.25, 0.1, 0.03)
 # Longest permitted Newton step in the search for the maximum of a log density, as a distance in the
 # coordinates of the density. If a coordinate is the logarithm of a scale, a step of this length
 # multiplies or divides the scale by 4.5.
@@ -59,7 +60,6 @@ def newton(
     """
     point = np.array(start, dtype=float)
     fractions = np.array(_FRACTIONS)
-    value = float(log_density(point[None])[0])
     for _ in range(_STEPS):
         gradient, hessian = derivatives(point)
         curvature, vectors = np.linalg.eigh(-hessian)
@@ -69,10 +69,9 @@ def newton(
         step *= min(1.0, _LONGEST_STEP / length)
         trials = log_density(point + fractions[:, None] * step)
         best = int(np.argmax(trials))
-        if not trials[best] > value + gain:
+        if not trials[best] > trials[0] + gain:
             break
         point = point + fractions[best] * step
-        value = float(trials[best])
         if stop is not None and stop(point):
             break
     return point

@@ -23,6 +23,7 @@ from ldbb_bayes.analysis.comparison import (
     interpolate_crossings,
 )
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import SetupShift
@@ -86,6 +87,13 @@ def test_sensitivity_to_the_slopes_prior_is_the_same_comparison_again(
     assert by_scale[0.3] == pytest.approx(comparison.log_bayes_factor[RATIO], abs=1e-6)
     wide = replace(TWO_SLOPES, prior=replace(TWO_SLOPES.prior, slope_scale=3.0))
     assert by_scale[3.0] == pytest.approx(log_bayes_factor(wide, CAMPAIGN), abs=0.02)
+
+
+def test_a_model_without_slopes_is_the_same_for_every_prior_of_slopes() -> None:
+    evidences = Evidences(CAMPAIGN, tolerance=0.1)
+    lb.compare(PAIR, CAMPAIGN, evidence_only=True, evidences=evidences)
+    without_slopes = [nodes for nodes in evidences._nodes.values() if nodes.bound.model.degree == 0]
+    assert len({nodes.bound.model.prior.slope_scale for nodes in without_slopes}) == 1
 
 
 def test_sensitivity_to_assumptions_is_the_same_comparison_again(comparison: Comparison) -> None:

@@ -16,7 +16,7 @@ from scipy.special import gammaln
 
 from ldbb_bayes.inference.diagnostics import pareto_k
 from ldbb_bayes.inference.importance_sampling import importance_sample
-from ldbb_bayes.inference.integrals import Integral
+from ldbb_bayes.inference.integrals import Integral, _sorted_by_coordinates
 from ldbb_bayes.inference.lattice import _grid_point_ids, grow_lattice
 from ldbb_bayes.inference.quadrature import integrate
 from ldbb_bayes.model.newton import central_differences, newton
@@ -427,6 +427,13 @@ def test_points_are_picked_with_every_coordinate(h: int) -> None:
     integral = integrate(log_density, modes, tolerance=1e-3)
     points = integral.resample(20_000, np.random.default_rng(0))
     assert np.cov(points.T).shape == (h, h)
+
+
+@pytest.mark.parametrize("different", [3, 10_000])
+def test_points_are_sorted_by_the_last_coordinate_then_by_earlier_ones(different: int) -> None:
+    points = np.random.default_rng(1).integers(different, size=(200, 4)).astype(float)
+    expected = sorted(range(200), key=lambda i: (*points[i, ::-1], i))
+    assert _sorted_by_coordinates(points).tolist() == expected
 
 
 @pytest.mark.parametrize("h", [3, 8])
