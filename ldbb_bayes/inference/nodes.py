@@ -22,7 +22,7 @@ from scipy.stats import qmc
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
 from ldbb_bayes.inference.importance_sampling import importance_sample
-from ldbb_bayes.inference.integrals import CHUNK, Index, Integral, in_chunks
+from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
 from ldbb_bayes.inference.normal_scores import NormalScores
 from ldbb_bayes.inference.quadrature import integrate
 from ldbb_bayes.model.conditional import ParameterConditional
@@ -371,6 +371,8 @@ class HyperPosterior:
             Whether the density in ``integral`` includes an upper bound of P(T | y, φ) as a factor.
             The bound is then replaced by P(T | y, φ).
         """
+        log_factor = np.full(len(integral.free), np.nan)
+        common_error = np.zeros(len(integral.free))
         noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
@@ -384,39 +386,41 @@ class HyperPosterior:
             # compliances at each node.
             orthant = self.given(integral.free[index])[1].orthant
             probability = _log_probability(orthant, tolerance, self._seed)
-            log_density = integral.log_density[index] + probability.log_value
+            log_factor[index] = probability.log_value
             if bounded:
-                log_density = log_density - orthant.log_bound
+                log_factor[index] -= orthant.log_bound
+            common_error[index] = probability.common_error
             noise[index] = probability.noise
-            return LogValues(log_density, probability.common_error)
+            return LogValues(
+                integral.log_density[index] + log_factor[index], probability.common_error
+            )
 
         sampled = RatioSampler(integral).integrate(evaluate, tolerance)
         if sampled is not None:
             return Nodes(self, sampled.integral, sampled.value_error)
-        errors = np.zeros(len(integral.free))
 
-        def log_factor(index: Index) -> Array:
+        def log_factor_at(index: Index) -> Array:
             # Return the log probability that no compliance is negative at some nodes of
             # ``integral``; ``index`` holds their indices. (Nodes are values of the
             # hyper-parameters.) If the density in ``integral`` contains an upper bound of this
-            # probability, the log of the bound is subtracted. The error of each value is stored in
-            # ``errors``.
-            values = evaluate(index)
-            errors[index] = values.error
-            return values.log_density - integral.log_density[index]
-
-        def log_factor_in_chunks(index: Index) -> Array:
-            return in_chunks(log_factor, index)
+            # probability, the log of the bound is subtracted. The probability is already known at
+            # the nodes of the sample above.
+            unknown = index[np.isnan(log_factor[index])]
+            for start in range(0, len(unknown), CHUNK):
+                evaluate(unknown[start : start + CHUNK])
+            return log_factor[index]
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
-        truncated = integral.times(log_factor_in_chunks, spare)
+        truncated = integral.times(log_factor_at, spare)
         # At each node (value of the hyper-parameters), the probability that no compliance is
         # negative has two errors. One error may have the same sign at all nodes. It does not cancel
         # in a sum over the nodes; its values at the nodes are therefore added. The other error is
         # random and independent between nodes; the squares of its values are added.
         has_weight = truncated.weight > 0.0
         weight = truncated.weight[has_weight]
-        error = float(weight @ errors[has_weight] + np.linalg.norm(weight * noise[has_weight]))
+        error = float(
+            weight @ common_error[has_weight] + np.linalg.norm(weight * noise[has_weight])
+        )
         return Nodes(self, truncated, error)
 
     def probability_inside(self, integral: Integral, tolerance: float) -> ProbabilityInside:

@@ -76,6 +76,30 @@ def soft() -> BoundModel:
     return model.bind(model.simulate(plan(), parameters={**TRUTH, "C_CCY": 0.0}, seed=2).campaign)
 
 
+def test_no_probability_is_computed_twice(
+    soft: BoundModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sample of the nodes does not suffice; its probabilities are those of all nodes too."""
+    posterior = HyperPosterior(soft, truncated=True)
+    nodes = posterior.without_truncation.nodes(1e-2).integral
+    _, conditional = posterior.given(nodes.free)
+    inside, _ = conditional.orthant.log_probability(1e-3)
+    expected = np.logaddexp.reduce(nodes.log_density + nodes.log_volume + inside)
+    evaluated: list[np.ndarray] = []
+    given = posterior.given
+
+    def counted(free: np.ndarray) -> object:
+        evaluated.append(free)
+        return given(free)
+
+    monkeypatch.setattr(posterior, "given", counted)
+    truncated = posterior.truncate(nodes, 2e-3)
+    assert truncated.integral.log_integral == pytest.approx(expected, abs=1e-3)
+    every = np.concatenate(evaluated)
+    assert len(evaluated) > 1
+    assert len(np.unique(every, axis=0)) == len(every)
+
+
 @pytest.mark.parametrize("required", [True, False])
 def test_draws_of_a_density_without_truncation_have_negative_compliances(
     soft: BoundModel, required: bool
