@@ -3,14 +3,11 @@
 ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
 to the largest weights; if k̂ is large, averages with these weights cannot be trusted. All
 diagnostics are those of ArviZ. ArviZ evaluates one parameter after the other. Convergence and
-sensitivity are computed here for all parameters at once, which takes a fraction of the time. Only
-the Pareto distribution is fitted by ArviZ itself. It is imported inside the function that uses it,
-because ArviZ loads scipy.stats, which takes a long time, and most commands need no diagnostics.
+sensitivity are computed here for all parameters at once, which takes a fraction of the time.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -18,6 +15,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import ndtri
 
+from ldbb_bayes.inference.pareto_tail import smooth_tail
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -40,9 +38,6 @@ _UPPER_POWER = 1.01
 _TAILS = (0.05, 0.95)
 # Smallest number of draws of a chain from which convergence is assessed.
 _FEWEST_DRAWS = 4
-# Smallest number of importance weights whose tail can be judged. ArviZ fits a Pareto distribution
-# to the largest fifth of the weights, and needs at least five weights in this fifth.
-_FEWEST_WEIGHTS = 25
 # Importance weights count as equal if the range of their logarithms is below this value.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
 # The tail of importance weights can be judged only if their effective sample size is above this
@@ -277,18 +272,7 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:
         return SmoothedWeights(np.full(len(log_ratio), 1.0 / len(log_ratio)), -np.inf, good_k)
-    log_weight = log_ratio
-    k = np.inf
-    try:
-        smoothed, shape = _smooth_tail(log_ratio)
-    # ArviZ fits a Pareto distribution to the largest importance weights, and raises a ValueError if
-    # there are too few of these weights or if all of them are equal.
-    except ValueError:
-        pass
-    else:
-        if not np.isnan(smoothed).any():
-            log_weight = smoothed
-            k = shape
+    log_weight, k = smooth_tail(log_ratio)
     weights = np.exp(log_weight - np.max(log_weight))
     weights /= weights.sum()
     effective = 1.0 / np.sum(weights**2)
@@ -303,28 +287,4 @@ def pareto_k(log_weight: Array) -> float:
     ``log_weight``, shape (n,), holds the logarithms of the weights. k̂ is −inf if the largest
     weights are equal. k̂ is infinite if there are too few weights to judge, or if the fit fails.
     """
-    try:
-        shape = _smooth_tail(log_weight)[1]
-    # ArviZ fits a Pareto distribution to the largest importance weights, and raises a ValueError if
-    # there are too few of these weights or if all of them are equal.
-    except ValueError:
-        if len(log_weight) < _FEWEST_WEIGHTS:
-            return np.inf
-        return -np.inf
-    if np.isnan(shape):
-        return np.inf
-    return shape
-
-
-def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
-    """Return log importance weights after smoothing the largest weights, and the Pareto shape k̂.
-
-    A Pareto distribution with the shape k̂ is fitted to the largest weights. ``log_weight`` and the
-    smoothed log weights have the shape (n,), for n draws. If the fit fails, k̂ is NaN. ArviZ raises
-    a ValueError if the largest weights are too few or all equal.
-    """
-    from arviz_stats.base import array_stats
-
-    with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
-        smoothed, shape = array_stats.psislw(-log_weight)
-    return smoothed, float(shape)
+    return smooth_tail(log_weight).shape
