@@ -55,7 +55,7 @@ def next_(
         "schema": 1,
         "campaign": source.campaign.name,
         "seed": settings["seed"],
-        **lb.report.with_words(step),
+        **step.as_dict(),
     }
     contents = {}
     write_more = None

@@ -16,7 +16,7 @@ from ldbb_bayes.files.similar_names import advice_on_path
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.import_result import Imported
-from ldbb_bayes.report import text, wording
+from ldbb_bayes.report import import_text, wording
 
 __all__ = [
     "TOML_NAME",
@@ -90,7 +90,7 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
         assumptions = (*assumptions, balls)
     if imported is None:
         return tuple(wording.assumption_words(assumption) for assumption in assumptions)
-    return tuple(text.parts_of(replace(imported, assumptions=assumptions)))
+    return tuple(import_text.parts_of(replace(imported, assumptions=assumptions)))
 
 
 def import_parts(source: SourceCampaign) -> tuple[Any, ...]:

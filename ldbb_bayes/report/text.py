@@ -25,11 +25,11 @@ from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.least_squares import LeastSquares
 from ldbb_bayes.model.hybrid import HybridModel, Simulation
-from ldbb_bayes.reading.import_result import Imported
 from ldbb_bayes.report import (
     campaign_text,
     goal_design_text,
     identifiability_text,
+    import_text,
     machine_text,
     next_circle_text,
     screens,
@@ -58,6 +58,7 @@ _REGISTERED_MODULES = (
     campaign_text,
     goal_design_text,
     identifiability_text,
+    import_text,
     machine_text,
     next_circle_text,
     screens,
@@ -74,24 +75,6 @@ _NEGLIGIBLE_SHARE = 5e-4
 _LARGE_SHARE = 0.05
 # Largest number of sources of uncertainty that a table of budgets names for each parameter.
 _MOST_SOURCES = 3
-
-
-# ---- import of a campaign
-
-
-@parts_of.register
-def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
-    """Return a heading for an imported campaign, and a list of the assumptions made at import.
-
-    The text on each assumption names the command-line option with which the user can change the
-    assumption.
-    """
-    campaign = result.campaign
-    heading = (
-        f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
-        " (change it with the option named):"
-    )
-    return (heading, tuple(map(wording.assumption_words, result.assumptions)))
 
 
 # ---- model and fit
