@@ -22,13 +22,16 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.results import Array, Finite
 from ldbb_bayes.units import ranked
 
-__all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
+__all__ = ["Explained", "Explanations", "average_explanations", "compare_explanations", "subsets"]
 
 # Name of the slopes (changes of compliance with force) in the list of explanations.
 _SLOPES = "slopes"
 # The readings support slopes (changes of compliance with force) if the log Bayes factor of the
 # model with slopes over the model without slopes is above this number [nat].
 _ASKING = 1.0
+# A model hardly counts in an average if its log evidence is below that of another model by at least
+# this number [nat].
+_NEGLIGIBLE = 10.0
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,36 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
         ),
         alone=_compare_slopes("no other explanation", pair, alone, alone_error),
     )
+
+
+def average_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Assumed:
+    """Return the log Bayes factor of slopes over no slopes, averaged over other explanations.
+
+    Slopes are changes of compliance with force. The result is that of ``averaged`` in
+    `compare_explanations`, which has the same arguments, but it may take less time. A combination
+    of explanations is negligible if its log evidence is at least 10 nat below that of another
+    combination that agrees with it on slopes. New values of the hyper-parameters are not computed
+    for a combination if it is shown to be negligible without them; its numerical error is then left
+    out. The log Bayes factor differs from that of `compare_explanations` by less than 1e-4 nat.
+    """
+    constant, linear = pair.values()
+    combinations = subsets(linear.rivals)
+    averages = []
+    error = 0.0
+    for model in (linear, constant):
+        log_evidences: list[float] = []
+        errors = [0.0]
+        for combination in combinations:
+            below = max(log_evidences, default=-np.inf) - _NEGLIGIBLE
+            nodes, is_negligible = evidences.unless_negligible(
+                below, model.with_rivals(*combination)
+            )
+            log_evidences.append(nodes.evidence.log_value)
+            if not is_negligible:
+                errors.append(nodes.evidence.error)
+        averages.append(np.logaddexp.reduce(log_evidences) - np.log(len(combinations)))
+        error += max(errors)
+    return _compare_slopes("averaged over other explanations", pair, np.array(averages), error)
 
 
 def _compare_slopes(

@@ -266,7 +266,8 @@ class RatioSampler:
         ``integral`` also holds the nodes, the weighted points from which ∫ f was computed. ``seed``
         is the seed of the random selection of some of these nodes.
         """
-        self._integral = integral
+        #: known integral of the density f, with its n nodes (weighted points)
+        self.integral = integral
         self._seed = seed
 
     @cached_property
@@ -275,16 +276,16 @@ class RatioSampler:
 
         Each sample contains all smaller samples.
         """
-        weight = self._integral.weight
+        weight = self.integral.weight
         probability = _pick_probabilities(weight)
         drawn = _systematic_sample(probability, np.random.default_rng(self._seed))
         samples = []
         for step in _STEPS:
             nodes, count = np.unique(drawn[::step], return_counts=True)
-            degree = _largest_degree(self._integral.free.shape[1], len(nodes))
+            degree = _largest_degree(self.integral.free.shape[1], len(nodes))
             if len(weight) >= _NODES_PER_SAMPLE * len(nodes) and degree > 0:
                 of_f = count * weight[nodes] / probability[nodes]
-                samples.append(_Sample(nodes, of_f, self._integral, degree))
+                samples.append(_Sample(nodes, of_f, self.integral, degree))
         return samples
 
     def integrate(
@@ -309,21 +310,21 @@ class RatioSampler:
             None, g should be evaluated at all nodes, or the integral of g should be computed from
             new nodes.
         """
-        log_density = np.full(len(self._integral.free), np.nan)
+        log_density = np.full(len(self.integral.free), np.nan)
         error = np.full(len(log_density), np.nan)
         for sample in self._samples:
             new = sample.nodes[np.isnan(log_density[sample.nodes])]
             values = evaluate(new)
             log_density[new] = values.log_density
             error[new] = values.error
-            log_ratio = log_density[sample.nodes] - self._integral.log_density[sample.nodes]
+            log_ratio = log_density[sample.nodes] - self.integral.log_density[sample.nodes]
             if not np.isfinite(log_ratio).all():
                 return None
             fitted = sample.fit(log_ratio)
             mean = _mean_ratio(sample, log_ratio, fitted[sample.nodes])
             of_ratio = replace(
-                self._integral,
-                log_density=self._integral.log_density + fitted + mean.log_mean,
+                self.integral,
+                log_density=self.integral.log_density + fitted + mean.log_mean,
                 ratio_error=mean.error,
             )
             result = RatioIntegral(of_ratio, float(mean.share @ error[sample.nodes]))

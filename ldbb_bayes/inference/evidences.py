@@ -156,6 +156,25 @@ class Evidences(Shown):
             self.progress()
         return rough
 
+    def unless_negligible(self, below: float, model: HybridModel) -> tuple[Nodes, bool]:
+        """Return the quadrature nodes of a model, or other nodes that show that it is negligible.
+
+        A model is negligible if its log evidence is at most ``below`` [nat]. If the nodes of `of`
+        would have to be computed anew, and the nodes of a related model show that the model is
+        negligible, these nodes are returned with new weights. The second value is then true, and
+        the log evidence agrees with that of `of` within the tolerance of this object.
+        """
+        key = model_to_toml(model)
+        if key in self._nodes:
+            return self._nodes[key], False
+        related_models = self._related_models_of(model)
+        posterior = self.posterior(model)
+        nodes, is_negligible = related_models.nodes_unless_negligible(posterior, below)
+        if not is_negligible:
+            self._nodes[key] = nodes
+        self.progress()
+        return nodes, is_negligible
+
     def apart(self, tolerance: float | None = None) -> Evidences:
         """Return a new, still empty ``Evidences`` object for the same readings.
 
@@ -229,19 +248,24 @@ class Evidences(Shown):
     def _compute_nodes(self, model: HybridModel) -> Nodes:
         """Return the quadrature nodes of a model, from those of a related model if possible.
 
+        Nodes are weighted values of the hyper-parameters.
+        """
+        return self._related_models_of(model).nodes(self.posterior(model))
+
+    def _related_models_of(self, model: HybridModel) -> RelatedModels:
+        """Return the nodes that are shared by all models related to a model.
+
         Nodes are weighted values of the hyper-parameters. For the first model of a group of related
         models, new nodes are computed. They are then used for all models of the group.
         """
-        posterior = self.posterior(model)
-        names = posterior.bound.hyper_prior.names
         key = _key_of_related_models(model)
         if key not in self._related_models:
-            untruncated = posterior.without_truncation
+            untruncated = self.posterior(model).without_truncation
             self._related_models[key] = RelatedModels(
                 untruncated.nodes(self.tolerance), self.tolerance
             )
-            self._modes.setdefault(names, untruncated.mode)
-        return self._related_models[key].nodes(posterior)
+            self._modes.setdefault(untruncated.bound.hyper_prior.names, untruncated.mode)
+        return self._related_models[key]
 
     @property
     def every(self) -> list[Evidence]:

@@ -58,6 +58,8 @@ class RelatedModels:
         self._ratios = RatioSampler(untruncated.integral)
         self._names = untruncated.bound.hyper_prior.names
         self._tolerance = tolerance
+        # Samplers of density ratios at the nodes of models for which new nodes had to be computed.
+        self._further_ratios: list[RatioSampler] = []
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Return nodes (weighted values of the hyper-parameters) that represent a posterior.
@@ -68,19 +70,52 @@ class RelatedModels:
         computed if the other model has other hyper-parameters, or if the error of its log evidence
         would exceed the tolerance.
         """
+        return self.nodes_unless_negligible(posterior, -np.inf)[0]
+
+    def nodes_unless_negligible(
+        self, posterior: HyperPosterior, below: float
+    ) -> tuple[Nodes, bool]:
+        """Return the same nodes as `nodes`, or others if they show that a model is negligible.
+
+        A model is negligible if its log evidence is at most ``below`` [nat]. If the nodes of the
+        given model do not suffice, and new nodes were computed for other models before, these nodes
+        are tried before new nodes are computed again. They are returned if they show within the
+        tolerance that the model is negligible. The second value is true in this case.
+        """
         if posterior.bound.hyper_prior.names != self._names:
-            return posterior.nodes(self._tolerance)
-
-        def evaluate(index: Index) -> LogValues:
-            return log_values(posterior, self._integral.free[index], self._tolerance)
-
-        sampled = self._ratios.integrate(evaluate, self._tolerance)
-        if sampled is not None:
-            return Nodes(posterior, sampled.integral, sampled.value_error)
+            return posterior.nodes(self._tolerance), False
+        nodes = self._nodes_of_some(posterior, self._ratios)
+        if nodes is not None:
+            return nodes, False
+        if np.isfinite(below):
+            for ratios in self._further_ratios:
+                nodes = self._nodes_of_some(posterior, ratios)
+                if nodes is not None and nodes.evidence.log_value + nodes.error <= below:
+                    return nodes, True
         nodes = self._nodes_of_all(posterior)
         if nodes.meet(self._tolerance):
-            return nodes
-        return posterior.nodes(self._tolerance)
+            return nodes, False
+        nodes = posterior.nodes(self._tolerance)
+        untruncated = posterior.without_truncation.nodes(self._tolerance)
+        self._further_ratios.append(RatioSampler(untruncated.integral))
+        return nodes, False
+
+    def _nodes_of_some(self, posterior: HyperPosterior, ratios: RatioSampler) -> Nodes | None:
+        """Return nodes of an earlier model, with new weights for the posterior of another model.
+
+        Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
+        the hyper-parameters under the other model. It is evaluated at some of the nodes with which
+        ``ratios`` was made. The result is None if the error of the log evidence would exceed the
+        tolerance.
+        """
+
+        def evaluate(index: Index) -> LogValues:
+            return log_values(posterior, ratios.integral.free[index], self._tolerance)
+
+        sampled = ratios.integrate(evaluate, self._tolerance)
+        if sampled is None:
+            return None
+        return Nodes(posterior, sampled.integral, sampled.value_error)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
         """Return the nodes of the given model, with new weights for the posterior of another model.

@@ -122,6 +122,37 @@ def test_every_combination_of_explanations_is_a_model(
     assert alone_error <= explanations.averaged.log_bayes_factor_error < 0.02
 
 
+def test_the_average_alone_is_that_of_the_comparison() -> None:
+    model = lb.HybridModel.default(1).without("circle-scale", "ball-form", "setup-shift")
+    pair = {"constant": model.with_degree(0), "linear": model}
+    compared = rival_explanations.compare_explanations(pair, Evidences(CAMPAIGN, tolerance=0.2))
+    averaged = rival_explanations.average_explanations(pair, Evidences(CAMPAIGN, tolerance=0.2))
+    assert averaged == compared.averaged
+
+
+def test_negligible_combinations_of_explanations_hardly_count(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Their limit is 10 nat below the best of those with slopes, or of those without."""
+    model = lb.HybridModel.default(1)
+    limits = []
+
+    def of_few(_: Evidences, below: float, asked: lb.HybridModel) -> tuple[SimpleNamespace, bool]:
+        limits.append(below)
+        log_value = 3.0 * len(asked.rivals) + 20.0 * ("joint load" in asked.rivals) - asked.degree
+        evidence = SimpleNamespace(log_value=log_value, error=0.1 + 0.1 * asked.degree)
+        if log_value <= below:
+            evidence.error = 5.0
+        return SimpleNamespace(evidence=evidence), log_value <= below
+
+    monkeypatch.setattr(Evidences, "unless_negligible", of_few)
+    pair = {"constant": model.with_degree(0), "linear": model}
+    averaged = rival_explanations.average_explanations(pair, Evidences(CAMPAIGN))
+    assert averaged.log_bayes_factor == pytest.approx(-1.0)
+    assert averaged.log_bayes_factor_error == pytest.approx(0.3)
+    assert limits == [-np.inf, *[18.0] * 7, -np.inf, *[19.0] * 7]
+
+
 @pytest.mark.slow
 def test_a_curve_in_the_force_axis_explains_the_experiment_better_than_slopes(
     recovered: lb.Campaign,

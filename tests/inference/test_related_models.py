@@ -127,3 +127,24 @@ def test_a_model_far_from_the_larger_one_has_nodes_of_its_own(recovered: Campaig
     of_other_readings = posterior_of(LINEAR, recovered).without_truncation.nodes(TOLERANCE)
     nodes = RelatedModels(of_other_readings, TOLERANCE).nodes(narrow)
     assert nodes.integral.free is not of_other_readings.integral.free
+
+
+def test_a_negligible_model_has_nodes_of_an_earlier_model(recovered: Campaign) -> None:
+    """The nodes of the larger model do not suffice for either; new ones are computed once."""
+    campaign = LINEAR.with_degree(0).simulate(recovered.plan(), seed=1).campaign
+    narrow = LINEAR.without("force-error", "drift")
+    of_other_readings = posterior_of(LINEAR, recovered).without_truncation.nodes(TOLERANCE)
+    related = RelatedModels(of_other_readings, TOLERANCE)
+    first = related.nodes(posterior_of(narrow, campaign))
+    second = posterior_of(narrow.with_degree(0), campaign)
+    own = second.nodes(TOLERANCE)
+    highest = own.evidence.log_value + own.error + 2.0 * TOLERANCE
+    nodes, is_negligible = related.nodes_unless_negligible(second, highest)
+    assert is_negligible
+    assert nodes.integral.free is first.integral.free
+    assert nodes.evidence.log_value == pytest.approx(
+        own.evidence.log_value, abs=nodes.error + own.error
+    )
+    nodes, is_negligible = related.nodes_unless_negligible(second, highest - 1.0)
+    assert not is_negligible
+    assert nodes.evidence == own.evidence

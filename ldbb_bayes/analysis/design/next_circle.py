@@ -43,7 +43,7 @@ from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.goals import Goal, goals_in
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.analysis.rival_explanations import compare_explanations
+from ldbb_bayes.analysis.rival_explanations import average_explanations
 from ldbb_bayes.analysis.tolerances import Tolerance
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, require_campaign
 from ldbb_bayes.errors import check_seed, require
@@ -494,7 +494,7 @@ class _ModelOdds:
         if not columns:
             return None
         pair = {"constant": model.with_degree(0), "linear": model}
-        averaged = compare_explanations(pair, evidences).averaged
+        averaged = average_explanations(pair, evidences)
         threshold = float(np.log(confidence / (1.0 - confidence)))
         return cls(
             known,
