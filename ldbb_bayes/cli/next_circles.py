@@ -59,6 +59,7 @@ def next_(
     }
     contents = {}
     write_more = None
+    circle = "one more circle, if it is run all the same" if step.finished else "one circle"
     if output.out is not None:
         plan = step.plan()
         contents = {"next.json": record, operator_sheet.NAME: operator_sheet.page(step, plan)}
@@ -68,7 +69,7 @@ def next_(
         (*_assumptions_of(source), *next_circle_text.parts_of(step)),
         contents,
         write_more=write_more,
-        note=f", a plan of one circle; {operator_sheet.NAME} is for the operator",
+        note=f", a plan of {circle}; {operator_sheet.NAME} is for the operator",
     )
 
 

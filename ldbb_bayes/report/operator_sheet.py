@@ -35,6 +35,7 @@ def page(step: NextCircle, plan: Campaign) -> str:
     return template_of("operator.html.j2").render(
         title=f"Circle {step.circles + 1} of {plan.pilot.name if plan.pilot else plan.name}",
         head=wording.next_circle_head(step),
+        finished=step.finished,
         settings=_settings(plan),
         passages=aims_passages(step),
     )

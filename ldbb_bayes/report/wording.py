@@ -1230,10 +1230,18 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
     """Return the first sentences on the next circle.
 
     If every aim is reached, they say that the campaign may stop. Otherwise, they state the settings
-    of the best next circle, and how many more circles are expected to be enough.
+    of the best next circle, and how many more circles are expected to be enough. They name the
+    goals that no number of circles reaches.
     """
     best_circle = step.table.to_dict(orient="records")[0]
-    return _sentences("next_circle_head", step, best_circle)
+    out_of_reach = []
+    for name, goal in step.goals.items():
+        if goal.probability < step.confidence and goal.U_floor > goal.limit:
+            factor, unit = display_unit(goal.unit)
+            floor, limit = (two_digits(size, factor) for size in (goal.U_floor, goal.limit))
+            words = f"U of {floor} {unit} would remain, {limit} is wanted"
+            out_of_reach.append(f"{display_name(name)} ({words})")
+    return _sentences("next_circle_head", step, best_circle, out_of_reach)
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:

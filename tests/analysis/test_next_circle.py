@@ -11,7 +11,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
 from ldbb_bayes.analysis.design.candidate_covariances import CandidateCovariances
 from ldbb_bayes.analysis.design.criteria import Determinant
-from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle
+from ldbb_bayes.analysis.design.next_circle import NextCircle, _circles_to_go, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.rival_explanations import compare_explanations
 from ldbb_bayes.campaign.campaign import Campaign
@@ -227,6 +227,22 @@ def test_constant_compliance_has_no_decision_between_models(recovered: Campaign)
     assert step.model is None
 
 
+def test_circles_to_go_are_not_counted_where_very_many_do_not_suffice(
+    objective: Objective,
+) -> None:
+    """The limit is what very many circles leave; where they suffice, the circles are counted."""
+    floor = np.array([_dense(objective, k, [0, 1, 2] * 10_000) for k in range(2)])
+    aim = UncertaintyAim(np.array([1.0, 0.0]), 1.0, 1.0, is_reached=False)
+    lowest = float(np.exp(aim.distance(floor)))
+    assert _circles_to_go([replace(aim, target=0.99 * lowest)], objective, floor) is None
+    for circles in (1, 3):
+        nearest = CandidateCovariances(objective)
+        for _ in range(circles):
+            nearest.run(int(np.argmin(aim.distance(nearest.after()))))
+        target = 1.001 * float(np.exp(aim.distance(nearest.before)))
+        assert _circles_to_go([replace(aim, target=target)], objective, floor) == circles
+
+
 # ---- refusals
 
 
@@ -238,6 +254,14 @@ def test_a_plan_is_refused(recovered: Campaign) -> None:
 def test_flat_priors_are_refused(recovered: Campaign) -> None:
     with pytest.raises(InputError, match="must have proper priors"):
         next_circle(lb.HybridModel.from_preset("paper", 1), recovered)
+
+
+def test_no_aim_is_refused(recovered: Campaign) -> None:
+    constant = MODEL.with_degree(0)
+    with pytest.raises(InputError, match="with a goal or a tolerance, got neither"):
+        next_circle(constant, recovered)
+    with pytest.raises(InputError, match="for a decision, got constant ones"):
+        next_circle(constant, recovered, goals={"C_XXX": "5 %"}, decide_model=True)
 
 
 @pytest.mark.parametrize("confidence", [0.5, 1.0, float("nan")])

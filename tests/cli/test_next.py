@@ -19,6 +19,24 @@ def test_a_goal_that_is_met_stops_the_campaign(folder: Path, invoke: Invoke) -> 
     assert stdout.startswith("Stop: after 4 circles every aim is reached")
 
 
+def test_a_plan_after_the_last_circle_says_that_it_is_not_needed(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    options = ("--preset", "first", "--goal", "C_XXX=1mm/N", "--out", tmp_path / "next")
+    stdout = invoke("next", folder, *options)[1]
+    assert "a plan of one more circle, if it is run all the same; sheet.html is" in stdout
+    sheet = (tmp_path / "next" / "sheet.html").read_text(encoding="utf-8")
+    assert "If one more circle is run all the same" in sheet
+
+
+def test_goals_out_of_reach_are_named(folder: Path, invoke: Invoke) -> None:
+    goals = ("--goal", "C_XXX=1mm/N", "--goal", "E_C0YX=0.1urad")
+    lines = invoke("next", folder, "--preset", "first", *goals)[1].splitlines()
+    assert lines[2].startswith("Out of reach, however many are run: E_C(0Y)X (U of ")
+    assert lines[2].endswith(" µrad would remain, 0.10 is wanted).")
+    assert "C_XXX" not in lines[2]
+
+
 def test_a_goal_that_is_not_met_names_the_next_circle(folder: Path, invoke: Invoke) -> None:
     stdout = invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad")[1]
     assert stdout.startswith("Run next: ")
@@ -123,6 +141,8 @@ def test_both_directions_need_the_direction_of_the_circles_run(
         (("--goal", "C_XXX"), "--goal must be NAME=U"),
         (("--goal", "C_XXX=5"), "goal of C_XXX must be a number with its unit"),
         (("--goal", "E_C0YX=5%"), "must be an uncertainty with its unit"),
+        (("--degree", "0"), "must come with a goal or a tolerance, got neither"),
+        (("--degree", "0", "--decide", *GOAL), "in the model for a decision, got constant ones"),
         (("--confidence", "1"), "confidence must lie between 0.5 and 1"),
         (("--forces", "0"), "forces must be finite and > 0"),
         (("--directions", "up"), "--directions must be one of CW, CCW, both, got 'up'."),

@@ -217,8 +217,8 @@ def next_circle(
     Raises
     ------
     InputError
-        If the campaign is a plan without readings, priors are flat, names are unknown, or numbers
-        are out of range.
+        If the campaign is a plan without readings, priors are flat, names are unknown, numbers are
+        out of range, or there is no aim.
 
     Examples
     --------
@@ -242,15 +242,16 @@ def next_circle(
         augment=True,
         seed=seed,
     )
-    # The goals for uncertainties are read before the model evidences are computed, which takes a
+    # The aims are read and checked before the model evidences are computed, because these take a
     # long time. An invalid goal is thus refused at once.
     read_goals = _read_goals(goals, space)
+    if tolerances is None:
+        tolerances = campaign.tolerances
+    _check_aims(space, has_goals=bool(goals or tolerances), decide_model=decide_model)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
     objective = _objective(space, known)
     circles = CandidateCovariances(objective)
-    if tolerances is None:
-        tolerances = campaign.tolerances
     of_goals = goal_states(read_goals, known, circles.before, confidence)
     of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
@@ -263,15 +264,16 @@ def next_circle(
     order = np.argsort(distances, kind="stable")
     after = covariances[:, order[0]]
     continued = objective.among(order[:_CONTINUED])
+    after_very_many = _covariances_after_very_many(continued)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
     more_circles: int | None = 0
     if not finished:
-        more_circles = _circles_to_go(aims, continued)
+        more_circles = _circles_to_go(aims, continued, after_very_many)
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
-        goals=_goals_so_far(of_goals, after, _covariances_after_very_many(continued)),
+        goals=_goals_so_far(of_goals, after, after_very_many),
         goals_probability=goals_probability,
         model=None if odds is None else odds.so_far(after),
         model_is_aim=model_is_aim,
@@ -376,6 +378,26 @@ def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) 
     )
 
 
+def _check_aims(space: Space, *, has_goals: bool, decide_model: bool) -> None:
+    """Raise an `InputError` if the campaign has no aim, or an aim that does not suit the model.
+
+    ``has_goals`` states whether there are goals for uncertainties or tolerances, and
+    ``decide_model`` whether a decision between constant and linear compliance is an aim. ``space``
+    holds the model. If compliances are constant in the model, such a decision cannot be an aim.
+    """
+    has_slopes = any(parameter.group == "slope" for parameter in space.bound.parameters)
+    require(
+        has_slopes or not decide_model,
+        "compliances must change with force in the model for a decision, got constant ones. Use a"
+        " degree above 0.",
+    )
+    require(
+        has_slopes or has_goals,
+        "constant compliances must come with a goal or a tolerance, got neither. Give one, or use a"
+        " degree above 0.",
+    )
+
+
 def _default_forces(campaign: Campaign) -> list[float]:
     """Return nine force levels [N] in equal steps over the range of a campaign's forces."""
     low = float(campaign.forces_N.min())
@@ -425,13 +447,17 @@ def _covariances_after_very_many(objective: Objective) -> Array:
     ]
 
 
-def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
+def _circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> int | None:
     """Return the number of further circles after which a campaign should reach all its aims.
 
     The circles are chosen one after another from the candidates of ``objective``. Each circle is
     the best choice after the circles chosen before. Return None if the aims are not reached after
-    20 circles.
+    20 circles. ``floor``, shape (K, p, p), are the covariances of the p parameters after very many
+    circles, at K values of the hyper-parameters. An aim that they do not reach is not reached after
+    20 circles either.
     """
+    if any(not aim.is_reached and float(aim.distance(floor)) > 0.0 for aim in aims):
+        return None
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
         circles.run(int(np.argmin(total_distance(aims, circles.after()))))
