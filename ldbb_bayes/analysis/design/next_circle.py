@@ -247,7 +247,8 @@ def next_circle(
     read_goals = _read_goals(goals, space)
     if tolerances is None:
         tolerances = campaign.tolerances
-    _check_aims(space, has_goals=bool(goals or tolerances), decide_model=decide_model)
+    has_goals = len(goals) + len(tolerances) > 0
+    _check_aims(space, has_goals=has_goals, decide_model=decide_model)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
     objective = _objective(space, known)
@@ -255,7 +256,7 @@ def next_circle(
     of_goals = goal_states(read_goals, known, circles.before, confidence)
     of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
-    model_is_aim = odds is not None and (decide_model or not (goals or tolerances))
+    model_is_aim = odds is not None and (decide_model or not has_goals)
     aims = _aims_of(of_goals, of_tolerances, odds if model_is_aim else None)
 
     distance_now = float(total_distance(aims, circles.before))
