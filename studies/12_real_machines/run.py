@@ -48,9 +48,9 @@ from study import DATA, Effort, Study, replicated, run
 Array = NDArray[np.float64]
 Row = dict[str, float]
 
-CAMPAIGNS = 45
+CAMPAIGNS = 60
 # Of the mild machines measured by other plans.
-CAMPAIGNS_OF_PLANS = 20
+CAMPAIGNS_OF_PLANS = 60
 CAMPAIGNS_OF_FIRST = 60
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
 ALL = FAMILIES | NEW | STATED | PLANS
