@@ -164,7 +164,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     forces_N = distinct_forces(bound.setting.force_N)
     chosen = np.unique(np.linspace(0, len(forces_N) - 1, _MOST_FORCES).round().astype(int))
     planes = bound.setting.planes
-    figure, all_axes = panels(len(planes) * len(chosen), 3, 1.5, 0.6, sharex=True, sharey=True)
+    figure, all_axes = panels(len(planes) * len(chosen), 3, 1.5, 0.6, sharey=True)
     for k, axes in enumerate(all_axes):
         plane = planes[k // len(chosen)]
         force_N = float(forces_N[chosen[k % len(chosen)]])
@@ -213,7 +213,7 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
     for plane in planes:
         paths_by_plane[plane] = _paths(posterior, bound, plane, force_N, bound.names)
     number = sum(len(paths) for paths in paths_by_plane.values())
-    figure, all_axes = panels(number, 4, 1.25, 0.5, sharex=True)
+    figure, all_axes = panels(number, 4, 1.25, 0.5)
     panel = iter(all_axes)
     for plane, paths in paths_by_plane.items():
         for name, path in paths.items():

@@ -95,9 +95,9 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
             engine = figure.get_layout_engine()
             if engine is not None:
                 # Compute the layout of the figure once, and not again for every file in which it is
-                # saved.
+                # saved. Without a layout engine, Matplotlib also draws each file only once.
                 engine.execute(figure)
-                figure.set_layout_engine("none")
+                figure.set_layout_engine(None)
             return figure
 
     return draw_styled
