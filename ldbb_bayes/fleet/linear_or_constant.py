@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ldbb_bayes.inference.evidence import log_evidence
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes, ProbabilityInside
 from ldbb_bayes.inference.related_models import RelatedModels
 
 __all__ = ["EvidenceRatio", "linear_over_constant"]
@@ -82,7 +82,7 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
     error = nodes.evidence.error
     if not bound.truncation.active:
         return _LogEvidence(value, error)
-    posterior_probability = truncated.probability_inside(nodes.integral, tolerance)
+    posterior_probability = _probability_inside(nodes, truncated, tolerance)
     if posterior_probability.error > tolerance:
         evidence = truncated.nodes(tolerance).evidence
         return _LogEvidence(evidence.log_value, evidence.error)
@@ -91,6 +91,22 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
         value + posterior_probability.log_value - log_prior_probability,
         error + posterior_probability.error + prior_error,
     )
+
+
+def _probability_inside(
+    nodes: Nodes, truncated: HyperPosterior, tolerance: float
+) -> ProbabilityInside:
+    """Return the log posterior probability that no compliance is negative, from given nodes.
+
+    The fit of the campaign has computed this probability from the nodes of its own model. It is
+    used again if its error is at most ``tolerance`` [nat]. The arguments are the same as in
+    `_log_evidence_from`.
+    """
+    if nodes.integral is truncated.without_truncation.proposal:
+        known = truncated.coarse_probability
+        if known.error <= tolerance:
+            return known
+    return truncated.probability_inside(nodes.integral, tolerance)
 
 
 def _log_ratio(linear: _LogEvidence, constant: _LogEvidence) -> EvidenceRatio:

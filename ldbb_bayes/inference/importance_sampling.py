@@ -16,6 +16,7 @@ drawn. With a proposal that was fitted to the same points, ln ∫ f would be too
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy.stats import qmc
@@ -45,6 +46,8 @@ _GROWTH = 4
 # weights. All wider components together have the probability ``_WIDE_SHARE`` in the mixture.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
+# Largest number of pairs of dimensions and seeds whose quasi-random points are kept.
+_KEPT_SEQUENCES = 4
 # Largest number of rounds of importance sampling, each of which draws new points.
 _ROUNDS = 5
 # A round of sampling is extended by more points only if the effective sample size of its weights
@@ -71,6 +74,55 @@ _FITTED_PER_DIMENSION = 40.0
 # weights suffices, or until the power is at most ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
+
+
+class _UniformPoints:
+    """Points of several Sobol sequences in d dimensions, each randomised independently (scrambled).
+
+    A point has d coordinates between 0 and 1.
+    """
+
+    def __init__(self, dimensions: int, rng: np.random.Generator) -> None:
+        """Randomise the sequences of points with d ``dimensions``; ``rng`` makes random numbers."""
+        self._engines = [qmc.Sobol(dimensions, rng=rng) for _ in range(_SCRAMBLES)]
+        self._points = np.zeros((_SCRAMBLES, 0, dimensions))
+
+    def between(self, start: int, stop: int) -> Array:
+        """Return the points from the index ``start`` to ``stop`` − 1 of every sequence.
+
+        The points of the first sequence come first. The result has the shape (points, d).
+        """
+        missing = stop - self._points.shape[1]
+        if missing > 0:
+            new_points = [engine.random(missing) for engine in self._engines]
+            self._points = np.concatenate([self._points, new_points], axis=1)
+        return self._points[:, start:stop].reshape(-1, self._points.shape[2])
+
+
+class _SobolSequences:
+    """Quasi-random points for every round of importance sampling."""
+
+    def __init__(self, dimensions: int, seed: int) -> None:
+        """Prepare points with d ``dimensions``; ``seed`` is the seed of their randomisation."""
+        self._dimensions = dimensions
+        self._rng = np.random.default_rng(seed)
+        self._rounds: list[_UniformPoints] = []
+
+    def of_round(self, number: int) -> _UniformPoints:
+        """Return the points of one round; ``number`` counts the rounds from 0."""
+        while len(self._rounds) <= number:
+            self._rounds.append(_UniformPoints(self._dimensions, self._rng))
+        return self._rounds[number]
+
+
+@lru_cache(maxsize=_KEPT_SEQUENCES)
+def _sobol_sequences(dimensions: int, seed: int) -> _SobolSequences:
+    """Return the quasi-random points with d ``dimensions`` that belong to a seed.
+
+    They depend on nothing else, and their randomisation takes milliseconds. They are therefore kept
+    for the next campaign of a batch, whose fits all have the same seed.
+    """
+    return _SobolSequences(dimensions, seed)
 
 
 def importance_sample(
@@ -146,13 +198,13 @@ def _best_of_rounds(
     returned: it only serves to fit the proposal, which is the density from which points are drawn.
     The arguments are the same as in `importance_sample`.
     """
-    rng = np.random.default_rng(seed)
+    sequences = _sobol_sequences(len(modes[0][0]) + 1, seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
     fitted = Mixture(components, np.full(len(modes), 1.0 / len(modes)))
     proposal = _add_wider(fitted)
     fewest = max(_FEWEST_POINTS, _POINTS_PER_DIMENSION * len(modes[0][0]))
     size = 1 << int(np.ceil(np.log2(fewest)))
-    first = _draw_round(log_density, proposal, size, rng)
+    first = _draw_round(log_density, proposal, size, sequences.of_round(0))
     rounds = [first]
     proposals = [proposal]
     while len(rounds) < _ROUNDS:
@@ -166,7 +218,7 @@ def _best_of_rounds(
             log_density,
             proposal,
             size,
-            rng,
+            sequences.of_round(len(rounds)),
             tolerance=tolerance,
             refit_points=refit_points,
             max_points=max_points,
@@ -191,7 +243,7 @@ def _draw_round(
     log_density: LogDensity,
     proposal: Mixture,
     size: int,
-    rng: np.random.Generator,
+    uniform: _UniformPoints,
     *,
     tolerance: float = np.inf,
     refit_points: int = 0,
@@ -201,8 +253,8 @@ def _draw_round(
 
     Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
     sequence (scramble). Their number suffices if the error of ln ∫ f is at most ``tolerance``
-    [nat], where ``log_density`` is ln f. ``rng`` generates the random numbers. Doubling stops early
-    in the following cases:
+    [nat], where ``log_density`` is ln f. ``uniform`` are the quasi-random points of this round.
+    Doubling stops early in the following cases:
 
     - the weights are very unequal or cannot be trusted;
     - the round would have more than ``max_points`` points;
@@ -211,9 +263,7 @@ def _draw_round(
 
     In the last two cases, a proposal fitted to these points is probably better.
     """
-    h = len(proposal.components[0].centre)
-    engines = [qmc.Sobol(h + 1, rng=rng) for _ in range(_SCRAMBLES)]
-    sample = _extend_sample(log_density, proposal, engines, size, None)
+    sample = _extend_sample(log_density, proposal, uniform, size, None)
     while sample.trusted and sample.error > tolerance:
         n = len(sample.free)
         efficiency = sample.ess / n
@@ -223,26 +273,26 @@ def _draw_round(
             break
         if 16 * n < max_points and sample.error > _REACHABLE * tolerance:
             break
-        sample = _extend_sample(log_density, proposal, engines, n // _SCRAMBLES, sample)
+        sample = _extend_sample(log_density, proposal, uniform, n // _SCRAMBLES, sample)
     return sample
 
 
 def _extend_sample(
     log_density: LogDensity,
     proposal: Mixture,
-    engines: Sequence[qmc.Sobol],
+    uniform: _UniformPoints,
     size: int,
     earlier: Integral | None,
 ) -> Integral:
     """Return an earlier sample of weighted points together with new points.
 
     ``proposal`` is the density from which the points of both samples are drawn. ``size`` new points
-    are drawn with each of the randomised quasi-random sequences ``engines``. ``earlier`` is the
-    earlier sample; if it is None, only the new points are returned. ``log_density`` is the
-    logarithm of the density to be integrated.
+    are made from the next points of each of the randomised quasi-random sequences ``uniform``.
+    ``earlier`` is the earlier sample; if it is None, only the new points are returned.
+    ``log_density`` is the logarithm of the density to be integrated.
     """
-    uniform = np.concatenate([engine.random(size) for engine in engines])
-    free = proposal.transform(uniform)
+    used = 0 if earlier is None else len(earlier.free) // _SCRAMBLES
+    free = proposal.transform(uniform.between(used, used + size))
     scramble = np.repeat(np.arange(_SCRAMBLES), size)
     values = in_chunks(log_density, free)
     if earlier is not None:
