@@ -16,7 +16,7 @@ from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.conditional import ParameterConditional
-from ldbb_bayes.model.triangular import solve_upper
+from ldbb_bayes.model.triangular import log_diagonal, solve_upper
 from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
@@ -64,6 +64,8 @@ class JointDraws(NamedTuple):
     #: needed.
     accepted: int
     proposed: int  #: number of random draws that were proposed to the rejection sampler
+    #: log posterior density at every random draw, as `JointDensity` defines it, shape (size,)
+    log_posterior: Array
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
@@ -101,8 +103,7 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
         proposal = posterior.proposal
     if not proposal.trusted:
         raise TooRoughError(f"Pareto k {proposal.pareto_k:.2f}")
-    free = []
-    beta = []
+    blocks: list[_AcceptedDraws] = []
     accepted = 0
     proposed = 0
     for _ in range(_MOST_ROUNDS * max(1, -(-size // CHUNK))):
@@ -110,15 +111,15 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
             draws = _propose_tilted(posterior, proposal, rng)
         else:
             draws = _propose_untruncated(posterior, proposal, share_inside, rng)
-        free.append(draws.free)
-        beta.append(draws.beta)
+        blocks.append(draws)
         accepted = accepted + len(draws.free)
         proposed = proposed + CHUNK
         if accepted >= size:
             order = rng.permutation(size)
-            return JointDraws(
-                np.concatenate(free)[order], np.concatenate(beta)[order], accepted, proposed
-            )
+            free = np.concatenate([block.free for block in blocks])[order]
+            beta = np.concatenate([block.beta for block in blocks])[order]
+            log_posterior = np.concatenate([block.log_posterior for block in blocks])[order]
+            return JointDraws(free, beta, accepted, proposed, log_posterior)
     raise TooRoughError(f"{accepted} of {size} draws from {proposed} proposals")
 
 
@@ -127,7 +128,7 @@ class _AcceptedDraws(NamedTuple):
 
     ``free``, shape (accepted, h), holds the h hyper-parameters φ in unbounded coordinates, mostly
     ln(φ − lower bound); ``beta``, shape (accepted, p), holds a draw of the p parameters β for each
-    of these φ.
+    of these φ; ``log_posterior``, shape (accepted,), holds the log posterior density of both.
     """
 
     #: draws of h hyper-parameters that the rejection sampler accepted, in unbounded coordinates
@@ -136,6 +137,8 @@ class _AcceptedDraws(NamedTuple):
     #: draws of p parameters in mm, N and rad, one for each accepted draw of the hyper-parameters,
     #: shape (accepted, p)
     beta: Array
+    #: log posterior density at every accepted draw, as `JointDensity` defines it, shape (accepted,)
+    log_posterior: Array
 
 
 def _propose_tilted(
@@ -152,7 +155,12 @@ def _propose_tilted(
     free = proposal.draw(CHUNK, rng)
     log_weight = -proposal.log_proposal(free) - log_scale
     accepted = free[_accept(log_weight + posterior.log_density(free), rng)]
-    return _AcceptedDraws(accepted, draw_parameters_given(posterior.bound, accepted, rng))
+    beta = draw_parameters_given(posterior.bound, accepted, rng)
+    log_evidence, conditional = posterior.given(accepted)
+    log_marginal = posterior.bound.hyper_prior.log_density_of_free(accepted) + log_evidence
+    log_posterior = log_marginal + conditional.log_density(beta)
+    log_posterior -= posterior.bound.log_prob_truncation_prior
+    return _AcceptedDraws(accepted, beta, log_posterior)
 
 
 def _propose_untruncated(
@@ -177,7 +185,8 @@ def _propose_untruncated(
     free = proposal.draw(CHUNK, rng)
     log_weight = -proposal.log_proposal(free) - log_scale
     log_evidence, conditional = posterior.given(free)
-    log_weight += posterior.bound.hyper_prior.log_density_of_free(free) + log_evidence
+    log_marginal = posterior.bound.hyper_prior.log_density_of_free(free) + log_evidence
+    log_weight += log_marginal
     draws = _draw_standard(conditional, tries, rng, truncated=posterior.truncated)
     with np.errstate(divide="ignore"):
         index = _accept(log_weight + np.log(draws.usable / tries), rng)
@@ -193,8 +202,14 @@ def _propose_untruncated(
     if not posterior.truncated:
         z = rng.standard_normal(z.shape)
     root = conditional.root[index]
-    beta = conditional.mean[index] + solve_upper(root, z) * conditional.scale[index]
-    return _AcceptedDraws(free[index], beta)
+    scale = conditional.scale[index]
+    beta = conditional.mean[index] + solve_upper(root, z) * scale
+    # The Gaussian density of β is that of z, divided by the volume that z = 1 has in β.
+    log_volume = np.log(scale).sum(axis=1) - log_diagonal(root)
+    log_density = -0.5 * ((z**2).sum(axis=1) + z.shape[1] * np.log(2.0 * np.pi)) - log_volume
+    log_posterior = log_marginal[index] + log_density
+    log_posterior -= posterior.bound.log_prob_truncation_prior
+    return _AcceptedDraws(free[index], beta, log_posterior)
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:

@@ -30,20 +30,23 @@ from ldbb_bayes.results import Array
 __all__ = ["densities_of", "groups_of", "prior_draws_of", "record_from"]
 
 
-def densities_of(draws: ModelDraws) -> dict[str, Array]:
+def densities_of(draws: ModelDraws, log_posterior: Array | None = None) -> dict[str, Array]:
     """Return log posterior and log prior densities of n posterior draws, in a dict of arrays (n,).
 
     The entry ``lp`` is the logarithm of the posterior density in the coordinates of the sampler
     (see `JointDensity`); the density is not divided by the evidence. The entry ``parameters`` is
     the log prior density of the parameters (compliances, their changes with force, geometric
     errors). The entry ``hyper`` is the log prior density of the hyper-parameters (such as the
-    standard deviation of the noise).
+    standard deviation of the noise). ``log_posterior`` is the first of these if the sampler already
+    knows it, else None.
     """
     bound, phi, beta = draws
-    density = JointDensity(bound)
-    points = density.join(beta, bound.hyper_prior.free(phi))
+    if log_posterior is None:
+        density = JointDensity(bound)
+        points = density.join(beta, bound.hyper_prior.free(phi))
+        log_posterior = in_chunks(density, points)
     return {
-        "lp": in_chunks(density, points),
+        "lp": log_posterior,
         "parameters": bound.log_prior(beta),
         "hyper": bound.hyper_prior.log_density(phi),
     }

@@ -76,6 +76,9 @@ class SampledDraws(NamedTuple):
     #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; scales
     #: that are lengths are in mm), shape (chains, draws, h)
     phi: Array
+    #: log posterior density at every draw, as `JointDensity` defines it, shape (chains, draws);
+    #: None if the sampler does not keep it
+    log_posterior: Array | None = None
 
 
 class IndependentDraws(NamedTuple):
@@ -267,11 +270,14 @@ def fit_model(
     bound = inside.bound
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.without_truncation
-    run, beta, phi = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
+    run, beta, phi, log_posterior = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
     chains, size = beta.shape[:2]
     flat_beta, flat_phi = pool_draws(beta, phi)
     draws = ModelDraws(bound, flat_phi, flat_beta)
-    densities = {name: values.reshape(chains, size) for name, values in densities_of(draws).items()}
+    densities = {
+        name: values.reshape(chains, size)
+        for name, values in densities_of(draws, log_posterior).items()
+    }
     prior = prior_draws_of(bound, prior_draws, np.random.default_rng(checking[0]))
     groups = groups_of(bound, beta, phi, prior, densities)
     concerns = []
@@ -365,12 +371,14 @@ def _sample_independently(
     proposed = 0
     free_blocks = []
     beta_blocks = []
+    log_posterior_blocks = []
     while True:
         draws = draw_jointly(start, _CHAINS * block, rng)
         accepted += draws.accepted
         proposed += draws.proposed
         free_blocks.append(draws.free.reshape(_CHAINS, block, -1))
         beta_blocks.append(draws.beta.reshape(_CHAINS, block, -1))
+        log_posterior_blocks.append(draws.log_posterior.reshape(_CHAINS, block))
         chain = np.concatenate(free_blocks, axis=1)
         beta = np.concatenate(beta_blocks, axis=1)
         assessment = assess(np.concatenate([beta, chain], axis=2))
@@ -380,7 +388,8 @@ def _sample_independently(
             progress(Progress(steps, steps, rule.ess, assessment))
         if converged or 2 * steps > rule.max_steps:
             run = EnsembleRun(chain, assessment, converged, steps, 1, accepted / proposed)
-            return SampledDraws(run, beta, start.bound.hyper_prior.phi(chain))
+            log_posterior = np.concatenate(log_posterior_blocks, axis=1)
+            return SampledDraws(run, beta, start.bound.hyper_prior.phi(chain), log_posterior)
         block = steps
 
 
@@ -447,7 +456,7 @@ def draw(
     rule = StoppingRule(
         ess=_THINNING * size, rhat=_RHAT_WHEN_THINNED, lengths=_LENGTHS_WHEN_THINNED
     )
-    run, beta, phi = _sample_jointly(start, rule=rule, seed=seed)
+    run, beta, phi, _ = _sample_jointly(start, rule=rule, seed=seed)
     require(
         run.converged,
         f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use"

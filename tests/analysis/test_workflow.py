@@ -117,7 +117,8 @@ def with_one_chain_stuck(draws: JointDraws) -> JointDraws:
 def with_draws_repeated(draws: JointDraws) -> JointDraws:
     """Return draws of which every tenth is held for ten steps, as a slow chain does."""
     held = 10 * (np.arange(len(draws.beta)) // 10)
-    return draws._replace(beta=draws.beta[held], free=draws.free[held])
+    log_posterior = draws.log_posterior[held]
+    return draws._replace(beta=draws.beta[held], free=draws.free[held], log_posterior=log_posterior)
 
 
 def sampler_record() -> dict[str, object]:

@@ -10,6 +10,7 @@ from scipy.special import log_ndtr
 import ldbb_bayes as lb
 from ldbb_bayes.inference import independent_sampler
 from ldbb_bayes.inference.conditional_sampling import conditional_draws
+from ldbb_bayes.inference.density import JointDensity
 from ldbb_bayes.inference.evidence import log_prob_truncation
 from ldbb_bayes.inference.independent_sampler import draw_jointly
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -146,12 +147,15 @@ def test_draws_have_the_moments_of_the_nodes(
         model = model.without("truncation")
     posterior = HyperPosterior(model.bind(recovered), truncated=truncated)
     nodes = posterior.nodes(1e-2)
-    free, beta, accepted, proposed = draw_jointly(posterior, size, np.random.default_rng(2))
+    draws = draw_jointly(posterior, size, np.random.default_rng(2))
+    free, beta, accepted, proposed, log_posterior = draws
     assert len(free) == len(beta) == size
     mean = nodes.integral.weight @ nodes.integral.free
     sd = np.sqrt(nodes.integral.weight @ (nodes.integral.free - mean) ** 2)
     check_moments(free, mean, sd)
     check_moments(beta, *nodes.moments(spare=1e-4))
+    density = JointDensity(posterior.bound)
+    np.testing.assert_allclose(log_posterior, density(density.join(beta, free)), atol=1e-8)
     if truncated:
         assert posterior.bound.physical.holds(beta).all()
     assert len(np.unique(beta, axis=0)) == size
