@@ -62,12 +62,18 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
     constant = HyperPosterior(constant_model, truncated=True, near=without_truncation.mode)
     constant_nodes = related.nodes(constant.without_truncation)
     return _log_ratio(
-        _log_evidence_from(nodes, density, tolerance),
+        _log_evidence_from(nodes, density, tolerance, known=density.coarse_probability),
         _log_evidence_from(constant_nodes, constant, tolerance),
     )
 
 
-def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float) -> _LogEvidence:
+def _log_evidence_from(
+    nodes: Nodes,
+    truncated: HyperPosterior,
+    tolerance: float,
+    *,
+    known: ProbabilityInside | None = None,
+) -> _LogEvidence:
     """Return the log evidence of a model with truncation, from nodes computed without truncation.
 
     Truncation is the condition that no compliance is negative. ``nodes`` are weighted values of the
@@ -75,14 +81,17 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
     the hyper-parameters without truncation. ``truncated`` is the posterior density of the
     hyper-parameters with truncation. From ``nodes``, the log probability that no compliance is
     negative is computed. If its error exceeds ``tolerance`` [nat], the evidence is computed from
-    nodes of ``truncated`` instead.
+    nodes of ``truncated`` instead. ``known`` is this log probability if it was computed before, for
+    example by the fit of the campaign; it is used if its error is at most ``tolerance``.
     """
     bound = truncated.bound
     value = nodes.evidence.log_value
     error = nodes.evidence.error
     if not bound.truncation.active:
         return _LogEvidence(value, error)
-    posterior_probability = _probability_inside(nodes, truncated, tolerance)
+    posterior_probability = known
+    if posterior_probability is None or posterior_probability.error > tolerance:
+        posterior_probability = truncated.probability_inside(nodes.integral, tolerance)
     if posterior_probability.error > tolerance:
         evidence = truncated.nodes(tolerance).evidence
         return _LogEvidence(evidence.log_value, evidence.error)
@@ -91,22 +100,6 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
         value + posterior_probability.log_value - log_prior_probability,
         error + posterior_probability.error + prior_error,
     )
-
-
-def _probability_inside(
-    nodes: Nodes, truncated: HyperPosterior, tolerance: float
-) -> ProbabilityInside:
-    """Return the log posterior probability that no compliance is negative, from given nodes.
-
-    The fit of the campaign has computed this probability from the nodes of its own model. It is
-    used again if its error is at most ``tolerance`` [nat]. The arguments are the same as in
-    `_log_evidence_from`.
-    """
-    if nodes.integral is truncated.without_truncation.proposal:
-        known = truncated.coarse_probability
-        if known.error <= tolerance:
-            return known
-    return truncated.probability_inside(nodes.integral, tolerance)
 
 
 def _log_ratio(linear: _LogEvidence, constant: _LogEvidence) -> EvidenceRatio:
