@@ -1,0 +1,159 @@
+"""How many circles does it save to stop as soon as a decision stands? Exactly simulated machines,
+judged against a limit for C_XXX after every circle.
+
+python studies/15_stopping/run.py            # fails when a stated number is not reproduced
+python studies/15_stopping/run.py --write    # states anew
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+import ldbb_bayes as lb
+from ldbb_bayes.inference.nodes import HyperPosterior
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE.parent / "12_real_machines"))
+from machines import PLANS, simulate
+from study import Effort, Study, replicated, run
+
+Array = NDArray[np.float64]
+Row = dict[str, float]
+
+# Families of study 12 that are run in both directions in random order; seeds are others than there.
+KINDS = ("mild, both ways, shuffled", "mild, both ways, shuffled, certificates")
+MACHINES = 50
+FIRST_SEED = 5000
+# Circles come in blocks of two forces, each in both directions, in random order in the block [N].
+BLOCKS_N = ((36.0, 742.0), (271.0, 507.0), (36.0, 742.0), (271.0, 507.0))
+DIRECTIONS = ("CW", "CCW")
+FEWEST = 4
+MOST = len(DIRECTIONS) * sum(len(block) for block in BLOCKS_N)
+COUNTS = range(FEWEST, MOST + 1)
+# The limit over the true C_XXX: evenly spread in the logarithm.
+LIMIT_RATIO = (0.7, 1.4)
+# A decision stands where its probability is at least so much.
+SURE = 0.95
+DRAWS = 4000
+TOLERANCE = 0.05
+LEAST_SAVED = 0.25
+AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
+MODEL = lb.HybridModel.default(1)
+
+
+def job(kind: str, seed: int) -> Row:
+    """One machine: the limit over the truth, and the probability that C_XXX keeps the limit after
+    every circle."""
+    family = PLANS[kind]
+    rng = np.random.default_rng([FIRST_SEED, seed])
+    pilot, _ = simulate(family, FIRST_SEED + seed, BLOCKS_N[0])
+    template = pilot.tests[0]
+    tests = []
+    for block in BLOCKS_N:
+        circles = [(force, direction) for force in block for direction in DIRECTIONS]
+        for j in rng.permutation(len(circles)):
+            force, direction = circles[j]
+            name = f"circle_{len(tests) + 1:02d}"
+            test = replace(template, force_N=force, direction=direction, name=name, time_s=None)
+            tests.append(test)
+    plan = replace(pilot, tests=tuple(tests)).plan()
+    campaign, machine = simulate(family, FIRST_SEED + seed, plan=plan)
+    ratio = float(np.exp(rng.uniform(*np.log(LIMIT_RATIO))))
+    limit = ratio * machine.truth["C_XXX"]
+    row = {"limit over truth": ratio}
+    for count in COUNTS:
+        first = replace(campaign, tests=campaign.tests[:count])
+        row[f"after {count}"] = probability_below(first, limit, seed)
+    return row
+
+
+def probability_below(campaign: lb.Campaign, limit: float, seed: int) -> float:
+    """Posterior probability that C_XXX is at most ``limit`` [mm/N]."""
+    bound = MODEL.bind(campaign)
+    nodes = HyperPosterior(bound, truncated=True).nodes(TOLERANCE)
+    beta, _ = nodes.draw(DRAWS, np.random.default_rng(seed))
+    return float((beta[:, bound.names.index("C_XXX")] <= limit).mean())
+
+
+def outcomes(rows: pd.DataFrame) -> dict[str, Any]:
+    """What fixed numbers of circles decide, what stopping does, and the fixed number that decides
+    as much."""
+    keeps_limit = rows["limit over truth"].to_numpy() >= 1.0
+    after = rows[[f"after {count}" for count in COUNTS]].to_numpy()
+    yes = after >= SURE
+    no = after <= 1.0 - SURE
+    decided = yes | no
+    wrong = np.where(keeps_limit[:, None], no, yes)
+    fixed = {}
+    for k, count in enumerate(COUNTS):
+        fixed[str(count)] = {
+            "decided": float(decided[:, k].mean()),
+            "wrong": float(wrong[:, k].mean()),
+        }
+    stop = np.where(decided.any(axis=1), decided.argmax(axis=1), len(COUNTS) - 1)
+    machines = np.arange(len(rows))
+    stopped = {
+        "circles": float(np.mean(np.array(COUNTS)[stop])),
+        "decided": float(decided[machines, stop].mean()),
+        "wrong": float(wrong[machines, stop].mean()),
+        "at once": float((stop == 0).mean()),
+    }
+    return {"fixed": fixed, "stopped": stopped, "saved": saved(decided, stop)}
+
+
+def saved(decided: Array, stop: Array) -> list[dict[str, float | int | None]]:
+    """For every largest number of circles: mean circles where one stops, beside the smallest fixed
+    number that decides at least as many machines; None if no number does."""
+    counts = np.array(COUNTS)
+    found: list[dict[str, float | int | None]] = []
+    for last in range(1, len(counts)):
+        circles = counts[np.minimum(stop, last)].mean()
+        share = decided[:, : last + 1].any(axis=1).mean()
+        as_many = np.flatnonzero(decided.mean(axis=0) >= share)
+        fixed = int(counts[as_many[0]]) if len(as_many) else None
+        found.append(
+            {
+                "most": int(counts[last]),
+                "circles": float(circles),
+                "decided": float(share),
+                "fixed": fixed,
+            }
+        )
+    return found
+
+
+def measure(effort: Effort) -> dict[str, Any]:
+    """Everything the page states."""
+    rows = replicated(
+        HERE / "machines.csv", job, dict.fromkeys(KINDS, MACHINES), effort, again=AGAIN
+    )
+    return {
+        "machines": MACHINES,
+        "blocks_N": [list(block) for block in BLOCKS_N],
+        "fewest": FEWEST,
+        "most": MOST,
+        "limit_ratio": list(LIMIT_RATIO),
+        "sure": SURE,
+        "pooled": outcomes(rows),
+        "families": {kind: outcomes(rows[rows["kind"] == kind]) for kind in KINDS},
+        "must": LEAST_SAVED,
+        "se": float(np.sqrt(0.25 / len(rows))),
+    }
+
+
+def main() -> None:
+    """Measure and compare with what is stated; ``--write`` states anew."""
+    run(Study(HERE, measure))
+
+
+if __name__ == "__main__":
+    main()
