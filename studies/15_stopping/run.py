@@ -107,7 +107,9 @@ def outcomes(rows: pd.DataFrame) -> dict[str, Any]:
         "wrong": float(wrong[machines, stop].mean()),
         "at once": float((stop == 0).mean()),
     }
-    return {"fixed": fixed, "stopped": stopped, "saved": saved(decided, stop)}
+    by_most = saved(decided, stop)
+    compared = [entry for entry in by_most if entry["fixed"] is not None]
+    return {"fixed": fixed, "stopped": stopped, "saved": by_most, "compared": compared[-1]}
 
 
 def saved(decided: Array, stop: Array) -> list[dict[str, float | int | None]]:
