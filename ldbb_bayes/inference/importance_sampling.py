@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from threading import Lock
 
 import numpy as np
 from scipy.stats import qmc
@@ -86,17 +87,21 @@ class _UniformPoints:
         """Randomise the sequences of points with d ``dimensions``; ``rng`` makes random numbers."""
         self._engines = [qmc.Sobol(dimensions, rng=rng) for _ in range(_SCRAMBLES)]
         self._points = np.zeros((_SCRAMBLES, 0, dimensions))
+        # Threads of one process may ask for points at the same time.
+        self._lock = Lock()
 
     def between(self, start: int, stop: int) -> Array:
         """Return the points from the index ``start`` to ``stop`` − 1 of every sequence.
 
         The points of the first sequence come first. The result has the shape (points, d).
         """
-        missing = stop - self._points.shape[1]
-        if missing > 0:
-            new_points = [engine.random(missing) for engine in self._engines]
-            self._points = np.concatenate([self._points, new_points], axis=1)
-        return self._points[:, start:stop].reshape(-1, self._points.shape[2])
+        with self._lock:
+            missing = stop - self._points.shape[1]
+            if missing > 0:
+                new_points = [engine.random(missing) for engine in self._engines]
+                self._points = np.concatenate([self._points, new_points], axis=1)
+            points = self._points
+        return points[:, start:stop].reshape(-1, points.shape[2])
 
 
 class _SobolSequences:
@@ -107,11 +112,13 @@ class _SobolSequences:
         self._dimensions = dimensions
         self._rng = np.random.default_rng(seed)
         self._rounds: list[_UniformPoints] = []
+        self._lock = Lock()
 
     def of_round(self, number: int) -> _UniformPoints:
         """Return the points of one round; ``number`` counts the rounds from 0."""
-        while len(self._rounds) <= number:
-            self._rounds.append(_UniformPoints(self._dimensions, self._rng))
+        with self._lock:
+            while len(self._rounds) <= number:
+                self._rounds.append(_UniformPoints(self._dimensions, self._rng))
         return self._rounds[number]
 
 
