@@ -11,6 +11,7 @@ from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.options import Kind, command, group, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
 from ldbb_bayes.cli.values import directions_in
+from ldbb_bayes.errors import check_known
 
 if TYPE_CHECKING:
     from ldbb_bayes.cli.sources import SourceCampaign
@@ -45,7 +46,10 @@ def next_(
     # The modules that write the texts of this command take a long time to load. They are therefore
     # imported here, and not at the top of the file.
     from ldbb_bayes.report import next_circle_text, operator_sheet
+    from ldbb_bayes.report.translation import languages
 
+    language = settings.pop("language")
+    check_known("--language", [language], languages())
     # Before anything is computed, refuse an output folder with files that this command did not
     # write. The command writes the files named here, and a copy of the campaign from which the plan
     # was computed (the pilot of the plan). These files may be replaced.
@@ -62,7 +66,10 @@ def next_(
     circle = "one more circle, if it is run all the same" if step.finished else "one circle"
     if output.out is not None:
         plan = step.plan()
-        contents = {"next.json": record, operator_sheet.NAME: operator_sheet.page(step, plan)}
+        contents = {
+            "next.json": record,
+            operator_sheet.NAME: operator_sheet.page(step, plan, language),
+        }
         write_more = partial(write_campaign_into, plan)
     output.deliver(
         record,

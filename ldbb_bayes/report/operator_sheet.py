@@ -10,6 +10,8 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.next_circle_text import aims_passages
+from ldbb_bayes.report.passage_translation import passages_in_language
+from ldbb_bayes.results import Passage
 
 __all__ = ["NAME", "page"]
 
@@ -17,7 +19,7 @@ __all__ = ["NAME", "page"]
 NAME = "sheet.html"
 
 
-def page(step: NextCircle, plan: Campaign) -> str:
+def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
     """Return a sheet for the machine's operator, with the next circle to run, as an HTML page.
 
     Parameters
@@ -26,18 +28,29 @@ def page(step: NextCircle, plan: Campaign) -> str:
         The best next circle of a campaign, with the campaign's aims.
     plan
         A plan of tests whose only test is the next circle.
+    language
+        Code of the language of the sheet, ``en`` or ``de``.
 
     Returns
     -------
     str
         The page as HTML.
     """
+    campaign = (plan.pilot or plan).name
+
+    def in_language(*passages: Passage) -> tuple[Passage, ...]:
+        """Return tables and sentences in the language of the sheet."""
+        return passages_in_language(passages, language, [campaign])
+
+    names, values = zip(*_settings(plan), strict=True)
     return template_of("operator.html.j2").render(
-        title=f"Circle {step.circles + 1} of {plan.pilot.name if plan.pilot else plan.name}",
-        head=wording.next_circle_head(step),
+        language=language,
+        in_language=in_language,
+        title=in_language(f"Circle {step.circles + 1} of {campaign}")[0],
+        head=in_language(*wording.next_circle_head(step)),
         finished=step.finished,
-        settings=_settings(plan),
-        passages=aims_passages(step),
+        settings=zip(in_language(*names), in_language(*values), strict=True),
+        passages=in_language(*aims_passages(step)),
     )
 
 

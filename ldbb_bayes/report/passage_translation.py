@@ -1,4 +1,4 @@
-"""Translation of texts about the cheapest campaign that reaches goals for uncertainties."""
+"""Translation of texts about the cheapest campaign for goals, and about the next circle."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from ldbb_bayes.results import Passage
 
 __all__ = ["passages_in_language", "untranslated_texts"]
 
-_CATALOGUES = ("annex", "goal_design")
+_CATALOGUES = ("annex", "goal_design", "next_circle")
 
 
 def passages_in_language(
     passages: Sequence[Passage], language: str, names: Iterable[str] = ()
 ) -> tuple[Passage, ...]:
-    """Translate tables and sentences about the cheapest campaign into another language.
+    """Translate tables and sentences about planned circles into another language.
 
-    The English texts are looked up in the catalogues templates/annex_<language>.toml and
-    templates/goal_design_<language>.toml. A text that is in neither stays in English.
+    They are about the cheapest campaign that reaches goals for uncertainties, or about the next
+    circle of a campaign. The English texts are looked up in the catalogues
+    templates/annex_<language>.toml, templates/goal_design_<language>.toml and
+    templates/next_circle_<language>.toml. A text that is in none of them stays in English.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ def untranslated_texts(
 
 
 def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None:
-    """Return an object that translates texts about the cheapest campaign into a language.
+    """Return an object that translates texts about planned circles into a language.
 
     None is returned if the language has no catalogues (files of translated texts). ``names`` are
     the names of campaigns and tests. They are not translated, even if they stand in quotation

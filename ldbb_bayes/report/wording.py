@@ -1238,9 +1238,13 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
     for name, goal in step.goals.items():
         if goal.probability < step.confidence and goal.U_floor > goal.limit:
             factor, unit = display_unit(goal.unit)
-            floor, limit = (two_digits(size, factor) for size in (goal.U_floor, goal.limit))
-            words = f"U of {floor} {unit} would remain, {limit} is wanted"
-            out_of_reach.append(f"{display_name(name)} ({words})")
+            out_of_reach.append(
+                {
+                    "name": display_name(name),
+                    "floor": f"{two_digits(goal.U_floor, factor)} {unit}",
+                    "limit": f"{two_digits(goal.limit, factor)} {unit}",
+                }
+            )
     return _sentences("next_circle_head", step, best_circle, out_of_reach)
 
 

@@ -27,13 +27,16 @@ def test_a_plan_after_the_last_circle_says_that_it_is_not_needed(
     assert "a plan of one more circle, if it is run all the same; sheet.html is" in stdout
     sheet = (tmp_path / "next" / "sheet.html").read_text(encoding="utf-8")
     assert "If one more circle is run all the same" in sheet
+    invoke("next", folder, *options, "--force", "--language", "de")
+    sheet = (tmp_path / "next" / "sheet.html").read_text(encoding="utf-8")
+    assert "Wird trotzdem ein weiterer Kreis gefahren" in sheet
 
 
 def test_goals_out_of_reach_are_named(folder: Path, invoke: Invoke) -> None:
     goals = ("--goal", "C_XXX=1mm/N", "--goal", "E_C0YX=0.1urad")
     lines = invoke("next", folder, "--preset", "first", *goals)[1].splitlines()
-    assert lines[2].startswith("Out of reach, however many are run: E_C(0Y)X (U of ")
-    assert lines[2].endswith(" µrad would remain, 0.10 is wanted).")
+    assert lines[2].startswith("E_C(0Y)X is out of reach, however many are run: U of ")
+    assert lines[2].endswith(" µrad would remain, 0.10 µrad is wanted.")
     assert "C_XXX" not in lines[2]
 
 
@@ -141,6 +144,7 @@ def test_both_directions_need_the_direction_of_the_circles_run(
         (("--goal", "C_XXX"), "--goal must be NAME=U"),
         (("--goal", "C_XXX=5"), "goal of C_XXX must be a number with its unit"),
         (("--goal", "E_C0YX=5%"), "must be an uncertainty with its unit"),
+        (("--language", "fr"), "--language must be one of de, en, got 'fr'."),
         (("--degree", "0"), "must come with a goal or a tolerance, got neither"),
         (("--degree", "0", "--decide", *GOAL), "in the model for a decision, got constant ones"),
         (("--confidence", "1"), "confidence must lie between 0.5 and 1"),

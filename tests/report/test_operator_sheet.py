@@ -1,0 +1,82 @@
+"""The operator's sheet for the next circle, in English and German."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.resources import files
+
+import pandas as pd
+import pytest
+from campaigns import plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.design import ModelSoFar, NextCircle
+from ldbb_bayes.report import operator_sheet, wording
+from ldbb_bayes.report.next_circle_text import aims_passages
+from ldbb_bayes.report.passage_translation import untranslated_texts
+
+MODEL = lb.HybridModel.first(1)
+GERMAN = files("ldbb_bayes.report") / "templates" / "next_circle_de.toml"
+
+
+@pytest.fixture(scope="module")
+def step() -> NextCircle:
+    """Two goals out of reach, one that is met, and a tolerance."""
+    campaign = replace(simulated(plan()), name="Mill 7, spring")
+    return lb.analysis.next_circle(
+        MODEL,
+        campaign,
+        goals={"C_XXX": "1mm/N", "E_C0YX": "0.1urad", "C_YYY": "0.001 nm/N"},
+        tolerances={"C_XXX": "55 nm/N"},
+    )
+
+
+def variants(step: NextCircle) -> Iterator[NextCircle]:
+    """Every sentence that can stand on the sheet."""
+    for circles in (1, 6):
+        yield replace(step, circles=circles, finished=True, more_circles=0)
+        yield replace(step, circles=circles, more_circles=circles)
+    for direction, plane in (("CW", ""), ("", "YZ"), ("CCW", "ZX")):
+        table = step.table.assign(direction=direction, plane=plane)
+        yield replace(step, table=pd.DataFrame(table))
+    for log_bayes_factor, probability in ((9.0, 0.9999), (-0.4, 0.4), (0.3, 0.57)):
+        state = ModelSoFar(log_bayes_factor, 0.1, probability, abs(log_bayes_factor) > 3.0, 0.2)
+        yield replace(step, model=state)
+    yield replace(step, goals={}, model=None)
+
+
+def test_every_text_of_the_sheet_has_german_words(step: NextCircle) -> None:
+    for variant in (step, *variants(step)):
+        passages = [*wording.next_circle_head(variant), *aims_passages(variant)]
+        assert untranslated_texts(passages, "de") == set()
+
+
+def test_a_translation_has_the_places_of_its_text() -> None:
+    for table in tomllib.loads(GERMAN.read_text(encoding="utf-8")).values():
+        for english, german in table.items():
+            assert set(re.findall(r"\{\w+\}", english)) == set(re.findall(r"\{\w+\}", german))
+
+
+def words_of(page: str) -> str:
+    return " ".join(re.sub(r"<[^>]+>", " ", page.partition("<body>")[2]).split())
+
+
+def test_the_sheet_is_german(step: NextCircle) -> None:
+    words = words_of(operator_sheet.page(step, step.plan(), "de"))
+    assert words.startswith("Kreis 5 von Mill 7, spring Als Nächstes fahren: ")
+    assert "Fahrtrichtung wie bisher" in words
+    assert "E_C(0Y)X ist unerreichbar, wie viele auch gefahren werden: Es bliebe ein U von" in words
+    assert " µrad, gewünscht ist 0,10 µrad. C_YYY ist unerreichbar" in words
+    assert words.endswith("Danach den Befehl mit den neuen Messwerten wieder aufrufen.")
+    english = {"force", "the", "with", "and", "next", "circle", "after", "reached", "run", "again"}
+    assert {word.lower() for word in re.findall(r"\w+", words)} & english == set()
+
+
+def test_the_sheet_is_english_if_nothing_is_said(step: NextCircle) -> None:
+    page = operator_sheet.page(step, step.plan())
+    assert words_of(page).startswith("Circle 5 of Mill 7, spring Run next: ")
+    assert '<html lang="en">' in page
+    assert page == operator_sheet.page(step, step.plan(), "en")
