@@ -43,6 +43,8 @@ THIRD = estimates.MODEL
 KEPT = HERE / "ranks.csv"
 KEPT_THIRD = HERE / "third_edition.csv"
 # Campaigns of the third edition, by how Ĉ is found.
+# What intervals of slopes should cover, pooled, as a user runs it.
+SLOPES_ASKED = 0.93
 CAMPAIGNS_OF = {"every term": 100, "estimated": 1000, "squares": 100, "truth": 1000}
 THIRD_AGAIN: dict[Effort, int] = {"quick": 2, "usual": 10}
 # Made again through `lb.calibrate`, as a user runs it: its fewest.
@@ -386,6 +388,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "more": MORE,
         "readings": len(plan().tests[0].angle_deg),
         "band_percent": 100.0 * PROBABILITY,
+        "slopes_asked": SLOPES_ASKED,
     }
 
 
