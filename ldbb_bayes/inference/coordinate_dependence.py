@@ -24,7 +24,7 @@ import numpy as np
 
 from ldbb_bayes.results import Array
 
-__all__ = ["Dependence", "fit_dependence"]
+__all__ = ["Dependence", "IndependentPoints", "fit_dependence"]
 
 # The mean and the width of a fitted density along a coordinate may depend on the first k
 # coordinates only; this number is the largest k. The first coordinates are those of the

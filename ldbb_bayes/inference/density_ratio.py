@@ -7,7 +7,7 @@ in h dimensions. If E_f is the mean under the density f, then
 
 The ratio g / f is smooth and varies little. It is therefore evaluated only at a small random sample
 of the n nodes. The sample has at most 192 nodes; if the error is too large, it is enlarged to at
-most 576 and then to at most 4608 nodes. The nodes are drawn by systematic sampling with unequal
+most 576, 1152 and then 4608 nodes. The nodes are drawn by systematic sampling with unequal
 probabilities. A polynomial q(φ) is fitted to the values of ln(g / f); its degree is two, or one if
 there are many dimensions. The density f e^q is known at all nodes, and
 
@@ -23,7 +23,7 @@ density f e^q.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -40,10 +40,10 @@ __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 # Size of the largest sample of nodes. Nodes are the points at which the density with the known
 # integral was evaluated. They are picked at random, and the same node can be picked repeatedly.
 _LARGEST_SAMPLE = 4608
-# There are three samples of nodes (points). The largest has ``_LARGEST_SAMPLE`` nodes; the others
-# consist of every 8th and of every 24th of these nodes. If the error with a sample is too large,
+# There are four samples of nodes (points). The largest has ``_LARGEST_SAMPLE`` nodes; the others
+# consist of every 4th, 8th and 24th of these nodes. If the error with a sample is too large,
 # the next larger sample is used.
-_STEPS = (24, 8, 1)
+_STEPS = (24, 8, 4, 1)
 # A sample of nodes (points) is used only if the integral has at least this many nodes for each node
 # of the sample.
 _NODES_PER_SAMPLE = 2
@@ -310,6 +310,20 @@ class RatioSampler:
             None, g should be evaluated at all nodes, or the integral of g should be computed from
             new nodes.
         """
+        for attempt in self.attempts(evaluate):
+            if attempt.error <= tolerance:
+                return attempt
+            if attempt.least_error > tolerance:
+                return None
+        return None
+
+    def attempts(self, evaluate: Callable[[Index], LogValues]) -> Iterator[RatioIntegral]:
+        """Yield the integral of a density g, computed from larger and larger samples of the nodes.
+
+        f is a density that is similar to g, and its integral is known as a sum over weighted nodes
+        (points). ``evaluate`` takes indices of nodes, and returns ln g and its error at these
+        nodes. There are no further attempts if g is zero at a node of a sample.
+        """
         log_density = np.full(len(self.integral.free), np.nan)
         error = np.full(len(log_density), np.nan)
         for sample in self._samples:
@@ -319,7 +333,7 @@ class RatioSampler:
             error[new] = values.error
             log_ratio = log_density[sample.nodes] - self.integral.log_density[sample.nodes]
             if not np.isfinite(log_ratio).all():
-                return None
+                return
             fitted = sample.fit(log_ratio)
             mean = _mean_ratio(sample, log_ratio, fitted[sample.nodes])
             of_ratio = replace(
@@ -327,12 +341,7 @@ class RatioSampler:
                 log_density=self.integral.log_density + fitted + mean.log_mean,
                 ratio_error=mean.error,
             )
-            result = RatioIntegral(of_ratio, float(mean.share @ error[sample.nodes]))
-            if result.error <= tolerance:
-                return result
-            if result.least_error > tolerance:
-                return None
-        return None
+            yield RatioIntegral(of_ratio, float(mean.share @ error[sample.nodes]))
 
 
 def _pick_probabilities(weight: Array) -> Array:
@@ -351,7 +360,7 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
 
     ``probability`` holds the probabilities with which the nodes are picked; they sum to one. The
     nodes are put in random order (``rng``) and picked at equally spaced values of the cumulative
-    probability. If only every 8th or every 24th of the picked nodes is used, these nodes also form
+    probability. If only every 4th, 8th or 24th of the picked nodes is used, these nodes also form
     a systematic sample.
     """
     order = rng.permutation(len(probability))

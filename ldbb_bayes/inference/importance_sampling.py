@@ -26,7 +26,7 @@ from ldbb_bayes.inference.integrals import Integral, LogDensity, in_chunks
 from ldbb_bayes.inference.mixture_proposals import Mixture, SplitT, fit_split_t, refit_mixture
 from ldbb_bayes.results import Array
 
-__all__ = ["importance_sample"]
+__all__ = ["importance_sample", "sample_similar"]
 
 # Distances from a mode at which the density to integrate is evaluated, on both sides along every
 # direction. The unit is a standard deviation of the Gaussian fitted at the mode.
@@ -208,16 +208,69 @@ def _best_of_rounds(
     sequences = _sobol_sequences(len(modes[0][0]) + 1, seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
     fitted = Mixture(components, np.full(len(modes), 1.0 / len(modes)))
-    proposal = _add_wider(fitted)
     fewest = max(_FEWEST_POINTS, _POINTS_PER_DIMENSION * len(modes[0][0]))
     size = 1 << int(np.ceil(np.log2(fewest)))
-    first = _draw_round(log_density, proposal, size, sequences.of_round(0))
+    first = _draw_round(log_density, _add_wider(fitted), size, sequences.of_round(0))
+    return _best_after(first, log_density, fitted, _GROWTH * size, tolerance, seed, max_points)
+
+
+def sample_similar(
+    log_density: LogDensity,
+    earlier: Integral,
+    *,
+    tolerance: float = 1e-2,
+    seed: int = 0,
+    max_points: int = 65_536,
+) -> Integral:
+    """Return the integral of a density that is similar to the density of an earlier sample.
+
+    The points of the earlier sample take the place of the first round of `importance_sample`: a
+    proposal is fitted to them. No modes are needed. The next round starts with half as many points.
+
+    Parameters
+    ----------
+    log_density : callable
+        Function that returns the log density to integrate, shape (n,), at n points in h dimensions,
+        shape (n, h).
+    earlier : Integral
+        Sample that `importance_sample` has returned. Its density may have been changed.
+    tolerance : float
+        Error allowed in the log integral [nat].
+    seed : int
+        Seed of the randomised quasi-random sequences.
+    max_points : int
+        Largest number of points of a round.
+    """
+    proposal = earlier.proposal
+    if not isinstance(proposal, Mixture):
+        raise TypeError("a lattice has no proposal to fit. Give a sample of importance_sample.")
+    size = 1 << int(np.log2(len(earlier.free) // (2 * _SCRAMBLES)))
+    fitted = _without_wider(proposal)
+    return _best_after(earlier, log_density, fitted, size, tolerance, seed, max_points)
+
+
+def _best_after(
+    first: Integral,
+    log_density: LogDensity,
+    fitted: Mixture,
+    size: int,
+    tolerance: float,
+    seed: int,
+    max_points: int,
+) -> Integral:
+    """Return the best of the rounds of sampling that follow the round ``first``.
+
+    ``fitted`` is the proposal of the round ``first`` without its wider components. The second round
+    starts with ``size`` points of each randomised quasi-random sequence. `_best_of_rounds` explains
+    the rest.
+    """
+    sequences = _sobol_sequences(first.free.shape[1] + 1, seed)
     rounds = [first]
-    proposals = [proposal]
+    proposals = [_add_wider(fitted)]
     while len(rounds) < _ROUNDS:
         fitted = _fit_to_rounds(rounds, proposals, fitted)
         proposal = _add_wider(fitted)
-        size = min(_GROWTH * size, max_points // _SCRAMBLES)
+        size = min(size, max_points // _SCRAMBLES)
         refit_points = _GROWTH * size * _SCRAMBLES
         if len(rounds) == _ROUNDS - 1:
             refit_points = max_points
@@ -234,6 +287,7 @@ def _best_of_rounds(
             return sample
         rounds.append(sample)
         proposals.append(proposal)
+        size = _GROWTH * size
     return min(rounds[1:], key=_untrusted_and_error)
 
 
@@ -342,6 +396,13 @@ def _add_wider(fitted: Mixture) -> Mixture:
     wider = fitted.widen(_WIDE)
     share = np.concatenate([(1.0 - _WIDE_SHARE) * fitted.share, _WIDE_SHARE * wider.share])
     return Mixture((*fitted.components, *wider.components), share)
+
+
+def _without_wider(proposal: Mixture) -> Mixture:
+    """Return a proposal without the wider components that `_add_wider` has added."""
+    count = len(proposal.components) // 2
+    share = proposal.share[:count]
+    return Mixture(proposal.components[:count], share / share.sum())
 
 
 def _fit_to_rounds(

@@ -8,13 +8,16 @@ direction.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln, stdtrit
+from scipy.interpolate import CubicHermiteSpline
+from scipy.special import gammaln, ndtr, ndtri, stdtrit
 
-from ldbb_bayes.inference.coordinate_dependence import Dependence, fit_dependence
+from ldbb_bayes.inference.coordinate_dependence import Dependence, IndependentPoints, fit_dependence
 from ldbb_bayes.results import Array
 
 __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
@@ -48,6 +51,13 @@ _EM_STEPS = 3
 # the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
+# Smallest probability for which a quantile of a Student-t distribution is computed.
+_LEAST_LEVEL = 1e-15
+# Quantiles of a Student-t distribution are interpolated between their values at normal quantiles
+# from ``_LOWEST_NORMAL`` to zero. ``_QUANTILE_KNOTS`` is the number of these values. The relative
+# error of an interpolated quantile is below 1e-10.
+_LOWEST_NORMAL = -8.1
+_QUANTILE_KNOTS = 2049
 # A proposal (the density from which points are drawn) is widened by this factor after it has been
 # fitted to points. For importance sampling, a proposal that is too narrow is worse than one that is
 # too wide.
@@ -94,18 +104,43 @@ class SplitT:
 
         ``points``, shape (n, h), holds the points x in h dimensions.
         """
+        return self.log_density_at(self.coordinates(points))
+
+    def coordinates(self, points: Array) -> IndependentPoints:
+        """Return the nearly independent coordinates of n points x along the h directions.
+
+        ``points``, shape (n, h), holds the points. Along each coordinate, their distribution is a
+        split Student-t.
+        """
         z = np.linalg.solve(self.root, (points - self.centre).T).T
-        log_width: Array | float = 0.0
-        if self.dependence is not None:
-            independent = self.dependence.remove(z)
-            z = independent.points
-            log_width = independent.log_width
+        if self.dependence is None:
+            return IndependentPoints(z, np.zeros(len(z)))
+        return self.dependence.remove(z)
+
+    def has_coordinates_of(self, other: SplitT) -> bool:
+        """Return whether this distribution differs from another in scales and freedoms only.
+
+        The coordinates of a point (`coordinates`) are then the same for both distributions.
+        """
+        return (
+            self.centre is other.centre
+            and self.root is other.root
+            and self.dependence is other.dependence
+        )
+
+    def log_density_at(self, coordinates: IndependentPoints) -> Array:
+        """Return the log density of the distribution at n points, shape (n,).
+
+        ``coordinates`` are those of the points, as the method `coordinates` returns them.
+        """
+        z = coordinates.points
         above = z > 0.0
         scale = np.where(above, self.scale[1], self.scale[0])
         freedom = np.where(above, self.freedom[1], self.freedom[0])
         tails = (0.5 * (freedom + 1.0) * np.log1p(z**2 / (freedom * scale**2))).sum(axis=1)
         log_mass = np.log(_side_masses(self.scale, self.freedom).sum(axis=0)).sum()
-        return np.asarray(-log_mass - np.linalg.slogdet(self.root)[1] - tails - log_width)
+        log_volume = np.linalg.slogdet(self.root)[1] + coordinates.log_width
+        return np.asarray(-log_mass - tails - log_volume)
 
     def transform(self, uniform: Array) -> Array:
         """Return n random points x of the distribution, shape (n, h), from uniform random numbers.
@@ -121,13 +156,42 @@ class SplitT:
         probability_within_side = np.where(
             below, uniform / side_probability[0], (1.0 - uniform) / side_probability[1]
         )
-        level = np.clip(probability_within_side / 2.0, 1e-15, 0.5)
         signed_scale = np.where(below, self.scale[0], -self.scale[1])
         freedom = np.where(below, self.freedom[0], self.freedom[1])
-        z = signed_scale * stdtrit(freedom, level)
+        z = signed_scale * _lower_quantiles(freedom, probability_within_side / 2.0)
         if self.dependence is not None:
             z = self.dependence.restore(z)
         return np.asarray(self.centre + z @ self.root.T)
+
+
+def _lower_quantiles(freedom: Array, level: Array) -> Array:
+    """Return quantiles of Student-t distributions for probabilities from 0 to 0.5.
+
+    ``freedom`` holds the degrees of freedom, and ``level`` the probabilities; both have the shape
+    of the result. Quantiles of probabilities below 1e-15 are replaced by the quantile of 1e-15.
+    """
+    normal = ndtri(np.clip(level, _LEAST_LEVEL, 0.5))
+    quantiles = np.empty(normal.shape)
+    for value in np.unique(freedom):
+        chosen = freedom == value
+        quantiles[chosen] = _lower_quantile_of_normal(float(value))(normal[chosen])
+    return quantiles
+
+
+@cache
+def _lower_quantile_of_normal(freedom: float) -> CubicHermiteSpline:
+    """Return a spline that converts normal quantiles to quantiles of a Student-t distribution.
+
+    Both quantiles belong to the same probability, from 1e-15 to 0.5. The spline has the exact
+    values and derivatives at its knots and takes a quarter of the time of SciPy's function
+    ``stdtrit``. ``freedom`` is the number of degrees of freedom.
+    """
+    normal = np.linspace(_LOWEST_NORMAL, 0.0, _QUANTILE_KNOTS)
+    quantile = stdtrit(freedom, ndtr(normal))
+    log_normal = -0.5 * normal**2 - 0.5 * np.log(2.0 * np.pi)
+    log_mass = np.log(2.0 * _side_masses(np.ones(1), np.array([freedom])))
+    log_student = -_log_tail(quantile**2, np.ones(1), freedom) - log_mass
+    return CubicHermiteSpline(normal, quantile, np.exp(log_normal - log_student))
 
 
 def _side_masses(scale: Array, freedom: Array) -> Array:
@@ -173,8 +237,14 @@ class Mixture:
         probability that a point drawn from the mixture comes from this component.
         """
         rows = []
-        for share, component in zip(self.share, self.components, strict=True):
-            rows.append(np.log(share) + component.log_density(points))
+        coordinates: list[IndependentPoints] = []
+        for k, component in enumerate(self.components):
+            earlier = _first_alike(component, self.components[:k])
+            if earlier is None:
+                coordinates.append(component.coordinates(points))
+            else:
+                coordinates.append(coordinates[earlier])
+            rows.append(np.log(self.share[k]) + component.log_density_at(coordinates[k]))
         return np.stack(rows)
 
     def transform(self, uniform: Array) -> Array:
@@ -204,6 +274,17 @@ class Mixture:
         """Return the mixture with the widths of all its components multiplied by a factor."""
         wider = [replace(one, scale=factor * one.scale) for one in self.components]
         return Mixture(tuple(wider), self.share)
+
+
+def _first_alike(component: SplitT, others: Sequence[SplitT]) -> int | None:
+    """Return the index of the first of several distributions that has the same coordinates.
+
+    The index is None if the coordinates of ``component`` differ from those of all ``others``.
+    """
+    for k, other in enumerate(others):
+        if component.has_coordinates_of(other):
+            return k
+    return None
 
 
 def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:

@@ -21,7 +21,7 @@ from scipy.stats import qmc
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
-from ldbb_bayes.inference.importance_sampling import importance_sample
+from ldbb_bayes.inference.importance_sampling import importance_sample, sample_similar
 from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
 from ldbb_bayes.inference.normal_scores import NormalScores
 from ldbb_bayes.inference.quadrature import integrate
@@ -102,6 +102,10 @@ _NOISE_PER_TOLERANCE = 2.0
 # compliance is negative. If the first error is within the tolerance but the sum is not, new nodes
 # are computed with the tolerance multiplied by this factor.
 _NODES_SHARE = 0.7
+# New nodes (values of the hyper-parameters) may be drawn from a proposal that is fitted to other
+# nodes. The error of their integral may be this fraction of the tolerance, because the probability
+# that no compliance is negative is then computed at a few of them, which has an error of its own.
+_SHARE_OF_RESAMPLED = 0.8
 # The probability that no compliance is negative is first averaged over ``_FEWEST_PICKED`` nodes
 # (values of the hyper-parameters). As long as the error of the average is too large, the number of
 # nodes is multiplied by ``_PICKED_GROWTH``.
@@ -266,21 +270,31 @@ class HyperPosterior:
         an upper bound, which is cheaper to compute and is a smooth function of φ. At points where
         the prior density is zero, the result is −∞.
         """
-        log_density = self.bound.hyper_prior.log_density_of_free(free)
+        prior = self.bound.hyper_prior
+        return self._add_likelihood(prior.log_density_of_free(free), prior.phi(free), smooth=smooth)
+
+    def _add_likelihood(self, log_prior: Array, phi: Array, *, smooth: bool) -> Array:
+        """Return ``log_prior`` plus the log density of the readings at w points, shape (w,).
+
+        ``log_prior``, shape (w,), is the log prior density of the points, in any coordinates;
+        points where it is −∞ stay there. ``phi``, shape (w, h), holds the values of the h
+        hyper-parameters at the points. `log_density` explains ``smooth`` and the probability that
+        is added if the field ``truncated`` is true.
+        """
+        log_density = np.array(log_prior)
         finite = np.isfinite(log_density)
         if not finite.any():
-            return np.asarray(log_density)
+            return log_density
         if not self.truncated:
-            phi = self.bound.hyper_prior.phi(free[finite])
-            log_density[finite] += self.bound.log_evidence(phi)
-            return np.asarray(log_density)
-        log_evidence, conditional = self.given(free[finite])
+            log_density[finite] += self.bound.log_evidence(phi[finite])
+            return log_density
+        log_evidence, conditional = self.bound.given(phi[finite])
         if smooth:
             log_probability = conditional.orthant.log_bound
         else:
             log_probability = conditional.orthant.log_probability(seed=self._seed)[0]
         log_density[finite] += log_evidence + log_probability
-        return np.asarray(log_density)
+        return log_density
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Return weighted values of the hyper-parameters φ (nodes) that represent their posterior.
@@ -292,13 +306,19 @@ class HyperPosterior:
         If the attribute ``truncated`` is True, the posterior density of φ has the factor P(φ): the
         probability, given φ and the readings, that no compliance is negative. First, nodes are
         computed for the density without this factor, and their weights are multiplied by P(φ). If
-        the error of the integral over these nodes exceeds the tolerance, a second set of nodes is
-        computed, for the density with an upper bound B(φ) in place of P(φ). The weights of this set
-        are multiplied by P(φ) / B(φ). The set with the smaller error is returned.
+        the error of the integral over these nodes exceeds the tolerance, new nodes are computed
+        from a proposal that is fitted to these weights (`_resample_truncated`). If their error is
+        too large, too, nodes are computed for the density with an upper bound B(φ) in place of
+        P(φ). The weights of these nodes are multiplied by P(φ) / B(φ). The set with the smaller
+        error is returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
-        nodes = self.truncate(self._untruncated_integral(tolerance), tolerance)
+        integral = self._untruncated_integral(tolerance)
+        resampled = self._resample_truncated(integral, tolerance)
+        if resampled is not None:
+            return resampled
+        nodes = self.truncate(integral, tolerance)
         if nodes.integral.error <= tolerance and not nodes.meet(tolerance):
             nodes = self.truncate(self._untruncated_integral(_NODES_SHARE * tolerance), tolerance)
         if nodes.integral.error <= tolerance:
@@ -345,6 +365,62 @@ class HyperPosterior:
         ``tolerance`` is the error allowed in the log integral [nat].
         """
         return self.without_truncation.nodes(tolerance).integral
+
+    def _resample_truncated(self, integral: Integral, tolerance: float) -> Nodes | None:
+        """Return nodes for the density with truncation, from nodes of the one without, if possible.
+
+        Nodes are weighted values of the hyper-parameters φ (such as the standard deviation of the
+        noise). P(T | y, φ) is the probability, given the readings y and φ, of the condition T that
+        no compliance is negative. ``integral`` holds the nodes of the density that allows negative
+        compliances. If P(T | y, φ) at a few of these nodes suffices for the ``tolerance``, they are
+        returned with weights multiplied by P(T | y, φ). If it does not, a proposal is fitted to
+        these weights, and new nodes are drawn from it for the density with a smooth upper bound in
+        place of P(T | y, φ). At a few of the new nodes, the bound is then replaced by P(T | y, φ).
+        The result is None if the new nodes do not reach the tolerance either, or if no nodes could
+        be drawn.
+        """
+        attempt = None
+        for attempt in RatioSampler(integral).attempts(
+            lambda index: self._log_values(integral, index, tolerance)
+        ):
+            if attempt.error <= tolerance:
+                return Nodes(self, attempt.integral, attempt.value_error)
+            if attempt.least_error > tolerance:
+                break
+        is_sample = integral.proposal is not None
+        if attempt is None or not is_sample or not np.isfinite(attempt.error):
+            return None
+        sample = sample_similar(
+            self._smooth_log_density,
+            self._scores.from_free(attempt.integral),
+            tolerance=_SHARE_OF_RESAMPLED * tolerance,
+            seed=self._seed,
+        )
+        resampled = self._scores.to_free(sample)
+        sampled = RatioSampler(resampled).integrate(
+            lambda index: self._log_values(resampled, index, tolerance, bounded=True), tolerance
+        )
+        if sampled is None:
+            return None
+        return Nodes(self, sampled.integral, sampled.value_error)
+
+    def _log_values(
+        self, integral: Integral, index: Index, tolerance: float, *, bounded: bool = False
+    ) -> LogValues:
+        """Return the log posterior density with truncation at k nodes, and its common error.
+
+        Nodes are values of the hyper-parameters; ``index``, shape (k,), holds their indices in
+        ``integral``. The log density is the one stored in ``integral`` plus ln P, where P is the
+        probability that no compliance is negative. If ``bounded`` is true, the density in
+        ``integral`` contains an upper bound of P, and the log of this bound is subtracted.
+        ``tolerance`` is the error allowed in the log integral [nat].
+        """
+        orthant = self.given(integral.free[index])[1].orthant
+        probability = _log_probability(orthant, tolerance, self._seed)
+        log_density = integral.log_density[index] + probability.log_value
+        if bounded:
+            log_density = log_density - orthant.log_bound
+        return LogValues(log_density, probability.common_error)
 
     def truncate(
         self,
@@ -647,8 +723,8 @@ class HyperPosterior:
         density is the probability that no compliance is negative. The smooth density has a smooth
         upper bound in place of this probability.
         """
-        free, log_jacobian = self._scores.free_with_jacobian(scores)
-        return np.asarray(self.log_density(free, smooth=True) + log_jacobian)
+        phi = self.bound.hyper_prior.phi(self._scores.free(scores))
+        return self._add_likelihood(self._scores.log_prior(scores), phi, smooth=True)
 
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
         """Return the gradient and the Hessian of the smooth log density at a point.

@@ -34,6 +34,8 @@ _LEAST_DISTANCE = 1e-300
 # then be inaccurate. The distance between them is computed instead as the prior probability of the
 # interval divided by the prior density at the bound.
 _NEAR_BOUND = -20.0
+# Normal score of a value whose log prior probability of smaller values is ``_NEAR_BOUND``.
+_SCORE_NEAR_BOUND = float(ndtri_exp(_NEAR_BOUND))
 # The logarithm of a probability is taken to be at most this value, so that the normal quantile at
 # this probability is finite.
 _LARGEST_LOG_PROBABILITY = -1e-300
@@ -159,13 +161,13 @@ class NormalScores:
         restricted = scores[..., self._has_normal_prior]
         log_density_at_lower, log_density_at_upper = self._log_density_at_bounds
         above = np.log(np.maximum(values - lower, _LEAST_DISTANCE))
-        log_below_score = log_ndtr(restricted)
-        near_lower = log_below_score < _NEAR_BOUND
-        above = np.where(near_lower, log_below_score - log_density_at_lower, above)
         below = np.log(np.maximum(upper - values, _LEAST_DISTANCE))
-        log_above_score = log_ndtr(-restricted)
-        near_upper = log_above_score < _NEAR_BOUND
-        below = np.where(near_upper, log_above_score - log_density_at_upper, below)
+        near_lower = restricted < _SCORE_NEAR_BOUND
+        of_lower = np.broadcast_to(log_density_at_lower, near_lower.shape)[near_lower]
+        above[near_lower] = log_ndtr(restricted[near_lower]) - of_lower
+        near_upper = restricted > -_SCORE_NEAR_BOUND
+        of_upper = np.broadcast_to(log_density_at_upper, near_upper.shape)[near_upper]
+        below[near_upper] = log_ndtr(-restricted[near_upper]) - of_upper
         return above, np.where(np.isfinite(upper), below, 0.0)
 
     def free(self, scores: Array) -> Array:
@@ -241,6 +243,20 @@ class NormalScores:
         to_upper = np.where(bounded, log_density_at_upper, np.inf)
         return log_density_at_lower + above, to_upper + below
 
+    def log_prior(self, scores: Array) -> Array:
+        """Return the log prior density of normal scores, shape (...).
+
+        ``scores``, shape (..., h), holds the normal scores of the h hyper-parameters. Their prior
+        is standard normal. For the noise factor λ of a circle, ln λ takes the place of the normal
+        score, and the density is that of ln λ. The result is −inf where λ is so small that λ⁻²
+        overflows.
+        """
+        restricted = scores[..., self._has_normal_prior]
+        log_normal = -0.5 * restricted**2 - 0.5 * np.log(2.0 * np.pi)
+        of_noise = self.prior.log_density_of_log_noise(scores[..., ~self._has_normal_prior])
+        total: Array = log_normal.sum(axis=-1) + of_noise.sum(axis=-1)
+        return total
+
     def log_jacobian(self, scores: Array) -> Array:
         """Return the log Jacobian of the unbounded coordinates with respect to scores, shape (...).
 
@@ -271,6 +287,24 @@ class NormalScores:
             free=free,
             log_density=integral.log_density - log_jacobian,
             log_volume=integral.log_volume + log_jacobian,
+            proposal=proposal,
+        )
+
+    def from_free(self, integral: Integral) -> Integral:
+        """Convert the nodes of an integral from unbounded coordinates to normal scores.
+
+        This is the inverse of `to_free`. Nodes are weighted values of the hyper-parameters.
+        """
+        scores = self.scores(integral.free)
+        log_jacobian = self.log_jacobian(scores)
+        proposal = integral.proposal
+        if isinstance(proposal, _FreeProposal):
+            proposal = proposal.of_scores
+        return replace(
+            integral,
+            free=scores,
+            log_density=integral.log_density + log_jacobian,
+            log_volume=integral.log_volume - log_jacobian,
             proposal=proposal,
         )
 

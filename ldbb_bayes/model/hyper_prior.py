@@ -218,12 +218,12 @@ class HyperPrior:
         return total
 
     def log_density_of_log_noise(self, log_noise: Array) -> Array:
-        """Return the log prior density of ln λ at w values of ln λ, shape (w,).
+        """Return the log prior density of ln λ at values of ln λ, an array of the same shape.
 
         λ is the factor that multiplies the noise of a circle, and ln λ is its unbounded coordinate.
-        ``log_noise``, shape (w,), holds the values of ln λ.
         """
-        noise_factor = np.exp(log_noise)[:, None]
+        with np.errstate(over="ignore"):
+            noise_factor = np.exp(log_noise)[..., None]
         return self._log_density_of_noise_factors(noise_factor) + log_noise
 
     def free(self, phi: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import arviz_stats.base
@@ -12,12 +13,13 @@ import emcee
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.special import gammaln
+from scipy.special import gammaln, stdtrit
 
 from ldbb_bayes.inference.diagnostics import pareto_k
-from ldbb_bayes.inference.importance_sampling import importance_sample
+from ldbb_bayes.inference.importance_sampling import importance_sample, sample_similar
 from ldbb_bayes.inference.integrals import Integral, _sorted_by_coordinates
 from ldbb_bayes.inference.lattice import _grid_point_ids, grow_lattice
+from ldbb_bayes.inference.mixture_proposals import Mixture, _lower_quantiles
 from ldbb_bayes.inference.quadrature import integrate
 from ldbb_bayes.model.newton import central_differences, newton
 
@@ -455,3 +457,45 @@ def test_the_tail_of_weights_is_judged_as_arviz_does(shape: float) -> None:
     expected = float(arviz_stats.base.array_stats.psislw(-log_weight)[1])
     assert pareto_k(log_weight) == pytest.approx(expected, abs=0.02)
     assert pareto_k(np.zeros(100)) == -np.inf
+
+
+def test_quantiles_of_student_t_are_those_of_scipy() -> None:
+    level = np.concatenate([10.0 ** np.linspace(-15.0, -0.31, 400), [0.5]])
+    for freedom in (3.0, 5.0, 9.0, 20.0):
+        quantiles = _lower_quantiles(np.full(len(level), freedom), level)
+        np.testing.assert_allclose(quantiles, stdtrit(freedom, level), rtol=1e-9, atol=1e-12)
+
+
+def test_components_that_share_coordinates_have_the_density_of_their_own() -> None:
+    sample = importance_sample(*case(banana, 6, 0), tolerance=0.1)
+    proposal = sample.proposal
+    assert isinstance(proposal, Mixture)
+    apart = [
+        np.log(share) + component.log_density(sample.free)
+        for share, component in zip(proposal.share, proposal.components, strict=True)
+    ]
+    np.testing.assert_allclose(proposal.by_component(sample.free), apart, rtol=1e-12)
+
+
+@pytest.mark.parametrize("h", [6, 16])
+def test_a_sample_serves_for_a_similar_density(h: int) -> None:
+    """The nodes of a normal density serve for one that is shifted and narrower."""
+
+    def log_density(points: Array) -> Array:
+        return -0.5 * (points**2).sum(axis=1)
+
+    def similar(points: Array) -> Array:
+        return -0.5 * ((points - 0.5) ** 2).sum(axis=1) / 0.81
+
+    earlier = importance_sample(log_density, [(np.zeros(h), np.eye(h))], tolerance=0.01)
+    weighted = replace(earlier, log_density=similar(earlier.free))
+    sample = sample_similar(similar, weighted, tolerance=0.01)
+    expected = h * (0.5 * np.log(2.0 * np.pi) + np.log(0.9))
+    assert sample.error <= 0.01
+    assert abs(sample.log_integral - expected) < 3.0 * sample.error
+
+
+def test_a_lattice_does_not_serve_for_a_similar_density() -> None:
+    log_density, modes = case(gaussian, 2, 0)
+    with pytest.raises(TypeError, match="no proposal"):
+        sample_similar(log_density, grow_lattice(log_density, modes))

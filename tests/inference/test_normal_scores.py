@@ -88,3 +88,20 @@ def test_an_integral_of_the_prior_is_one_in_both_coordinates() -> None:
     )
     log_difference = of_free.log_proposal(of_free.free) + np.log(len(of_free.free))
     assert np.abs(log_difference + of_free.log_volume).max() < 1e-5
+
+
+def test_the_log_prior_of_scores_is_that_of_free_coordinates_times_the_jacobian() -> None:
+    expected = PRIOR.log_density_of_free(SCORES.free(POINTS)) + SCORES.log_jacobian(POINTS)
+    np.testing.assert_allclose(SCORES.log_prior(POINTS), expected, atol=1e-9)
+
+
+def test_nodes_come_back_from_free_coordinates() -> None:
+    def log_density(scores: np.ndarray) -> np.ndarray:
+        return -0.5 * (scores**2).sum(axis=1)
+
+    sample = importance_sample(log_density, [(np.zeros(4), np.eye(4))], tolerance=0.1)
+    back = SCORES.from_free(SCORES.to_free(sample))
+    np.testing.assert_allclose(back.free, sample.free, atol=1e-6)
+    np.testing.assert_allclose(back.log_density, sample.log_density, atol=1e-6)
+    np.testing.assert_allclose(back.log_volume, sample.log_volume, atol=1e-6)
+    assert back.proposal is sample.proposal
