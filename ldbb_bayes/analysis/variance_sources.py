@@ -189,7 +189,7 @@ class ModelVariance:
         exactly: class names of model terms, or names of coefficients.
         """
         covariance = information.covariance(known)
-        return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
+        return _variances_of(self.weights, covariance)
 
     def _scaled(self, variance: Array) -> Array:
         """Convert variances of the linear model to variances of the posterior, shape (q,).
@@ -367,7 +367,7 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
         Linear model of the readings (`Information`), at one value of the hyper-parameters.
     """
     weights = weights_of_parameters(information)
-    sd = np.sqrt(np.einsum("qi,ij,qj->q", weights, information.covariance(), weights))
+    sd = np.sqrt(_variances_of(weights, information.covariance()))
     model = ModelVariance(1.0, bound, information, weights, bound.prior_mean, sd)
     variance = AveragedVariance((model,), len(bound.names))
     return {name: variance.sources(i, (name,)) for i, name in enumerate(bound.names)}
@@ -417,3 +417,12 @@ def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
     squared_cosine = (unit @ unit.T) ** 2
     pairs = product(patterns, patterns)
     return dict(zip(pairs, squared_cosine.ravel().tolist(), strict=True))
+
+
+def _variances_of(weights: Array, covariance: Array) -> Array:
+    """Return the variances of q weighted sums of m coefficients, shape (q,).
+
+    ``weights``, shape (q, m), holds the weights of each sum, and ``covariance``, shape (m, m), the
+    covariance of the coefficients.
+    """
+    return np.asarray(np.sum((weights @ covariance) * weights, axis=1))

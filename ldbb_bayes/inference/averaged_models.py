@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
@@ -61,6 +62,7 @@ class AveragedModel:
         return np.asarray(self.beta.std(axis=0))
 
 
+@kept
 def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
     """Return the models over which a posterior is averaged, each with its posterior draws.
 

@@ -13,7 +13,7 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.analysis.variance_sources import MODEL_CHOICE, AveragedVariance
+from ldbb_bayes.analysis.variance_sources import MODEL_CHOICE, AveragedVariance, _variances_of
 from ldbb_bayes.analysis.verdicts import (
     ParameterIdentifiability,
     SampledSd,
@@ -269,3 +269,11 @@ def test_words_for_the_choice_between_models() -> None:
 
 def test_words_of_an_averaged_verdict(verdicts: Mapping[str, ParameterIdentifiability]) -> None:
     assert all(verdict_words(entry) for entry in verdicts.values())
+
+
+def test_variances_of_sums_are_the_quadratic_forms_of_their_weights() -> None:
+    rng = np.random.default_rng(3)
+    weights = rng.normal(size=(5, 7))
+    root = rng.normal(size=(7, 7))
+    expected = np.einsum("qi,ij,qj->q", weights, root @ root.T, weights)
+    np.testing.assert_allclose(_variances_of(weights, root @ root.T), expected, rtol=1e-12)
