@@ -14,9 +14,13 @@ from ldbb_bayes.cli.values import directions_in
 from ldbb_bayes.errors import check_known
 
 if TYPE_CHECKING:
+    from ldbb_bayes.analysis.design import NextCircle
     from ldbb_bayes.cli.sources import SourceCampaign
 
 __all__ = ["next_"]
+
+# Name of the file with the sheet that tells the operator the next circle to run.
+_SHEET = "sheet.html"
 
 # Options of the command ``next``, such as --radii, whose values become arguments of `next_circle`.
 _OPTIONS = group(
@@ -45,7 +49,7 @@ def next_(
     """
     # The modules that write the texts of this command take a long time to load. They are therefore
     # imported here, and not at the top of the file.
-    from ldbb_bayes.report import next_circle_text, operator_sheet
+    from ldbb_bayes.report import next_circle_text
     from ldbb_bayes.report.translation import languages
 
     language = settings.pop("language")
@@ -53,7 +57,7 @@ def next_(
     # Before anything is computed, refuse an output folder with files that this command did not
     # write. The command writes the files named here, and a copy of the campaign from which the plan
     # was computed (the pilot of the plan). These files may be replaced.
-    output.check("campaign.toml", "next.json", operator_sheet.NAME, *pilot_of_plan(output.out))
+    output.check("campaign.toml", "next.json", _SHEET, *pilot_of_plan(output.out))
     step = lb.analysis.next_circle(model, source.campaign, **settings)
     record = {
         "schema": 1,
@@ -68,7 +72,7 @@ def next_(
         plan = step.plan()
         contents = {
             "next.json": record,
-            operator_sheet.NAME: operator_sheet.page(step, plan, language),
+            _SHEET: _operator_sheet(step, plan, language),
         }
         write_more = partial(write_campaign_into, plan)
     output.deliver(
@@ -76,8 +80,20 @@ def next_(
         (*_assumptions_of(source), *next_circle_text.parts_of(step)),
         contents,
         write_more=write_more,
-        note=f", a plan of {circle}; {operator_sheet.NAME} is for the operator",
+        note=f", a plan of {circle}; {_SHEET} is for the operator",
     )
+
+
+def _operator_sheet(step: NextCircle, plan: lb.Campaign, language: str) -> str:
+    """Return the sheet that tells the operator the next circle to run, as an HTML page.
+
+    ``plan`` is the next circle as a plan, and ``language`` the code of the sheet's language.
+    """
+    # The module that writes the sheet is imported here, and not at the top of the file, because it
+    # takes a long time to load, and only --out needs it.
+    from ldbb_bayes.report import operator_sheet
+
+    return operator_sheet.page(step, plan, language)
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:

@@ -13,10 +13,7 @@ from ldbb_bayes.report.next_circle_text import aims_passages
 from ldbb_bayes.report.passage_translation import passages_in_language
 from ldbb_bayes.results import Passage
 
-__all__ = ["NAME", "page"]
-
-# name of the file with the sheet that tells the operator the next circle to run
-NAME = "sheet.html"
+__all__ = ["page"]
 
 
 def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
