@@ -21,8 +21,8 @@ STUDIES = Path(__file__).parents[2] / "studies"
 FOLDERS = sorted(path.parent for path in STUDIES.glob("[0-9][0-9]_*/run.py"))
 IDS = [folder.name for folder in FOLDERS]
 # Time the machinery itself against other packages, feed every reader with what is broken, and
-# simulate by the exact chain. Study 14 makes plans without a search; study 15 fits too many campaigns
-# for whole posteriors.
+# simulate by the exact chain. Study 14 makes plans without a search; study 15 fits too many
+# campaigns for whole posteriors.
 BEHIND_THE_SCENES = {
     "06_validation",
     "90_speed",
