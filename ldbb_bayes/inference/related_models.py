@@ -26,6 +26,11 @@ __all__ = ["RelatedModels", "log_values"]
 # [nat].
 _SHARE_OF_TOLERANCE = 0.25
 _FINEST_TOLERANCE = 1e-3
+# If the nodes of the given model do not suffice for a related model, and the error of the given
+# model's log evidence exceeds ``_LARGEST_SHARE`` times the tolerance, its nodes are computed once
+# more, with ``_FINER`` times the tolerance.
+_LARGEST_SHARE = 0.5
+_FINER = 0.5
 
 
 class RelatedModels:
@@ -50,14 +55,15 @@ class RelatedModels:
         """Keep what is needed to use the nodes of the given model for other models.
 
         Nodes are weighted values of the hyper-parameters. ``untruncated`` are the nodes of the
-        given model, which must allow negative compliances. Their integral, a sampler of density
-        ratios at these nodes, and the names of the hyper-parameters are kept. ``tolerance`` is the
-        error allowed in every log evidence [nat].
+        given model, which must allow negative compliances. They are kept with a sampler of density
+        ratios at these nodes, and the names of the hyper-parameters. ``tolerance`` is the error
+        allowed in every log evidence [nat].
         """
-        self._integral = untruncated.integral
+        self._untruncated = untruncated
         self._ratios = RatioSampler(untruncated.integral)
         self._names = untruncated.bound.hyper_prior.names
         self._tolerance = tolerance
+        self._may_be_refined = untruncated.error > _LARGEST_SHARE * tolerance
         # Samplers of density ratios at the nodes of models for which new nodes had to be computed.
         self._further_ratios: list[RatioSampler] = []
 
@@ -85,6 +91,9 @@ class RelatedModels:
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance), False
         nodes = self._nodes_of_some(posterior, self._ratios)
+        if nodes is None and self._may_be_refined:
+            self._refine()
+            nodes = self._nodes_of_some(posterior, self._ratios)
         if nodes is not None:
             return nodes, False
         if np.isfinite(below):
@@ -99,6 +108,18 @@ class RelatedModels:
         untruncated = posterior.without_truncation.nodes(self._tolerance)
         self._further_ratios.append(RatioSampler(untruncated.integral))
         return nodes, False
+
+    def _refine(self) -> None:
+        """Replace the nodes of the given model by nodes with half of the allowed error.
+
+        The error of the given model's evidence is part of the error of every related evidence. If
+        it is nearly as large as the tolerance, new nodes would have to be computed for most of the
+        related models. Finer nodes of the given model, computed once, are enough for most of them.
+        """
+        finer = self._untruncated.posterior.nodes(_FINER * self._tolerance)
+        self._untruncated = finer
+        self._ratios = RatioSampler(finer.integral)
+        self._may_be_refined = False
 
     def _nodes_of_some(self, posterior: HyperPosterior, ratios: RatioSampler) -> Nodes | None:
         """Return nodes of an earlier model, with new weights for the posterior of another model.
@@ -124,9 +145,10 @@ class RelatedModels:
         the hyper-parameters under the other model. It is evaluated at every node; the new weights
         are computed from its values.
         """
+        integral = self._untruncated.integral
         untruncated = replace(
-            self._integral,
-            log_density=in_chunks(posterior.without_truncation.log_density, self._integral.free),
+            integral,
+            log_density=in_chunks(posterior.without_truncation.log_density, integral.free),
         )
         if posterior.truncated:
             return posterior.truncate(untruncated, self._tolerance)

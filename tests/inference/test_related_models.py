@@ -85,7 +85,7 @@ def test_evidences_of_other_campaigns(name: str, of_campaign: str) -> None:
 
 @pytest.fixture(scope="module")
 def of_linear(recovered: Campaign) -> Nodes:
-    return posterior_of(LINEAR, recovered).without_truncation.nodes(TOLERANCE)
+    return posterior_of(LINEAR, recovered).without_truncation.nodes(0.4 * TOLERANCE)
 
 
 def test_a_model_has_the_nodes_of_the_larger_model(of_linear: Nodes, recovered: Campaign) -> None:
@@ -118,6 +118,24 @@ def test_weights_at_all_nodes_are_nearly_those_of_the_sample(
     of_all = RelatedModels(of_linear, TOLERANCE).nodes(posterior)
     difference = sampled.integral.weight - of_all.integral.weight
     assert 0.5 * np.abs(difference).sum() < 0.02
+
+
+def test_coarse_nodes_of_the_larger_model_are_refined_once(recovered: Campaign) -> None:
+    """Where their error leaves no room, finer nodes serve all related models; the evidence is that
+    of the model's own nodes."""
+    coarse = posterior_of(LINEAR, recovered).without_truncation.nodes(0.05)
+    tolerance = 0.7 * coarse.error
+    related = RelatedModels(coarse, tolerance)
+    models = ("two slopes fixed", "narrow prior of slopes")
+    nodes = [related.nodes(posterior_of(RELATED[name], recovered)) for name in models]
+    assert nodes[0].integral.free is not coarse.integral.free
+    assert nodes[0].integral.free is nodes[1].integral.free
+    for name, of_model in zip(models, nodes, strict=True):
+        own = posterior_of(RELATED[name], recovered).nodes(0.25 * tolerance)
+        assert of_model.meet(tolerance)
+        assert of_model.evidence.log_value == pytest.approx(
+            own.evidence.log_value, abs=of_model.error + own.error
+        )
 
 
 def test_a_model_far_from_the_larger_one_has_nodes_of_its_own(recovered: Campaign) -> None:
