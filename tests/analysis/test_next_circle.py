@@ -190,6 +190,7 @@ def test_the_floor_is_below_what_is_expected_next(step: NextCircle) -> None:
 
 def test_the_plan_adds_to_the_circles_run(recovered: Campaign, step: NextCircle) -> None:
     assert step.plan().adds_to_pilot
+    assert step.plan().tests[0].name not in {test.name for test in recovered.tests}
     assert step.plan().pilot is not None
     assert step.plan().pilot.sha256 == recovered.sha256
 

@@ -15,7 +15,7 @@ hyper-parameters φ (such as the standard deviation of the noise) that are likel
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
@@ -153,9 +153,16 @@ class NextCircle(Result):
     chosen: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
-        """Return the best next circle as a plan, to be run in addition to the circles so far."""
+        """Return the best next circle as a plan, to be run in addition to the circles so far.
+
+        The circle has a name that no circle of the campaign has, so that its readings cannot
+        replace those of another circle.
+        """
         plan: Campaign = self.chosen.space.plan_of([self.chosen.test])
-        return plan
+        so_far = self.chosen.space.pilot.plan()
+        unnamed = replace(plan.tests[0], name="")
+        named = replace(so_far, tests=(*so_far.tests, unnamed), foreseen=()).tests[-1]
+        return replace(plan, tests=(named,))
 
 
 @one_blas_thread
