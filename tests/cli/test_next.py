@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,10 +35,11 @@ def test_a_plan_after_the_last_circle_says_that_it_is_not_needed(
 
 def test_goals_out_of_reach_are_named(folder: Path, invoke: Invoke) -> None:
     goals = ("--goal", "C_XXX=1mm/N", "--goal", "E_C0YX=0.1urad")
-    lines = invoke("next", folder, "--preset", "first", *goals)[1].splitlines()
-    assert lines[2].startswith("E_C(0Y)X is out of reach, however many are run: U of ")
-    assert lines[2].endswith(" µrad would remain, 0.10 µrad is wanted.")
-    assert "C_XXX" not in lines[2]
+    # Where lines are broken depends on the numbers in them.
+    text = " ".join(invoke("next", folder, "--preset", "first", *goals)[1].split())
+    remaining = r"E_C\(0Y\)X is out of reach, however many are run: U of [\d.]+ µrad would remain"
+    assert re.search(remaining + r", 0\.10 µrad is wanted\.", text)
+    assert "C_XXX is out of reach" not in text
 
 
 def test_a_goal_that_is_not_met_names_the_next_circle(folder: Path, invoke: Invoke) -> None:
