@@ -140,10 +140,10 @@ def sampler_alone(bound: BoundModel, sampler: str, ess: float, seed: int) -> Arr
     """From the bound model to the draws: search for the modes, nodes, proposals, burn-in and
     diagnostics included."""
     start = HyperPosterior(bound, truncated=bound.truncation.active, seed=seed)
-    _, beta, phi = run_sampler(
+    drawn = run_sampler(
         sampler, start, rule=lb.inference.StoppingRule(ess=ess), seed=np.random.SeedSequence(seed)
     )
-    return np.concatenate([beta, phi], axis=2)
+    return np.concatenate([drawn.beta, drawn.phi], axis=2)
 
 
 def whole_sample(model: lb.HybridModel, campaign: lb.Campaign, sampler: str, seed: int) -> Array:
