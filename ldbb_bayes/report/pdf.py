@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import io
 import math
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import matplotlib as mpl
 from fpdf import FPDF
 from fpdf.fonts import FontFace, TTFFont
-from fpdf.util import Padding
 
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pictures import Picture
@@ -67,70 +65,6 @@ _POWER_OF_FIGURES = 1.0
 # leave this height empty at the bottom of the page [mm]. The sheet then usually fits even if the
 # lines are broken differently than expected.
 _SPARE_HEIGHT = 1.0
-# Characters at which the library fpdf2 breaks a line: the space, the tab, and those spaces of
-# Unicode at which a break is allowed.
-_SPACE = re.compile("([ \\t\\u2000-\\u2006\\u2008-\\u200b\\u205f\\u3000])")
-# A line may exceed its width by so much before the library fpdf2 breaks it [mm].
-_TOLERANCE = 1e-9
-
-
-class _Ruler(FPDF):
-    """A PDF document that leaves the places of texts empty, and so only measures a sheet.
-
-    A sheet ends on the ruler where it ends in a PDF file. Measuring is much faster than drawing,
-    because the library fpdf2 computes the width of a line anew for each of its characters.
-    """
-
-    def multi_cell(  # type: ignore[override]
-        self, w: float, h: float, text: str, *, new_y: str, padding: Any = 0.0, **_look: Any
-    ) -> tuple[bool, float]:
-        """Move the writing position below a paragraph, if ``new_y`` is NEXT, without drawing it.
-
-        The arguments are those of ``FPDF.multi_cell``. Return whether the paragraph needs a new
-        page, which it never does, and its height [mm].
-        """
-        space = Padding.new(padding)
-        margins = (space.left or self.c_margin) + (space.right or self.c_margin)
-        height = space.top + h * _count_lines(self, text, w - margins) + space.bottom
-        if new_y == "NEXT":
-            self.y += height
-        return False, height
-
-
-def _count_lines(pdf: FPDF, text: str, width: float) -> int:
-    """Return the number of lines into which the library fpdf2 breaks a text.
-
-    Each line holds as many words as fit into ``width`` [mm]. A word that is wider than a line is
-    broken into several lines. ``pdf`` has the font of the text.
-    """
-    font = cast("TTFFont", pdf.current_font)
-
-    def width_of(part: str) -> float:
-        """Return the width of a part of the text [mm]."""
-        return font.get_text_width(part, pdf.font_size_pt, None)[1] / pdf.k
-
-    widest = width + _TOLERANCE
-    lines = 0
-    for paragraph in text.split("\n"):
-        lines += 1
-        used = 0.0
-        parts = _SPACE.split(paragraph)
-        for space, word in zip(["", *parts[1::2]], parts[::2], strict=True):
-            word_width = width_of(word)
-            used += width_of(space)
-            if not word or used + word_width <= widest:
-                used += word_width
-                continue
-            if space:
-                lines += 1
-                used = 0.0
-            for character in word:
-                character_width = width_of(character)
-                if used + character_width > widest:
-                    lines += 1
-                    used = 0.0
-                used += character_width
-    return lines
 
 
 def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
@@ -148,7 +82,7 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
     -------
     bytes
     """
-    with _document(FPDF()) as pdf:
+    with _document() as pdf:
         pdf.set_title(title)
         pdf.set_lang(language)
         pdf.set_creation_date(created)
@@ -173,7 +107,7 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
     ReportSheet
         The same sheet with a smaller font size, or the given sheet if it already fits.
     """
-    with _document(_Ruler()) as pdf:
+    with _document() as pdf:
         height = _draw_sheet(pdf, sheet, pictures=False) - _TOP
         power = _POWER_OF_TEXT
         for _ in range(_MOST_ATTEMPTS):
@@ -202,8 +136,9 @@ def _power_of_height(height_ratio: float, size_ratio: float) -> float:
 
 
 @contextmanager
-def _document(pdf: FPDF) -> Iterator[FPDF]:
-    """Give a PDF document margins and fonts, yield it, and close its font files after use."""
+def _document() -> Iterator[FPDF]:
+    """Yield an empty PDF document with margins and fonts, and close its font files after use."""
+    pdf = FPDF()
     pdf.set_auto_page_break(False)
     pdf.set_margins(_LEFT, _TOP, _LEFT)
     fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
