@@ -22,9 +22,9 @@ __all__ = ["SmoothedTail", "smooth_tail"]
 
 # A tail has three times the square root of the number of draws, or a fifth of the draws if there
 # are at most ``_FEW_DRAWS``; for 225 draws, the two numbers agree. No tail is fitted to fewer than
-# ``_SHORTEST_TAIL`` draws.
+# ``_SHORTEST_TAIL`` draws: the lower quartile of fewer is the smallest of them.
 _FEW_DRAWS = 225
-_SHORTEST_TAIL = 5
+_SHORTEST_TAIL = 6
 # The fit averages over values of the parameter b of the generalised Pareto distribution. There are
 # ``_FEWEST_VALUES`` of them, plus the square root of the number of draws in the tail. They are
 # scaled by this multiple of the lower quartile of the tail.
@@ -79,11 +79,15 @@ def _fit_pareto(excess: Array) -> tuple[float, float]:
     The distribution starts at zero. Its density is (1 + k x/σ)^(−1/k − 1) / σ for the shape k and
     the scale σ. For given b = −k/σ, the likelihood is largest at k = mean ln(1 − b x). b is the
     mean of its posterior with this k and a prior that follows from the lower quartile of the
-    numbers. ``excess``, shape (n,), holds the numbers in ascending order.
+    numbers. ``excess``, shape (n,), holds the numbers in ascending order. Shape and scale are NaN
+    if a quarter of the numbers are equal to the smallest one: they are not from a Pareto
+    distribution.
     """
     n = len(excess)
-    values = _FEWEST_VALUES + int(np.sqrt(n))
     lower_quartile = excess[int(n / 4 + 0.5) - 1]
+    if lower_quartile <= excess[0]:
+        return np.nan, np.nan
+    values = _FEWEST_VALUES + int(np.sqrt(n))
     b = 1.0 - np.sqrt(values / (np.arange(values) + 0.5))
     b = b / (_QUARTILES * lower_quartile) + 1.0 / excess[-1]
     shape = np.log1p(-b[:, None] * excess).mean(axis=1)
