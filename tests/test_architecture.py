@@ -155,6 +155,14 @@ def test_the_package_itself_loads_no_library() -> None:
     assert output.strip() == "False"
 
 
+def test_the_operators_sheet_loads_no_library_for_figures() -> None:
+    """It draws nothing: translations of texts and of figures are modules of their own."""
+    code = "import sys, ldbb_bayes.report.operator_sheet; print('matplotlib' in sys.modules)"
+    command = [sys.executable, "-c", code]
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert output.strip() == "False"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "command",

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from ldbb_bayes.report.annex_translation import AnnexTranslation, catalogue_of
+from ldbb_bayes.report.text_translation import TextTranslation, catalogue_of
 from ldbb_bayes.report.translation import words_of
 
 __all__ = ["OwnWords", "in_language", "is_own_text"]
@@ -150,7 +150,7 @@ def in_language(message: str, language: str, names: Iterable[str] = ()) -> str |
     # the original message, which is needed because some texts in the catalogues contain quotation
     # marks.
     for text in (own_words.hide(message), message):
-        translation = AnnexTranslation(words_of(language), catalogue, kept)
+        translation = TextTranslation(words_of(language), catalogue, kept)
         translated = translation.text(text)
         if not translation.missing:
             return own_words.show(translated)

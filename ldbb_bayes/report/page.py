@@ -25,7 +25,7 @@ from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.annex_translation import annex_translation
+from ldbb_bayes.report.annex_translation import annex_translation, section_in_language
 from ldbb_bayes.report.blocks import Banner, Block, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.dcc_export import write_dcc
 from ldbb_bayes.report.findings import (
@@ -189,7 +189,7 @@ def _in_language(document: Document, names: frozenset[str]) -> Document:
         title=translation.text(document.title),
         lines=tuple(translation.text(line) for line in document.lines),
         alerts=tuple(translation.text(alert) for alert in document.alerts),
-        sections=tuple(translation.section(section) for section in document.sections),
+        sections=tuple(section_in_language(part, translation) for part in document.sections),
     )
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import cast
 
-from ldbb_bayes.report.annex_translation import AnnexTranslation, catalogue_of
-from ldbb_bayes.report.sections import Section
+from ldbb_bayes.report.text_translation import TextTranslation, catalogue_of
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Passage
 
@@ -43,8 +41,7 @@ def passages_in_language(
     translation = _translation(language, names)
     if translation is None:
         return tuple(passages)
-    section = translation.section(Section("goal_design", "", tuple(passages)))
-    return cast("tuple[Passage, ...]", section.content)
+    return tuple(translation.passage(passage) for passage in passages)
 
 
 def untranslated_texts(
@@ -60,11 +57,12 @@ def untranslated_texts(
     translation = _translation(language, names)
     if translation is None:
         return set()
-    translation.section(Section("goal_design", "", tuple(passages)))
+    for passage in passages:
+        translation.passage(passage)
     return translation.missing
 
 
-def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None:
+def _translation(language: str, names: Iterable[str]) -> TextTranslation | None:
     """Return an object that translates texts about planned circles into a language.
 
     None is returned if the language has no catalogues (files of translated texts). ``names`` are
@@ -75,4 +73,4 @@ def _translation(language: str, names: Iterable[str]) -> AnnexTranslation | None
     if catalogue is None:
         return None
     kept = frozenset(name for text in names for name in (text, repr(text)))
-    return AnnexTranslation(words_of(language), catalogue, kept)
+    return TextTranslation(words_of(language), catalogue, kept)

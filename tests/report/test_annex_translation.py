@@ -14,10 +14,11 @@ from reports import awkward, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.report import page, wording
-from ldbb_bayes.report.annex_translation import AnnexTranslation, annex_translation, has_english
+from ldbb_bayes.report.annex_translation import annex_translation, section_in_language
 from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.page import compose, html_page
 from ldbb_bayes.report.sections import Section
+from ldbb_bayes.report.text_translation import TextTranslation, has_english
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Table
 
@@ -52,7 +53,7 @@ def catalogue() -> dict[str, str]:
     return entries
 
 
-def german(*names: str) -> AnnexTranslation:
+def german(*names: str) -> TextTranslation:
     translation = annex_translation(words_of("de"), frozenset(names))
     assert translation is not None
     return translation
@@ -160,7 +161,7 @@ def test_symbols_are_no_english(text: str) -> None:
 def test_the_glossary_is_in_alphabetical_order_in_german() -> None:
     rows = [("stiffness", "1"), ("slope", "2"), ("share", "3"), ("reference force F0", "4")]
     table = Table.of("Glossary", ["term", "meaning"], rows)
-    section = german().section(Section("glossary", "Glossary", (table,)))
+    section = section_in_language(Section("glossary", "Glossary", (table,)), german())
     (translated,) = section.content
     assert isinstance(translated, Table)
     terms = [str(row[0]) for row in translated.rows]
@@ -171,12 +172,12 @@ def test_the_glossary_is_in_alphabetical_order_in_german() -> None:
 
 
 @pytest.fixture
-def translations(monkeypatch: pytest.MonkeyPatch) -> list[AnnexTranslation]:
+def translations(monkeypatch: pytest.MonkeyPatch) -> list[TextTranslation]:
     """The translations that pages are made with, in the order of the pages."""
     undrawn(monkeypatch)
-    made: list[AnnexTranslation] = []
+    made: list[TextTranslation] = []
 
-    def translation_of(*arguments: Any) -> AnnexTranslation | None:
+    def translation_of(*arguments: Any) -> TextTranslation | None:
         translation = annex_translation(*arguments)
         if translation is not None:
             made.append(translation)
@@ -188,7 +189,7 @@ def translations(monkeypatch: pytest.MonkeyPatch) -> list[AnnexTranslation]:
 
 @pytest.mark.parametrize("degree", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_a_german_page_has_no_english_text(
-    degree: int, translations: list[AnnexTranslation]
+    degree: int, translations: list[TextTranslation]
 ) -> None:
     posterior = fitted(lb.HybridModel.first(degree), simulated(plan()))
     reason = wording.NO_ANNEX
@@ -202,7 +203,7 @@ def test_a_german_page_has_no_english_text(
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["degree 2", "unconverged", "paper", "two tests"])
 def test_awkward_german_pages_have_no_english_text(
-    kind: str, translations: list[AnnexTranslation]
+    kind: str, translations: list[TextTranslation]
 ) -> None:
     reason = wording.NO_ANNEX
     compose(findings_of_fit(awkward(kind), comparison=reason, recommended=reason), language="de")
@@ -211,7 +212,7 @@ def test_awkward_german_pages_have_no_english_text(
 
 @pytest.mark.slow
 def test_a_german_page_with_comparison_and_design_has_no_english_text(
-    translations: list[AnnexTranslation],
+    translations: list[TextTranslation],
 ) -> None:
     posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
     html = html_page(compose(findings_of_fit(posterior), language="de"))
