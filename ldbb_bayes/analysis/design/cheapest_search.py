@@ -19,7 +19,12 @@ import numpy as np
 
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.costs import Costs
-from ldbb_bayes.analysis.design.forecast import StatedByMachines, stated_by_machines
+from ldbb_bayes.analysis.design.forecast import (
+    SimulatedAnalyses,
+    StatedByMachines,
+    simulate_analyses,
+    stated_by_machines,
+)
 from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.results import Array
@@ -76,6 +81,8 @@ class FoundCampaign:
     #: the campaign as a plan: its tests in the order in which to run them, and the instrument with
     #: its certificates
     plan: Campaign
+    #: analyses of the campaign, simulated on the possible machines
+    analyses: SimulatedAnalyses
     #: standard uncertainties to expect for the parameters on every possible machine
     stated: StatedByMachines
 
@@ -112,8 +119,8 @@ def judge_plan(
     with 64 machines.
     """
     plan = family.plan_of(tests)
-    stated = stated_by_machines(family.space.model, plan, machines=machines)
-    return FoundCampaign(family, tuple(tests), plan, stated)
+    analyses = simulate_analyses(family.space.model, plan, machines=machines)
+    return FoundCampaign(family, tuple(tests), plan, analyses, stated_by_machines(analyses))
 
 
 def _log_ratios_to_goals(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:

@@ -37,12 +37,14 @@ from ldbb_bayes.results import Array, Finite, Result
 __all__ = [
     "Expected",
     "Forecast",
+    "SimulatedAnalyses",
     "Slopes",
     "StatedByMachines",
     "expected_uncertainties",
     "forecast_plan",
     "forecast_tests",
     "posteriors",
+    "simulate_analyses",
     "stated_by_machines",
     "stated_variances",
     "states_of",
@@ -139,6 +141,50 @@ class Slopes:
     size: float = 1.0
 
 
+@dataclass(frozen=True, eq=False)
+class SimulatedAnalyses:
+    """Analyses of planned tests that are simulated on K possible machines.
+
+    A possible machine is a random draw of the parameters and hyper-parameters.
+    """
+
+    #: model applied to the tests that have already been run, followed by the planned tests
+    bound: BoundModel
+    run: int  #: number of tests that have already been run
+    #: the K possible machines before the planned tests, and what is known about them
+    states: States
+    #: the same K possible machines, with the prior that each analysis uses. The prior sd of a slope
+    #: (change of a compliance with force) depends on the compliance that the analysis estimates.
+    states_of_analyses: States
+    #: covariances of the p parameters that the analysis of each machine finds for n random draws
+    #: from the posterior of the hyper-parameters, shape (K, n, p, p), in units of the prior
+    #: standard deviations of ``bound``. They are computed as if compliances could be negative.
+    covariance: Array
+
+
+@one_blas_thread
+def simulate_analyses(
+    model: HybridModel, plan: Campaign, *, machines: int | None = None
+) -> SimulatedAnalyses:
+    """Simulate the analyses of the tests of a plan, whose readings are not known yet.
+
+    Parameters
+    ----------
+    model
+        Model for the analysis of the plan's tests. It must have proper priors.
+    plan
+        Plan. Before it is run, the machine is known only from the readings of the plan's pilot (the
+        campaign that the plan starts from) or, if there are none, from the prior.
+    machines
+        Number of possible machines, which are drawn from the posterior or prior. Default: 64.
+    """
+    run = 0
+    if plan.pilot is not None and plan.adds_to_pilot:
+        run = len(plan.pilot.tests)
+    states = states_of(model, plan, machines)
+    return _simulated_analyses(bind_plan(model, plan), states, run)
+
+
 @one_blas_thread
 def forecast_plan(
     model: HybridModel,
@@ -146,6 +192,7 @@ def forecast_plan(
     *,
     slopes: Slopes | None = None,
     machines: int | None = None,
+    analyses: SimulatedAnalyses | None = None,
 ) -> Forecast:
     """Return the forecast of a plan: expected uncertainties, information gain and evidence.
 
@@ -163,6 +210,9 @@ def forecast_plan(
     machines : int, optional
         Number of possible machines that the forecast averages over. A smaller number is faster and
         less exact. Default: 64.
+    analyses : SimulatedAnalyses, optional
+        Analyses of the plan's tests, if they have already been simulated with this model. Default:
+        they are simulated.
 
     Returns
     -------
@@ -175,6 +225,10 @@ def forecast_plan(
     >>> forecast.expected["C_XXX"].sd < forecast.expected["C_XXX"].likely_sd
     True
     """
+    if analyses is not None:
+        return forecast_tests(
+            analyses.bound, analyses.states, run=analyses.run, slopes=slopes, analyses=analyses
+        )
     run = 0
     if plan.pilot is not None and plan.adds_to_pilot:
         run = len(plan.pilot.tests)
@@ -198,32 +252,14 @@ class StatedByMachines:
 
 
 @one_blas_thread
-def stated_by_machines(
-    model: HybridModel, plan: Campaign, *, machines: int | None = None
-) -> StatedByMachines:
-    """Return the standard uncertainties that an analysis would give on n possible machines.
+def stated_by_machines(analyses: SimulatedAnalyses) -> StatedByMachines:
+    """Return the standard uncertainties that simulated analyses give on the possible machines.
 
-    The analysis uses the readings of the tests of ``plan``, which are not known yet.
-    `forecast_plan` returns the medians of these uncertainties over the machines. The model must
-    have proper priors.
-
-    Parameters
-    ----------
-    model
-        Model for the analysis of the plan's tests.
-    plan
-        Plan. Before it is run, the machine is known only from the readings of the plan's pilot (the
-        campaign that the plan starts from) or, if there are none, from the prior.
-    machines
-        Number n of possible machines, which are drawn from the posterior or prior. Default: 64.
+    `forecast_plan` returns the medians of these uncertainties over the machines.
     """
-    run = 0
-    if plan.pilot is not None and plan.adds_to_pilot:
-        run = len(plan.pilot.tests)
-    states = states_of(model, plan, machines)
-    bound = bind_plan(model, plan)
-    states, covariance = _simulated_analyses(bound, states, run)
-    covariance = covariance * np.outer(bound.scale, bound.scale)
+    bound = analyses.bound
+    states = analyses.states_of_analyses
+    covariance = analyses.covariance * np.outer(bound.scale, bound.scale)
     variances = stated_variances(bound, states, covariance)
     beta = states.beta[_is_possible(bound, states)]
     repetitions = len(variances) // len(beta)
@@ -250,6 +286,7 @@ def forecast_tests(
     run: int = 0,
     slopes: Slopes | None = None,
     known_scales: bool = False,
+    analyses: SimulatedAnalyses | None = None,
 ) -> Forecast:
     """Return the forecast of planned tests.
 
@@ -270,6 +307,8 @@ def forecast_tests(
         Whether to assume that the analysis knows the hyper-parameters (such as the standard
         deviation of the noise), and that the noise has the same size in all circles. Default: the
         analysis estimates the hyper-parameters from its readings.
+    analyses
+        Simulated analyses of the tests, if they are already known. Default: they are simulated.
 
     Returns
     -------
@@ -280,11 +319,13 @@ def forecast_tests(
     if posterior is None:
         return _undetermined_forecast(bound)
     covariance = posterior.covariance
-    believed = covariance[:, None]
-    states_of_analyses = states
-    if not (known_scales or bound.model.prior.flat):
-        states_of_analyses, believed = _simulated_analyses(bound, states, run)
-    expected = expected_uncertainties(bound, states_of_analyses, covariance, believed, floor)
+    if known_scales or bound.model.prior.flat:
+        analyses = SimulatedAnalyses(bound, run, states, states, covariance[:, None])
+    elif analyses is None:
+        analyses = _simulated_analyses(bound, states, run)
+    expected = expected_uncertainties(
+        bound, analyses.states_of_analyses, covariance, analyses.covariance, floor
+    )
     if bound.model.prior.flat:
         return Forecast(expected, np.inf, None)
     information_gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
@@ -312,26 +353,27 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     return np.asarray(covariance.reshape(len(phi), _BELIEFS, p, p))
 
 
-def _simulated_analyses(bound: BoundModel, states: States, run: int) -> tuple[States, Array]:
-    """Return the states before the tests, and the covariances that the analyses of the tests state.
+def _simulated_analyses(bound: BoundModel, states: States, run: int) -> SimulatedAnalyses:
+    """Simulate the analyses of planned tests on the possible machines ``states``.
 
-    See `_believed_covariance` for the arguments and for the covariances. The prior sd of a slope
-    (change of a compliance with force) is proportional to the estimated magnitude of its
-    compliance. ``bound`` takes this estimate from the campaign that the design starts from. An
-    analysis of the tests estimates the compliances anew, from its own readings, so that its priors
-    of the slopes differ. Both results have these new priors.
+    The prior sd of a slope (change of a compliance with force) is proportional to the estimated
+    magnitude of its compliance. ``bound``, the model applied to the tests, takes this estimate from
+    the campaign that the design starts from. An analysis of the tests estimates the compliances
+    anew, from its own readings, so that its priors of the slopes differ. Covariances and states of
+    the result have these new priors. ``run`` is the number of tests of ``bound`` that have already
+    been run; they come first.
     """
     covariance = _believed_covariance(bound, states, run)
     prior = bound.model.prior
     if prior.flat or not prior.slopes_of_estimate or bound.model.degree == 0:
-        return states, covariance
+        return SimulatedAnalyses(bound, run, states, states, covariance)
     added = _precision_added_by_slope_priors(bound, states, covariance)
     scale = bound.scale
     matrix = np.eye(len(scale)) * added[:, None]
     precision = matrix / np.outer(scale, scale)
     before = states.before + Gaussian(precision, precision @ bound.prior_mean)
     covariance = np.linalg.inv(np.linalg.inv(covariance) + matrix[:, None])
-    return replace(states, before=before), covariance
+    return SimulatedAnalyses(bound, run, states, replace(states, before=before), covariance)
 
 
 def _precision_added_by_slope_priors(bound: BoundModel, states: States, covariance: Array) -> Array:

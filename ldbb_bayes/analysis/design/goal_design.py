@@ -516,7 +516,8 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
     """
     family = campaign.family
     shares = shares_of_machines(campaign.stated, goals)
-    expected = forecast_plan(family.space.model, campaign.plan).expected
+    forecast = forecast_plan(family.space.model, campaign.plan, analyses=campaign.analyses)
+    expected = forecast.expected
     forecasts = {}
     for name in goals:
         entry = expected[name]
