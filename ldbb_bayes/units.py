@@ -19,6 +19,7 @@ __all__ = [
     "DISPLAY_UNITS",
     "UNITS_TO_WRITE",
     "Statement",
+    "digits_apart",
     "display_name",
     "display_unit",
     "inside_name",
@@ -138,6 +139,10 @@ _NEAR_ZERO_SHARE = 0.2
 # The function `ranked` sorts items by a number. Numbers below this fraction of the largest number
 # are treated as zero, so that rounding errors do not affect the order.
 _ZERO_SHARE = 1e-12
+# Largest number of significant digits with which a limit and a value are told apart. If their
+# relative difference is at most ``_SAME_SIZE``, they may read alike.
+_MOST_DIGITS = 6
+_SAME_SIZE = 1e-5
 # A credible interval is treated as skewed if the distance between the mean and the middle of the
 # interval is above this fraction of half the interval's width.
 _SKEWED_SHARE = 0.2
@@ -426,6 +431,40 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
         return "–"
     sign = "−" if value < 0 else ""
     return sign + round_uncertainty(abs(value) * factor)[0]
+
+
+def digits_apart(limit: float, values: Iterable[float], factor: float = 1.0) -> list[str]:
+    """Return a limit and values as texts in which no value that differs from the limit reads as it.
+
+    Each text has two significant digits, or as many more as are needed, at most six.
+
+    Parameters
+    ----------
+    limit
+        Limit, above zero.
+    values
+        Values to be compared with the limit.
+    factor
+        Factor from the unit of the values to the unit shown.
+
+    Returns
+    -------
+    list
+        Text of the limit, followed by the text of each value.
+
+    Examples
+    --------
+    >>> from ldbb_bayes.units import digits_apart
+    >>> digits_apart(5.4e-6, [5.43e-6, 9.27e-6], factor=1e6)
+    ['5.40', '5.43', '9.27']
+    """
+    sizes = [limit * factor, *(value * factor for value in values)]
+    differing = [size for size in sizes if not math.isclose(size, sizes[0], rel_tol=_SAME_SIZE)]
+    for digits in range(2, _MOST_DIGITS + 1):
+        text_of_limit = round_uncertainty(sizes[0], digits)[0]
+        if all(round_uncertainty(size, digits)[0] != text_of_limit for size in differing):
+            break
+    return [round_uncertainty(size, digits)[0] for size in sizes]
 
 
 def three_digits(value: float) -> str:

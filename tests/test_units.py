@@ -112,6 +112,13 @@ def test_two_significant_digits(value: float, uncertainty: float, expected: list
     assert list(units.value_and_uncertainty(value, uncertainty)) == expected
 
 
+@given(st.floats(1e-3, 1e3), st.floats(1.0001, 10.0))
+def test_a_value_above_a_limit_reads_as_above_it(limit: float, ratio: float) -> None:
+    texts = units.digits_apart(limit, [ratio * limit, limit])
+    assert float(texts[0]) < float(texts[1])
+    assert texts[2] == texts[0]
+
+
 def test_units_and_names() -> None:
     refuses("unit must be one of", units.display_unit, "furlong")
     names = ("E_C0YX", "E_A0YZ", "E_Xt0", "C_XXX_1", "C_ZZA", "C_XYX")

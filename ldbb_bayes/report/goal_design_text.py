@@ -7,7 +7,7 @@ from typing import Any
 from ldbb_bayes.analysis.design import GoalDesign, GoalPlan
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
-from ldbb_bayes.units import display_name, display_unit, two_digits
+from ldbb_bayes.units import digits_apart, display_name, display_unit, two_digits
 
 __all__ = ["parts_of"]
 
@@ -51,19 +51,20 @@ def _goals_table(result: GoalDesign) -> Table:
     rows = []
     for name, stated in result.goals.items():
         factor, unit = display_unit(stated.goal.unit)
-        sizes = [two_digits(stated.limit_U, factor), two_digits(stated.U, factor)]
-        expected = "–"
+        sizes = [stated.U]
+        expected = ""
         if stated.met_by_pilot:
             expected = "met already"
         elif name in result.unreachable or not result.plans:
             expected = "not reached"
         else:
-            expected = two_digits(result.best.goals[name].likely_U, factor)
-        rows.append((display_name(name), *sizes, expected, unit))
-    now = "prior"
+            sizes.append(result.best.goals[name].likely_U)
+        limit, now, *likely = digits_apart(stated.limit_U, sizes, factor)
+        rows.append((display_name(name), limit, now, expected or likely[0], unit))
+    before = "prior"
     if result.measured:
-        now = "now"
-    heads = ("U (k = 2)", "wanted", now, "nine in ten at most", "unit")
+        before = "now"
+    heads = ("U (k = 2)", "wanted", before, "nine in ten at most", "unit")
     return Table.of("Goals", heads, rows, text=("unit", "nine in ten at most"))
 
 

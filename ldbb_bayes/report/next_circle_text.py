@@ -5,7 +5,7 @@ from __future__ import annotations
 from ldbb_bayes.analysis.design import NextCircle
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
-from ldbb_bayes.units import display_name, display_unit, two_digits
+from ldbb_bayes.units import digits_apart, display_name, display_unit, two_digits
 
 __all__ = ["aims_passages", "parts_of"]
 
@@ -41,7 +41,7 @@ def aims_passages(step: NextCircle) -> list[Passage]:
     """
     passages: list[Passage] = []
     if step.goals:
-        passages.append(_goals_table(step))
+        passages += [_goals_table(step), *wording.next_circle_goals(step)]
     if step.tolerances:
         passages.append(_tolerances_table(step))
     return [*passages, *wording.next_circle_model(step)]
@@ -57,11 +57,11 @@ def _goals_table(step: NextCircle) -> Table:
     rows = []
     for name, goal in step.goals.items():
         factor, unit = display_unit(goal.unit)
-        sizes = [two_digits(size, factor) for size in (goal.U, goal.limit)]
-        later = [two_digits(size, factor) for size in (goal.U_next, goal.U_floor)]
+        sizes = [goal.U, goal.U_next, goal.U_floor]
+        limit, now, after_next, floor = digits_apart(goal.limit, sizes, factor)
         met = wording.probability_words(goal.probability)
         met_next = wording.probability_words(goal.probability_next)
-        rows.append((display_name(name), *sizes, met, later[0], met_next, later[1], unit))
+        rows.append((display_name(name), now, limit, met, after_next, met_next, floor, unit))
     heads = ("goal for U", "now", "wanted", "met", "after the next", "met", "no less than", "unit")
     return Table.of("", heads, rows, text=("unit",))
 

@@ -28,6 +28,7 @@ from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.results import registered_function
 from ldbb_bayes.units import (
+    digits_apart,
     display_name,
     display_unit,
     is_slope,
@@ -36,6 +37,7 @@ from ldbb_bayes.units import (
     round_uncertainty,
     two_digits,
     typeset,
+    value_and_uncertainty,
     without_slopes,
 )
 
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.cures import Cure
     from ldbb_bayes.analysis.design import Design, GoalDesign, NextCircle
+    from ldbb_bayes.analysis.design.aims_so_far import GoalSoFar
+    from ldbb_bayes.analysis.design.goal_design import StatedGoal
     from ldbb_bayes.analysis.machine_description import VisibleParameter
     from ldbb_bayes.analysis.remedies import Remedy
     from ldbb_bayes.analysis.verdicts import (
@@ -108,6 +112,7 @@ __all__ = [
     "limit_words",
     "machine_sentences",
     "model_words",
+    "next_circle_goals",
     "next_circle_head",
     "next_circle_model",
     "not_modelled_sentences",
@@ -1181,36 +1186,80 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
     If some goals cannot be reached, the sentences state the reasons.
     """
     met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
+    shares = {name: stated.goal.share for name, stated in result.goals.items()}
+    units = {name: stated.goal.unit for name, stated in result.goals.items()}
+    notes = _goal_notes(result.goals, shares, units, measured=result.measured)
     obstacles = []
     for name, obstacle in result.obstacles.items():
-        factor, unit = display_unit(result.goals[name].goal.unit)
+        stated = result.goals[name]
+        factor, unit = display_unit(stated.goal.unit)
+        remaining = [obstacle.U_floor, obstacle.U_with_certificate]
+        limit, floor, with_certificate = digits_apart(stated.limit_U, remaining, factor)
         obstacles.append(
             {
                 "name": display_name(name),
-                "floor": f"{two_digits(obstacle.U_floor, factor)} {unit}",
+                "floor": f"{floor} {unit}",
+                "limit": f"{limit} {unit}",
                 "held_by": _holder_in_words(obstacle.held_by),
                 "share": f"{100.0 * obstacle.share:.0f} %",
                 "certificate": obstacle.certificate,
-                "with_certificate": f"{two_digits(obstacle.U_with_certificate, factor)} {unit}",
+                "with_certificate": f"{with_certificate} {unit}",
                 "reached": obstacle.reached,
             }
         )
     near_misses = []
     for name, near_miss in result.near_misses.items():
-        factor, unit = display_unit(result.goals[name].goal.unit)
+        stated = result.goals[name]
+        factor, unit = display_unit(stated.goal.unit)
+        limit, likely_U = digits_apart(stated.limit_U, [near_miss.likely_U], factor)
         near_misses.append(
             {
                 "name": display_name(name),
                 "circles": near_miss.circles,
-                "likely_U": f"{two_digits(near_miss.likely_U, factor)} {unit}",
-                "limit": f"{two_digits(result.goals[name].limit_U, factor)} {unit}",
+                "likely_U": f"{likely_U} {unit}",
+                "limit": f"{limit} {unit}",
                 "probability": f"{100.0 * near_miss.probability:.0f} %",
                 "held_by": _holder_in_words(near_miss.held_by),
                 "share": f"{100.0 * near_miss.share:.0f} %",
                 "certificate": near_miss.certificate,
             }
         )
-    return _sentences("goal_design_sentences", result, met, obstacles, near_misses)
+    return notes + _sentences("goal_design_sentences", result, met, obstacles, near_misses)
+
+
+def _goal_notes(
+    goals: Mapping[str, StatedGoal | GoalSoFar],
+    shares: Mapping[str, float | None],
+    units: Mapping[str, str],
+    *,
+    measured: bool,
+) -> tuple[str, ...]:
+    """Return sentences on the numbers of goals for uncertainties.
+
+    They state of which value a goal in percent is, and the U of a fit of the circles run so far
+    where it differs from the U now. ``shares`` are the goals as fractions of the parameters, or
+    None, and ``units`` are the internal units of the parameters. The keys are the names of the
+    parameters. ``measured`` states whether there are readings.
+    """
+    percentages = []
+    of_fit = []
+    for name, goal in goals.items():
+        factor, unit = display_unit(units[name])
+        share = shares[name]
+        if share is not None:
+            value, _ = value_and_uncertainty(goal.value * factor, goal.U * factor)
+            percentages.append(
+                {
+                    "name": display_name(name),
+                    "percent": f"{100.0 * share:g}",
+                    "value": f"{value} {unit}",
+                }
+            )
+        if goal.U_of_fit is not None:
+            of_fit_text = two_digits(goal.U_of_fit, factor)
+            if of_fit_text != two_digits(goal.U, factor):
+                of_fit.append(f"{display_name(name)} {of_fit_text} {unit}")
+    return _sentences("goal_notes", percentages, of_fit, measured)
 
 
 def _holder_in_words(name: str) -> str:
@@ -1231,21 +1280,37 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
 
     If every aim is reached, they say that the campaign may stop. Otherwise, they state the settings
     of the best next circle, and how many more circles are expected to be enough. They name the
-    goals that no number of circles reaches.
+    aims, and the goals that no number of circles reaches.
     """
     best_circle = step.table.to_dict(orient="records")[0]
+    aims = [f"U of {display_name(name)}" for name in step.goals]
+    aims += [f"conformity of {display_name(name)}" for name in step.tolerances]
+    if step.model_is_aim:
+        aims.append("whether compliance is constant or linear in force")
     out_of_reach = []
     for name, goal in step.goals.items():
         if goal.probability < step.confidence and goal.U_floor > goal.limit:
             factor, unit = display_unit(goal.unit)
+            limit, floor = digits_apart(goal.limit, [goal.U_floor], factor)
             out_of_reach.append(
                 {
                     "name": display_name(name),
-                    "floor": f"{two_digits(goal.U_floor, factor)} {unit}",
-                    "limit": f"{two_digits(goal.limit, factor)} {unit}",
+                    "floor": f"{floor} {unit}",
+                    "limit": f"{limit} {unit}",
                 }
             )
-    return _sentences("next_circle_head", step, best_circle, out_of_reach)
+    return _sentences("next_circle_head", step, best_circle, aims, out_of_reach)
+
+
+def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
+    """Return sentences on the numbers of the goals for uncertainties, which a table lists.
+
+    They state of which value a goal in percent is, and the U of a fit of the circles run so far
+    where it is not the U now. The tuple is empty if nothing is to be said.
+    """
+    shares = {name: goal.share for name, goal in step.goals.items()}
+    units = {name: goal.unit for name, goal in step.goals.items()}
+    return _goal_notes(step.goals, shares, units, measured=True)
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import combinations_with_replacement
 
@@ -197,6 +198,39 @@ def test_the_sentences_state_circles_minutes_and_share_of_machines(cheapest):
     best = cheapest.best
     text = text_of(cheapest)
     assert f"Run {best.circles} circles in {best.minutes:.0f} min" in text
+
+
+def test_a_goal_just_below_what_remains_reads_as_less_than_it():
+    """Of 5.43 and 5.40 two digits would be the same."""
+    far = lb.design(MODEL, PILOT, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)
+    goal = 0.999 * far.obstacles["E_C0YX"].U_floor
+    found = lb.design(MODEL, PILOT, goals={"E_C0YX": goal}, forces_N=FORCES)
+    pattern = r"brings U below ([\d.]+) µrad; ([\d.]+) µrad is wanted"
+    (numbers,) = re.findall(pattern, " ".join(text_of(found).split()))
+    floor, wanted = map(float, numbers)
+    assert floor > wanted
+
+
+def test_what_remains_is_above_a_goal_in_percent_as_it_is_stated():
+    found = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, forces_N=FORCES)
+    assert found.obstacles["C_XXX"].U_floor > found.goals["C_XXX"].limit_U
+    assert "C_XXX: wanted is 5 % of " in text_of(found)
+
+
+def test_a_design_states_the_u_that_the_next_circle_states():
+    """Same circles, same model, same directions: the same value, the same U, the same goal."""
+    goals = {"C_XXX": "5 %"}
+    directions = ("CW", "CCW")
+    stated = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES, directions=directions)
+    step = lb.analysis.next_circle(
+        MODEL, PILOT, goals=goals, forces_N=FORCES, directions=directions
+    )
+    of_design = stated.goals["C_XXX"]
+    of_next = step.goals["C_XXX"]
+    assert of_design.value == of_next.value
+    assert of_design.U == of_next.U
+    assert of_design.limit_U == of_next.limit
+    assert of_design.U_of_fit == of_next.U_of_fit
 
 
 @pytest.mark.parametrize(

@@ -200,6 +200,18 @@ def test_the_same_seed_gives_the_same_answer(recovered: Campaign, step: NextCirc
     assert again.as_dict() == step.as_dict()
 
 
+def test_beside_u_with_hysteresis_of_both_directions_stands_u_of_a_fit(
+    recovered: Campaign, step: NextCircle
+) -> None:
+    """Circles in one direction leave the model of the fit as it is, so that U now is its U."""
+    both = next_circle(
+        MODEL, recovered, goals={"C_XXX": "14 %"}, directions=("CW", "CCW"), tolerances={}
+    )
+    assert step.goals["C_XXX"].U_of_fit is None
+    assert both.goals["C_XXX"].U_of_fit == step.goals["C_XXX"].U
+    assert both.goals["C_XXX"].U > step.goals["C_XXX"].U
+
+
 # ---- stopping
 
 
@@ -228,19 +240,24 @@ def test_constant_compliance_has_no_decision_between_models(recovered: Campaign)
     assert step.model is None
 
 
+def _rms(values: np.ndarray) -> float:
+    """Root mean square: the expected uncertainty that results state."""
+    return float(np.sqrt((values**2).mean()))
+
+
 def test_circles_to_go_are_not_counted_where_very_many_do_not_suffice(
     objective: Objective,
 ) -> None:
     """The limit is what very many circles leave; where they suffice, the circles are counted."""
     floor = np.array([_dense(objective, k, [0, 1, 2] * 10_000) for k in range(2)])
     aim = UncertaintyAim(np.array([1.0, 0.0]), 1.0, 1.0, is_reached=False)
-    lowest = float(np.exp(aim.distance(floor)))
+    lowest = _rms(aim.sd(floor))
     assert _circles_to_go([replace(aim, target=0.99 * lowest)], objective, floor) is None
     for circles in (1, 3):
         nearest = CandidateCovariances(objective)
         for _ in range(circles):
             nearest.run(int(np.argmin(aim.distance(nearest.after()))))
-        target = 1.001 * float(np.exp(aim.distance(nearest.before)))
+        target = 1.001 * _rms(aim.sd(nearest.before))
         assert _circles_to_go([replace(aim, target=target)], objective, floor) == circles
 
 

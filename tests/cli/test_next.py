@@ -42,6 +42,26 @@ def test_goals_out_of_reach_are_named(folder: Path, invoke: Invoke) -> None:
     assert "C_XXX is out of reach" not in text
 
 
+def test_a_goal_just_below_what_remains_reads_as_less_than_it(folder: Path, invoke: Invoke) -> None:
+    options = ("next", folder, "--preset", "first", "--goal")
+    record = json.loads(invoke(*options, "E_C0YX=0.1urad", "--json")[1])
+    goal_urad = 0.98e6 * record["goals"]["E_C0YX"]["U_floor"]
+    text = " ".join(invoke(*options, f"E_C0YX={goal_urad} urad")[1].split())
+    pattern = r"U of ([\d.]+) µrad would remain, ([\d.]+) µrad is wanted"
+    (numbers,) = re.findall(pattern, text)
+    floor, wanted = map(float, numbers)
+    assert floor > wanted
+
+
+def test_the_aims_are_named(folder: Path, invoke: Invoke) -> None:
+    of_model = "Aim, with probability 95 % or more: whether compliance is constant or linear"
+    assert of_model in " ".join(invoke("next", folder, "--preset", "first")[1].split())
+    options = ("--goal", "C_XXX=1%", "--goal", "E_C0YX=0.1urad", "--tolerance", "C_YYY=60 nm/N")
+    stdout = invoke("next", folder, "--preset", "first", *options)[1]
+    names = "U of C_XXX; U of E_C(0Y)X; conformity of C_YYY."
+    assert f"Aims, with probability 95 % or more: {names}" in " ".join(stdout.split())
+
+
 def test_a_goal_that_is_not_met_names_the_next_circle(folder: Path, invoke: Invoke) -> None:
     stdout = invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad")[1]
     assert stdout.startswith("Run next: ")

@@ -55,6 +55,13 @@ class Aim(Protocol):
         units of their prior standard deviations, at K values of the hyper-parameters.
         """
 
+    def is_expected(self, covariance: Array) -> bool:
+        """Return whether a campaign is expected to reach the aim.
+
+        ``covariance``, shape (K, p, p), holds the covariances of the p parameters after this
+        campaign, in units of their prior standard deviations, at K values of the hyper-parameters.
+        """
+
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyAim:
@@ -101,6 +108,16 @@ class UncertaintyAim:
         """
         return np.asarray(np.log(self.sd(covariance) / self.target).mean(axis=0))
 
+    def is_expected(self, covariance: Array) -> bool:
+        """Return whether the root mean square of the expected uncertainties meets the target.
+
+        Results state this root mean square as the expected uncertainty. It is larger than the
+        geometric mean, from which ``distance`` is computed. ``covariance``, shape (K, p, p), are
+        covariances of the p parameters, in units of their prior standard deviations, at K values of
+        the hyper-parameters.
+        """
+        return float(np.sqrt((self.sd(covariance) ** 2).mean())) <= self.target
+
 
 @dataclass(frozen=True, eq=False)
 class SlopesAim:
@@ -128,6 +145,14 @@ class SlopesAim:
         root = np.linalg.cholesky(np.linalg.inv(of_slopes))
         evidence = np.maximum(LogBayesFactor().value(root), _LEAST_EVIDENCE)
         return np.asarray(np.log(self.threshold / evidence).mean(axis=0))
+
+    def is_expected(self, covariance: Array) -> bool:
+        """Return whether the expected log Bayes factor is decisive.
+
+        ``covariance``, shape (K, p, p), are covariances of the p parameters, in units of their
+        prior standard deviations, at K values of the hyper-parameters.
+        """
+        return float(self.distance(covariance)) <= 0.0
 
 
 def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:

@@ -19,6 +19,7 @@ from scipy.special import ndtr, ndtri
 from ldbb_bayes.analysis.conformity import Conformity, Decision, assess_conformity, quantity_draws
 from ldbb_bayes.analysis.design.aims import UncertaintyAim
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal
+from ldbb_bayes.analysis.design.present_estimates import present_estimates
 from ldbb_bayes.analysis.tolerances import Tolerance
 from ldbb_bayes.inference.coefficients import evenly_spaced
 from ldbb_bayes.inference.nodes import Nodes
@@ -40,8 +41,7 @@ __all__ = [
 # Number of values of the hyper-parameters, such as the standard deviation of the noise, at which
 # possible next circles are compared.
 _NODES = 16
-# Number of posterior draws of the parameters. It is also the largest number of values of the
-# hyper-parameters over which posterior means and standard deviations are averaged.
+# Number of posterior draws of the parameters.
 _DRAWS = 1024
 # Smallest distance of an estimate from a tolerance limit, in present standard uncertainties, that
 # is used for the choice of the next circle. A smaller distance is replaced by this number.
@@ -79,6 +79,13 @@ class GoalSoFar(Result):
     #: were repeated very many times. If it is above ``limit``, the largest U that the goal permits,
     #: the goal cannot be reached with any number of circles.
     U_floor: float
+    #: the goal as a fraction of ``value``, the parameter's posterior mean; None if the goal was
+    #: stated in the parameter's unit
+    share: float | None = None
+    #: expanded uncertainty that a fit of the circles run so far states. It differs from ``U`` if
+    #: the model includes effects that only the possible circles can show, such as hysteresis if
+    #: they run in both directions. None if there are no such effects: the fit then states ``U``.
+    U_of_fit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -117,10 +124,11 @@ def known_from(nodes: Nodes, seed: int) -> Known:
     ``seed`` is the seed of the random draws.
     """
     rng = np.random.default_rng(seed)
-    mean, sd = nodes.moments(components=_DRAWS)
+    estimates = present_estimates(nodes)
     draws, _ = nodes.draw(_DRAWS, rng)
     free = nodes.integral.resample(_NODES, rng)
-    return Known(nodes.bound, mean, sd, draws, nodes.bound.hyper_prior.phi(free))
+    phi = nodes.bound.hyper_prior.phi(free)
+    return Known(nodes.bound, estimates.mean, estimates.sd, draws, phi)
 
 
 def _inflation(sd: float, weights: Array, covariance: Array) -> float:
@@ -152,6 +160,9 @@ class GoalState:
     # (n,)
     draws: Array
     aim: UncertaintyAim
+    # expanded uncertainty (k = 2) that a fit of the circles run so far states; None if the model
+    # has no other effects than that of the fit
+    U_of_fit: float | None = None
 
     def is_met(self) -> Array:
         """Return whether the goal is met, for each of n posterior draws of the goal's parameter.
@@ -197,6 +208,8 @@ class GoalState:
             probability_next=max(self.probability(sd_next), probability),
             U_floor=COVERAGE_FACTOR
             * min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), expected_sd),
+            share=self.goal.share,
+            U_of_fit=self.U_of_fit,
         )
 
 

@@ -35,10 +35,16 @@ from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_fo
 from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan, states_of
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY, Goal, goals_in
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
+from ldbb_bayes.analysis.design.present_estimates import (
+    EVIDENCE_TOLERANCE,
+    present_estimates,
+    sds_of_fit,
+)
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.analysis.design.states import States, states_before
+from ldbb_bayes.analysis.design.states import States
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_probability, require
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.results import Records, Result
 
@@ -88,6 +94,11 @@ class StatedGoal(Result):
     #: whether the goal for the parameter's uncertainty is already met before any further circle is
     #: run
     met_by_pilot: bool
+    #: expanded uncertainty (k = 2) that a fit of the circles run so far states. It differs from
+    #: ``U`` if the model includes effects that only the planned circles can show, such as
+    #: hysteresis if they run in both directions. None if there are no such effects, so that the fit
+    #: states ``U``, and if there are no readings.
+    U_of_fit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -298,7 +309,7 @@ def design_for_goals(
         augment=augment,
         seed=seed,
     )
-    known = _present_estimates(space, goals)
+    known = _stated_goals(space, goals, pilot)
     needed = {name: goal for name, goal in goals.items() if not known[name].met_by_pilot}
     return _search_campaigns(space, known, needed, costs, offers, probability, _Steps(progress))
 
@@ -337,43 +348,41 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
     return _DIRECTIONS
 
 
-def _present_estimates(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
+def _stated_goals(
+    space: Space, goals: Mapping[str, Goal], pilot: Campaign
+) -> dict[str, StatedGoal]:
     """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
 
-    The pilot of ``space`` is the campaign or plan that the design starts from. The estimate and its
-    uncertainty are the posterior mean and standard deviation given the pilot's readings. If the
-    pilot is a plan without readings, both come from the prior, and the goal does not count as met.
-    The estimate is then the median of the parameter's absolute value, because the mean may be zero.
-    The result states the expanded uncertainty U (k = 2) and the largest U that the goal allows,
-    both in the unit of the parameter. The result is a dict; its keys are the names of the goals'
+    ``pilot`` is the campaign or plan that the design starts from, as the user gave it. ``space``
+    holds it with tests that may be run later. If the pilot has readings, the estimate and its
+    uncertainty are the posterior mean and standard deviation given these readings. If the pilot is
+    a plan without readings, both come from the prior, and the goal does not count as met. The
+    estimate is then the median of the parameter's absolute value, because the mean may be zero. The
+    result states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in
+    the unit of the parameter. The result is a dict; its keys are the names of the goals'
     parameters.
     """
-    pilot = space.pilot
-    states = states_of(space.model, pilot)
     bound = space.bound
+    sds: dict[str, float] = {}
     if pilot.is_plan:
-        mean = np.asarray(bound.prior_mean)
+        value = np.median(np.abs(states_of(space.model, space.pilot).beta), axis=0)
         sd = np.asarray(bound.prior_sd)
     else:
-        # ``after_pilot`` describes the p parameters given the readings of the pilot (the campaign
-        # that the design starts from). For each of several values of the hyper-parameters, it holds
-        # one normal distribution of the parameters: its arrays ``mean`` and ``sd`` have the shape
-        # (values, p).
-        after_pilot = states_before(
-            space.model, pilot, len(states.phi), space.seed, augment=True
-        ).before
-        mean = after_pilot.mean.mean(axis=0)
-        sd = np.sqrt((after_pilot.sd**2).mean(axis=0) + after_pilot.mean.var(axis=0))
+        nodes = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE).of(space.model)[0]
+        value, sd = present_estimates(nodes)
+        sds = sds_of_fit(space.model, pilot, bound)
     stated = {}
     for name, goal in goals.items():
         k = bound.names.index(name)
-        value = float(mean[k])
-        if pilot.is_plan:
-            value = float(np.median(np.abs(states.beta[:, k])))
-        u = float(sd[k])
-        is_met = bool(goal.is_met(value, u)) and not pilot.is_plan
-        limit_U = float(goal.limit_U(value))
-        stated[name] = StatedGoal(goal, limit_U, value, COVERAGE_FACTOR * u, is_met)
+        of_fit = sds.get(name)
+        stated[name] = StatedGoal(
+            goal,
+            limit_U=float(goal.limit_U(value[k])),
+            value=float(value[k]),
+            U=COVERAGE_FACTOR * float(sd[k]),
+            met_by_pilot=bool(goal.is_met(value[k], sd[k])) and not pilot.is_plan,
+            U_of_fit=None if of_fit is None else COVERAGE_FACTOR * of_fit,
+        )
     return stated
 
 
@@ -409,7 +418,8 @@ def _search_campaigns(
         states = states_of(space.model, plan)
         sets = sets_of_offers(offers, space.pilot.instrument)
         widest = replace(space, parameters=tuple(needed))
-        obstacles = obstacles_of(CampaignFamily(widest, (), needed, states))
+        limits = {name: known[name].limit_U for name in needed}
+        obstacles = obstacles_of(CampaignFamily(widest, (), needed, states), limits)
         reachable = _reachable(widest, sets, needed, states)
         unreachable = tuple(name for name in needed if name not in reachable)
         if reachable:

@@ -40,8 +40,9 @@ from ldbb_bayes.analysis.design.candidate_covariances import CandidateCovariance
 from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
 from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
-from ldbb_bayes.analysis.design.goals import Goal, goals_in
+from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
 from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.present_estimates import EVIDENCE_TOLERANCE, sds_of_fit
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.rival_explanations import average_explanations
 from ldbb_bayes.analysis.tolerances import Tolerance
@@ -56,9 +57,6 @@ from ldbb_bayes.results import Array, Records, Result
 
 __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 
-# Largest numerical error allowed for the log evidence of a model [nat]. The error is small compared
-# with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
-_TOLERANCE = 0.2
 # Number of best candidates for the next circle from which further circles are chosen, when the
 # number of circles that a campaign still needs is estimated. Circles are then added one by one, at
 # most ``_MOST_CIRCLES``, until all aims are expected to be reached. A candidate may be chosen
@@ -256,11 +254,13 @@ def next_circle(
         tolerances = campaign.tolerances
     has_goals = len(goals) + len(tolerances) > 0
     _check_aims(space, has_goals=has_goals, decide_model=decide_model)
-    evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
+    evidences = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
     objective = _objective(space, known)
     circles = CandidateCovariances(objective)
     of_goals = goal_states(read_goals, known, circles.before, confidence)
+    if of_goals:
+        of_goals = _with_U_of_fit(of_goals, sds_of_fit(model, campaign, space.bound))
     of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
@@ -339,6 +339,22 @@ def _states_of_tolerances(
         return {}
     posterior = sample(space.model, space.pilot, sampler="independent", seed=space.seed)
     return tolerance_states(posterior, tolerances, known, before, confidence)
+
+
+def _with_U_of_fit(
+    goals: Mapping[str, GoalState], sds: Mapping[str, float]
+) -> dict[str, GoalState]:
+    """Return the goals, each with the U (k = 2) that a fit of the circles run so far states.
+
+    ``sds`` are the standard uncertainties of such a fit. Its keys, and those of ``goals``, are the
+    names of the parameters. A goal whose parameter is not in ``sds`` is returned unchanged.
+    """
+    completed = {}
+    for name, state in goals.items():
+        completed[name] = state
+        if name in sds:
+            completed[name] = replace(state, U_of_fit=COVERAGE_FACTOR * sds[name])
+    return completed
 
 
 def _goals_so_far(
@@ -464,12 +480,12 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> i
     circles, at K values of the hyper-parameters. An aim that they do not reach is not reached after
     20 circles either.
     """
-    if any(not aim.is_reached and float(aim.distance(floor)) > 0.0 for aim in aims):
+    if not all(aim.is_reached or aim.is_expected(floor) for aim in aims):
         return None
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
         circles.run(int(np.argmin(total_distance(aims, circles.after()))))
-        if all(aim.is_reached or float(aim.distance(circles.before)) <= 0.0 for aim in aims):
+        if all(aim.is_reached or aim.is_expected(circles.before) for aim in aims):
             return number
     return None
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer
-from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.analysis.value_of_certificates import missing_certificates
 from ldbb_bayes.analysis.variance_sources import sources_of
@@ -37,7 +36,7 @@ class Obstacle(Result):
     """Why no number of circles can meet an uncertainty goal, and which certificate would help."""
 
     #: expanded uncertainty (k = 2) of the goal's parameter that would remain after very many
-    #: circles, in the unit of the parameter
+    #: circles, in the unit of the parameter; always above the largest U that the goal permits
     U_floor: float
     #: name of the model term or parameter, such as ``Mount`` (compliance of the mount), that would
     #: contribute most to the variance of the goal's parameter if very many circles were run
@@ -118,13 +117,16 @@ def near_miss_of(
     return NearMiss(circles, likely_U, probability, holder.name, holder.share, certificate)
 
 
-def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
+def obstacles_of(family: CampaignFamily, limits: Mapping[str, float]) -> dict[str, Obstacle]:
     """Return the reasons why goals cannot be reached with any number of circles.
 
     The result is a dict; its keys are the names of the goals' parameters. Goals that can be reached
     are left out. ``family`` is the family of campaigns whose goals are examined. The family has all
     angles of the balls in their sockets and radii that may be used, and only the certificates that
-    the instrument already has.
+    the instrument already has. ``limits`` is the largest expanded uncertainty U (k = 2) that each
+    goal permits for the present estimate of its parameter. A goal in percent permits another U on
+    every possible machine; an uncertainty is therefore computed as a multiple of what the goal
+    permits, and stated for the present estimate.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]
@@ -140,17 +142,16 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
         floors_with[_ALL_CERTIFICATES] = _floors_with_certificate(
             family, _ALL_CERTIFICATES, statements_of_all
         )
-    allowed = _typical_limits(family)
     held_by = _largest_remaining_sources(family)
     obstacles = {}
     for name in stuck:
         certificate, distance = _most_helpful_certificate(name, floor[name], floors_with)
         obstacles[name] = Obstacle(
-            U_floor=allowed[name] * float(np.exp(floor[name])),
+            U_floor=limits[name] * float(np.exp(floor[name])),
             held_by=held_by[name].name,
             share=held_by[name].share,
             certificate=certificate,
-            U_with_certificate=allowed[name] * float(np.exp(distance)),
+            U_with_certificate=limits[name] * float(np.exp(distance)),
             reached=distance <= 0.0,
         )
     return obstacles
@@ -200,20 +201,6 @@ def _most_helpful_certificate(
     if distance > floor + np.log(_WORTH_SHARE):
         return "", floor
     return best, distance
-
-
-def _typical_limits(family: CampaignFamily) -> dict[str, float]:
-    """Return the largest expanded uncertainty that each goal permits on a typical machine.
-
-    A goal in percent of a parameter permits different uncertainties on different machines. The
-    result is a dict with the geometric mean of these uncertainties over the possible machines. Its
-    keys are the names of the goals' parameters.
-    """
-    limits = {}
-    for name, goal in family.goals.items():
-        beta = family.states.beta[:, family.bound.names.index(name)]
-        limits[name] = COVERAGE_FACTOR * float(np.exp(np.log(goal.limit_u(beta)).mean()))
-    return limits
 
 
 @dataclass(frozen=True)

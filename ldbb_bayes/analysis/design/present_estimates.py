@@ -1,0 +1,66 @@
+"""Present estimates of the parameters: what the circles run so far say, before any further circle.
+
+The choice of the next circle and the search for the cheapest campaign start from these estimates.
+The model of both includes every effect that the planned circles can show. If they may run in both
+directions, for example, the size of hysteresis is unknown, and U is larger than the U of a fit of
+the circles run so far.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.inference.evidences import Evidences
+from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.terms import Columns
+from ldbb_bayes.results import Array
+
+__all__ = ["EVIDENCE_TOLERANCE", "PresentEstimates", "present_estimates", "sds_of_fit"]
+
+# Largest numerical error allowed for the log evidence of a model [nat]. The error is small compared
+# with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
+EVIDENCE_TOLERANCE = 0.2
+# Largest number of values of the hyper-parameters, such as the standard deviation of the noise,
+# over which posterior means and standard deviations are averaged.
+_COMPONENTS = 1024
+
+
+class PresentEstimates(NamedTuple):
+    """Posterior means and standard deviations of p parameters, in units of mm, N and rad."""
+
+    mean: Array  # posterior means, shape (p,)
+    sd: Array  # posterior standard deviations, shape (p,)
+
+
+def present_estimates(nodes: Nodes) -> PresentEstimates:
+    """Return the posterior means and standard deviations of the parameters.
+
+    ``nodes`` are weighted values of the hyper-parameters, from which the posterior is computed.
+    """
+    mean, sd = nodes.moments(components=_COMPONENTS)
+    return PresentEstimates(mean, sd)
+
+
+def sds_of_fit(model: HybridModel, campaign: Campaign, bound: BoundModel) -> dict[str, float]:
+    """Return the standard uncertainties that a fit of the circles run so far states.
+
+    The keys are the names of the parameters. The result is empty if ``bound``, the model that a
+    design uses for the same circles, has no other effects than the model of the fit. Both then give
+    the same uncertainties. ``model`` is the model, and ``campaign`` holds the circles run so far.
+    """
+    if _effects(model.bind(campaign)) == _effects(bound):
+        return {}
+    nodes = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE).of(model)[0]
+    sds = present_estimates(nodes).sd.tolist()
+    return dict(zip(nodes.bound.names, sds, strict=True))
+
+
+def _effects(bound: BoundModel) -> list[str]:
+    """Return the names of the effects in a model, and of its parameters and hyper-parameters."""
+    names = [*bound.names, *bound.hyper_prior.names]
+    for effect in bound.nuisance_columns:
+        if isinstance(effect, Columns):
+            names += effect.names
+    return names
