@@ -139,7 +139,7 @@ _NEAR_ZERO_SHARE = 0.2
 # The function `ranked` sorts items by a number. Numbers below this fraction of the largest number
 # are treated as zero, so that rounding errors do not affect the order.
 _ZERO_SHARE = 1e-12
-# Largest number of significant digits with which a limit and a value are told apart. If their
+# Largest number of significant digits with which a limit and a value are compared. If their
 # relative difference is at most ``_SAME_SIZE``, they may read alike.
 _MOST_DIGITS = 6
 _SAME_SIZE = 1e-5

@@ -212,7 +212,8 @@ def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     """Return the results of a fit as tables and sentences.
 
-    Nuisance coefficients of the instrument (bar, balls, mount, force device) are left out.
+    Nuisance coefficients of the instrument (bar, balls, mount, force device) are counted, but not
+    listed.
 
     Parameters
     ----------
@@ -231,12 +232,8 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
         f"{campaign['name']}: {campaign['tests']} tests, {campaign['readings']} readings.",
         parameter_table(result),
     ]
-    effects = {}
-    for name, entry in result["nuisances"].items():
-        if not Term.kinds.get(entry["term"], Term).instrument:
-            effects[name] = entry
-    if effects:
-        passages.append(nuisance_table(effects))
+    if result["nuisances"]:
+        passages.append(nuisance_table(result["nuisances"], instrument_listed=False))
     if result.get("conformity"):
         passages.append(conformity_table(result["conformity"]))
     passages.append(wording.quality_words(quality))
@@ -640,7 +637,9 @@ def _results_table(caption: str, rows: list[tuple[str, ...]], result: Mapping[st
     return Table.of(caption, heads, rows, text=("unit", "verdict"))
 
 
-def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
+def nuisance_table(
+    entries: Mapping[str, Mapping[str, Any]], *, instrument_listed: bool = True
+) -> Table | str:
     """Return a table of the nuisance coefficients that differ from zero by more than 2 u.
 
     Nuisance coefficients describe effects that are modelled but not of interest; u is the standard
@@ -651,26 +650,41 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     entries
         Mapping from the names of the coefficients to dictionaries with results of a fit: the mean,
         the sd and the prior sd of the coefficient.
+    instrument_listed
+        Whether the table lists coefficients of the instrument (bar, balls, mount, force device),
+        too. If not, it only states how many of them differ from zero.
 
     Returns
     -------
     Table or str
-        Table with mean, u, prior sd and unit. If no coefficient differs from zero by more than 2 u,
-        a sentence that says so.
+        Table with mean, u, prior sd and unit. If no coefficient is to be listed, a sentence that
+        says so.
     """
     rows = []
+    unlisted = 0
     for name, entry in entries.items():
         if abs(entry["mean"]) <= 2.0 * entry["sd"]:
+            continue
+        if not instrument_listed and Term.kinds.get(entry["term"], Term).instrument:
+            unlisted += 1
             continue
         unit_size, unit = wording.unit_words(name)
         mean, spread = value_and_uncertainty(entry["mean"] / unit_size, entry["sd"] / unit_size)
         prior_sd, _ = round_uncertainty(entry["prior_sd"] / unit_size)
         rows.append((wording.nuisance_words(name), mean, spread, prior_sd, unit))
+    total = len(entries)
+    if not rows and not unlisted:
+        return f"None of the {total} other effects differs from zero by more than 2 u."
     if not rows:
-        return f"None of the {len(entries)} other effects differs from zero by more than 2 u."
+        return (
+            f"Other effects that differ from zero by more than 2 u: {unlisted} of {total}, all of"
+            " the instrument (balls, bar, mount or force)."
+        )
     caption = (
-        f"Other effects that differ from zero by more than 2 u; {len(entries) - len(rows)} of"
-        f" {len(entries)} do not"
+        "Other effects that differ from zero by more than 2 u;"
+        f" {total - len(rows) - unlisted} of {total} do not"
     )
+    if unlisted:
+        caption += f"; of the instrument (balls, bar, mount or force), not listed: {unlisted}"
     heads = ("effect", "mean", "u (1 sd)", "prior sd", "unit")
     return Table.of(caption, heads, rows, text=("unit",))

@@ -441,6 +441,29 @@ def test_what_forbids_the_numbers_stands_at_the_top(
         assert re.search(r"ln P\(T \| y\) = −2[3-8]", document.alerts[0])
 
 
+def test_effects_of_the_instrument_that_are_not_listed_are_counted() -> None:
+    """The same number of effects on the screen of a fit, which lists fewer, and in the annex."""
+    scatter = {"mean": 1e-3, "sd": 1e-3, "prior_sd": 1e-3, "term": "Drift"}
+    clear = {"mean": 1e-3, "sd": 1e-4, "prior_sd": 1e-3}
+    lobe = {**clear, "term": "BallForm"}
+    drift = {**clear, "term": "Drift"}
+    assert nuisance_table({"a": scatter, "b": lobe}, instrument_listed=False) == (
+        "Other effects that differ from zero by more than 2 u: 1 of 2, all of the instrument"
+        " (balls, bar, mount or force)."
+    )
+    entries = {"drift_time_X": drift, "form_cos2": lobe, "drift_time_Y": scatter}
+    listed = nuisance_table(entries, instrument_listed=False)
+    assert isinstance(listed, Table)
+    assert listed.caption.endswith(
+        "; 1 of 3 do not; of the instrument (balls, bar, mount or force), not listed: 1"
+    )
+    assert len(listed.rows) == 1
+    complete = nuisance_table(entries)
+    assert isinstance(complete, Table)
+    assert complete.caption.endswith("; 1 of 3 do not")
+    assert len(complete.rows) == 2
+
+
 def test_no_table_of_nuisances_where_none_is_told_from_zero() -> None:
     one = {"mean": 1e-3, "sd": 1e-3, "prior_sd": 1e-3}
     assert (
