@@ -20,7 +20,8 @@ from ldbb_bayes.cli.sources import ReportSource, SourceCampaign, assumed_parts
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import staged_folder
 from ldbb_bayes.inference.evidences import Evidences
-from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
+from ldbb_bayes.inference.fit import ConcernKind
+from ldbb_bayes.inference.posterior import campaign_of, fit_of, model_of, record_of
 from ldbb_bayes.parallel import second_process, start_early
 from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.report import fit_tables, wording
@@ -392,6 +393,9 @@ def _printed_parts(
             result | {"parameters": parameters}, lb.analysis.judge_posterior(stated)
         ),
     ]
+    concerns = fit_of(stated).concerns
+    near_zero = tuple(concern for concern in concerns if concern.kind == ConcernKind.NEAR_ZERO)
+    parts += [f"Note: {sentence}" for sentence in wording.concern_sentences(near_zero, {})]
     if "conformity" in result:
         parts.append(fit_tables.conformity_table(result["conformity"]))
     return tuple(parts)

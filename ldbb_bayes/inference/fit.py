@@ -32,7 +32,14 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array, Finite, Result
 from ldbb_bayes.units import ranked
 
-__all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
+__all__ = [
+    "Concern",
+    "ConcernKind",
+    "Fit",
+    "State",
+    "assess_fit",
+    "limits_of_compliances_near_zero",
+]
 
 # Power-scaling sensitivity above which the posterior of a parameter counts as sensitive to the
 # prior. The sensitivity states how much the posterior moves if the prior density is raised to a
@@ -473,19 +480,40 @@ def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
 def _compliances_near_zero(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     """Yield a warning for each compliance that cannot be negative and may be zero.
 
+    The warning states the value below which the compliance lies with a probability of 95 %, see
+    `limits_of_compliances_near_zero`.
+    """
+    for name, upper in limits_of_compliances_near_zero(bound, beta).items():
+        j = bound.names.index(name)
+        unit = bound.parameters[j].unit
+        yield Concern(ConcernKind.NEAR_ZERO, float(beta[:, j].mean()), upper, name, unit)
+
+
+def limits_of_compliances_near_zero(bound: BoundModel, beta: Array) -> dict[str, float]:
+    """Return upper limits of the compliances that cannot be negative and may be zero.
+
     Credible intervals have equal tails. The interval of such a compliance leaves out the values
-    next to zero, where the compliance may well lie. The warning therefore states the value below
-    which the compliance lies with a probability of 95 %. It is given if the posterior mean is at
-    most two standard deviations. ``beta``, shape (n, p), holds n posterior draws of the p
-    parameters in internal units (mm, N, rad). ``bound`` is the model of the campaign.
+    next to zero, where the compliance may well lie. The value below which it lies with a
+    probability of 95 % is then to be stated instead. A compliance may be zero if its posterior mean
+    is at most two standard deviations.
+
+    Parameters
+    ----------
+    bound : BoundModel
+        Model of the campaign.
+    beta : array
+        The n posterior draws of the p parameters, shape (n, p), in internal units (mm, N, rad).
+
+    Returns
+    -------
+    dict
+        The limits in internal units; the keys are the names of the compliances.
     """
     is_restricted = (bound.truncation.rows != 0.0).any(axis=0)
-    mean = beta.mean(axis=0)
-    is_near_zero = mean <= _EXPANSION * beta.std(axis=0)
+    is_near_zero = beta.mean(axis=0) <= _EXPANSION * beta.std(axis=0)
+    limits = {}
     for j in np.flatnonzero(is_restricted & is_near_zero):
         parameter = bound.parameters[j]
         if parameter.group == "compliance":
-            upper = float(np.quantile(beta[:, j], _PROBABILITY_OF_UPPER))
-            yield Concern(
-                ConcernKind.NEAR_ZERO, float(mean[j]), upper, parameter.name, parameter.unit
-            )
+            limits[parameter.name] = float(np.quantile(beta[:, j], _PROBABILITY_OF_UPPER))
+    return limits

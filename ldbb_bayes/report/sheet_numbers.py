@@ -21,6 +21,7 @@ from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.usability import undetermined_parameters
+from ldbb_bayes.inference.fit import limits_of_compliances_near_zero
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
@@ -31,8 +32,10 @@ from ldbb_bayes.report.stiffness_numbers import stiffness_quantities
 from ldbb_bayes.report.translation import Words
 from ldbb_bayes.units import (
     display_name,
+    display_unit,
     is_slope,
     three_digits,
+    two_digits,
 )
 
 if TYPE_CHECKING:
@@ -183,6 +186,8 @@ class SheetNumbers:
         bound = bound_of(self.findings.posterior_of_certificate)
         names = _names_by_label(bound)
         undetermined = undetermined_parameters(self.findings.verdicts)
+        beta = np.stack([self._draws[name] for name in bound.names], axis=-1)
+        limits = limits_of_compliances_near_zero(bound, beta)
         stated = {}
         for parameter in bound.parameters:
             name = names[parameter.compliance]
@@ -197,6 +202,7 @@ class SheetNumbers:
                 interval=(summary["ci_low"], summary["ci_high"]),
                 unit=parameter.unit,
                 entry=self.findings.verdicts.get(parameter.name),
+                limit_near_zero=limits.get(parameter.name),
                 is_undetermined=parameter.name in undetermined,
             )
         return stated
@@ -472,7 +478,12 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
             partners = _partner_words(quantity.confounding_effects, words)
             confounded = words("remarks.confounded", partners=partners)
         return "; ".join(part for part in (quantity.note, confounded) if part)
-    return _verdict_remark(quantity.entry, words)
+    verdict = _verdict_remark(quantity.entry, words)
+    if quantity.limit_near_zero is None:
+        return verdict
+    factor, _ = display_unit(quantity.unit)
+    limit = words.number(two_digits(quantity.limit_near_zero, factor))
+    return f"{words('remarks.near_zero', limit=limit)}; {verdict}"
 
 
 def _change_remark(quantity: StatedQuantity, words: Words) -> str:

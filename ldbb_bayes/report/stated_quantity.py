@@ -58,6 +58,9 @@ class StatedQuantity:
         model and not from an average over models.
     note
         First remark on the quantity, in the language of the sheets. Empty if there is none.
+    limit_near_zero
+        For a compliance that cannot be negative and may be zero: the value in ``unit`` below which
+        it lies with a probability of 95 %. None for all other quantities.
     is_undetermined
         Whether the readings leave the quantity undetermined, see `undetermined_parameters`.
     """
@@ -75,6 +78,7 @@ class StatedQuantity:
     change_entry: ChangeIdentifiability | None = None
     no_change: float = 0.0
     note: str = ""
+    limit_near_zero: float | None = None
     is_undetermined: bool = False
 
     def value_and_U(self) -> ValueAndU:

@@ -15,6 +15,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.directional_stiffness import AxialDirection
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
+from ldbb_bayes.inference.fit import ConcernKind
+from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.report import plain_findings, stiffness_numbers, wording
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.findings import Findings, findings_of_fit
@@ -380,6 +382,44 @@ def judged(verdict: str, *partners: str) -> Any:
 def test_verdicts_on_sheets(language: str, entry: Any, text: str) -> None:
     quantity = StatedQuantity("Compliance", "C_XXX", 1.0, 0.1, (0.8, 1.2), "mm/N", entry)
     assert remark(quantity, words_of(language)) == text
+
+
+@pytest.mark.parametrize(
+    ("language", "text"),
+    [
+        ("en", "may be zero: read it as 0 to 0.27 (95 %); confounded with mount (30 %)"),
+        ("de", "kann null sein: als 0 bis 0,27 (95 %) lesen; vermengt mit Aufnahme (30 %)"),
+    ],
+)
+def test_a_compliance_that_may_be_zero_has_its_upper_limit_in_its_row(
+    language: str, text: str
+) -> None:
+    quantity = StatedQuantity(
+        "Compliance",
+        "C_CCY",
+        1.1e-10,
+        8e-11,
+        (5e-12, 3.1e-10),
+        "rad/(N mm)",
+        judged("confounded", "Mount"),
+        limit_near_zero=2.7e-10,
+    )
+    assert remark(quantity, words_of(language)).replace("\u00a0", " ") == text
+
+
+def test_the_upper_limits_of_sheet_2_are_those_of_the_fit(recovered: lb.Campaign) -> None:
+    findings = findings_of(recovered)
+    numbers = SheetNumbers(findings, words_of("en"), findings.result["model"]["reference_force_N"])
+    stated = {}
+    for name, quantity in numbers.parameters.items():
+        if quantity.limit_near_zero is not None:
+            stated[name] = quantity.limit_near_zero
+    noted = {}
+    for concern in fit_of(findings.posterior).concerns:
+        if concern.kind == ConcernKind.NEAR_ZERO:
+            noted[concern.name] = concern.limit
+    assert stated == noted
+    assert stated
 
 
 @pytest.mark.parametrize(
