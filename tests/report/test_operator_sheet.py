@@ -71,8 +71,21 @@ def test_the_sheet_is_german(step: NextCircle) -> None:
     assert "E_C(0Y)X ist unerreichbar, wie viele auch gefahren werden: Es bliebe ein U von" in words
     assert " µrad, gewünscht ist 0,10 µrad. C_YYY ist unerreichbar" in words
     assert words.endswith("Danach den Befehl mit den neuen Messwerten wieder aufrufen.")
-    english = {"force", "the", "with", "and", "next", "circle", "after", "reached", "run", "again"}
+    assert (
+        "Wahrscheinlichkeit von 95 % oder mehr: U von C_XXX; U von E_C(0Y)X; U von C_YYY" in words
+    )
+    english = {"force", "the", "with", "and", "of", "next", "circle", "after", "reached", "again"}
     assert {word.lower() for word in re.findall(r"\w+", words)} & english == set()
+
+
+def test_the_direction_is_german(step: NextCircle) -> None:
+    plan = step.plan()
+    clockwise = replace(plan, tests=(replace(plan.tests[0], direction="CW"),))
+    both = replace(step, table=step.table.assign(direction="CCW"))
+    words = words_of(operator_sheet.page(both, clockwise, "de"))
+    assert "(Werkzeug), gegen den Uhrzeigersinn." in words
+    assert "Fahrtrichtung im Uhrzeigersinn Radius" in words
+    assert "CW" not in words
 
 
 def test_the_sheet_is_english_if_nothing_is_said(step: NextCircle) -> None:
