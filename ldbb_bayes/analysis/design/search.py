@@ -11,7 +11,7 @@ improves the design (coordinate exchange).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 from math import comb
 
@@ -162,11 +162,12 @@ def exchange(
     size = n
     if n > _FEW_CANDIDATES:
         size = _TRIED_CANDIDATES
+    coarse = objective.at_every(_HYPER_STEP)
     for _ in range(_MAX_SWEEPS):
         previous_value = value
         for position in rng.permutation(np.flatnonzero(counts)):
             base = _with_tests(counts, position, -1)
-            likely = _likely_candidates(objective, base, size, rng)
+            likely = _likely_candidates(coarse, base, size, rng)
             replacements = np.array([j for j in likely if feasible(_with_tests(base, j))], int)
             values = objective.after_adding(base.astype(float), replacements)
             # There is one best replacement for the test, or none if no replacement is allowed. The
@@ -208,11 +209,8 @@ def _likely_candidates(
     if size >= n:
         return np.arange(n)
     random_candidates = rng.choice(n, size, replace=False)
-    coarse = replace(
-        objective, rows=objective.rows[::_HYPER_STEP], prior=objective.prior[::_HYPER_STEP]
-    )
     try:
-        sensitivity = coarse.sensitivity(base.astype(float))[1]
+        sensitivity = objective.sensitivity(base.astype(float))[1]
     except np.linalg.LinAlgError:
         return random_candidates
     return np.union1d(largest_positions(sensitivity, size), random_candidates)
