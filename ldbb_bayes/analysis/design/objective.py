@@ -54,8 +54,8 @@ class _CandidateGroup(NamedTuple):
     nuisance parameters of the other planes. Without the zeros, products of matrices take less time.
     """
 
-    candidates: NDArray[np.int_]  #: indices of the n candidates of the group
-    columns: NDArray[np.int_]  #: indices of the c parameters on which the readings depend
+    candidates: NDArray[np.intp]  #: indices of the n candidates of the group
+    columns: NDArray[np.intp]  #: indices of the c parameters on which the readings depend
     #: derivatives of the readings with respect to these parameters (see `Objective.rows`), at K
     #: values of the hyper-parameters, shape (K, n, m, c)
     rows: Array
@@ -208,7 +208,7 @@ class Objective(Shown):
             support = np.flatnonzero(counts_of_group)
             scaled = group.rows[:, support] * np.sqrt(counts_of_group[support])[:, None, None]
             stacked = scaled.reshape(len(scaled), -1, scaled.shape[-1])
-            block = np.ix_(range(len(precision)), group.columns, group.columns)
+            block = np.ix_(np.arange(len(precision)), group.columns, group.columns)
             precision[block] += np.swapaxes(stacked, -1, -2) @ stacked
         return precision
 
@@ -241,13 +241,13 @@ class Objective(Shown):
         A candidate whose readings depend on fewer parameters joins the first group, in the order of
         decreasing number of parameters, that has all of them.
         """
-        depends_on = self.rows.any(axis=(0, 2))
+        depends_on: NDArray[np.bool_] = np.asarray(self.rows.any(axis=(0, 2)))
         columns_of_groups: list[NDArray[np.bool_]] = []
         group_of = np.zeros(self.candidates, dtype=int)
         for candidate in np.argsort(-depends_on.sum(axis=1), kind="stable").tolist():
             needed = depends_on[candidate]
-            for group, columns in enumerate(columns_of_groups):
-                if not (needed & ~columns).any():
+            for group, known in enumerate(columns_of_groups):
+                if not (needed & ~known).any():
                     group_of[candidate] = group
                     break
             else:
