@@ -24,11 +24,13 @@ density f e^q.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from ldbb_bayes.inference.diagnostics import pareto_k
@@ -54,11 +56,14 @@ _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 # them is proportional to the weight of the node, the other to this power of the weight. The power
 # makes it more probable that nodes with small weights, in the tails of the density, are picked.
 _TAIL_POWER = 0.5
-# A polynomial is fitted by a singular value decomposition of a matrix, whose columns hold the terms
-# of the polynomial at the sampled points. Singular values below this fraction of the largest one
-# count as zero. Such small values mean that the terms are linearly dependent at these points, apart
-# from rounding errors.
+# A polynomial may be fitted by a singular value decomposition of a matrix, whose columns hold the
+# terms of the polynomial at the sampled points. Singular values below this fraction of the largest
+# one count as zero. Such small values mean that the terms are linearly dependent at these points,
+# apart from rounding errors.
 _DEPENDENT = 1e-10
+# A polynomial is fitted by a Cholesky factorisation, which is quicker, if its smallest pivot is
+# above this fraction of the largest one. The squares of pivots are then far above rounding errors.
+_NEARLY_DEPENDENT = 1e-5
 # The mean of the ratios of two densities is trusted if the standard deviation of the ratios is at
 # most this fraction of the mean. If the ratios scatter more, a sample of a few hundred nodes
 # (points) may miss the largest ratios.
@@ -138,16 +143,12 @@ class _Sample:
 
     @cached_property
     def _decomposition(self) -> _Decomposition:
-        """Singular value decomposition of the matrix with which a polynomial is fitted.
+        """Decomposition of the matrix with which a polynomial is fitted.
 
         The matrix has a row for each of the m nodes (points) to which the polynomial is fitted, and
         a column for each term of the polynomial.
         """
-        root_weight = np.sqrt(self.weight)[:, None]
-        weighted = self.polynomials[self.nodes] * root_weight
-        left, singular, right = np.linalg.svd(weighted, full_matrices=False)
-        is_nonzero = singular > _DEPENDENT * singular[0]
-        return _Decomposition(left[:, is_nonzero], right[is_nonzero].T / singular[is_nonzero])
+        return _decompose(self.polynomials[self.nodes] * np.sqrt(self.weight)[:, None])
 
     @cached_property
     def leverage(self) -> Array:
@@ -167,26 +168,41 @@ class _Sample:
         ``values``, so that the polynomial is not extrapolated too far.
         """
         projected = self._decomposition.left.T @ (values * np.sqrt(self.weight))
-        fitted = self.polynomials @ (self._decomposition.scaled_right @ projected)
+        fitted = self.polynomials @ (self._decomposition.coefficients @ projected)
         margin = np.ptp(values)
         return np.asarray(np.clip(fitted, values.min() - margin, values.max() + margin))
 
 
 class _Decomposition(NamedTuple):
-    """Singular value decomposition U Σ Vᵀ of the matrix with which a polynomial is fitted.
+    """Matrix X with which a polynomial is fitted, written as orthonormal columns U = X C.
 
-    The polynomial is fitted at m nodes (points). Row i of the matrix belongs to node i. It holds
+    The polynomial is fitted at m nodes (points). Row i of the matrix X belongs to node i. It holds
     the terms of the polynomial (such as x, y and x y) times the square root of the node's weight.
-    Singular values Σ that are zero except for rounding errors are left out.
     """
 
-    #: left singular vectors of the matrix with which a polynomial is fitted, shape (m, rank). The
-    #: matrix has a row for each of m nodes (points) and a column for each term of the polynomial.
+    #: matrix U with orthonormal columns, which span the columns of X, shape (m, rank)
     left: Array
-    #: right singular vectors of the matrix with which a polynomial is fitted, each divided by its
-    #: singular value, shape (coefficients, rank). The matrix has a row for each node (point) and a
-    #: column for each term of the polynomial.
-    scaled_right: Array
+    #: matrix C, shape (terms, rank): the polynomial's coefficients that belong to each column of U
+    coefficients: Array
+
+
+def _decompose(matrix: Array) -> _Decomposition:
+    """Decompose a matrix with which a polynomial is fitted, shape (m, terms).
+
+    If the columns are linearly independent, the decomposition follows from the Cholesky factor L of
+    XᵀX, as X L⁻ᵀ has orthonormal columns. Otherwise, a singular value decomposition is computed,
+    which takes several times longer. Singular values that are zero except for rounding errors are
+    left out.
+    """
+    with suppress(np.linalg.LinAlgError):
+        root = np.linalg.cholesky(matrix.T @ matrix)
+        pivots = np.diagonal(root)
+        if pivots.min() > _NEARLY_DEPENDENT * pivots.max():
+            left = solve_triangular(root, matrix.T, lower=True).T
+            return _Decomposition(left, solve_triangular(root, np.eye(len(root)), lower=True).T)
+    left, singular, right = np.linalg.svd(matrix, full_matrices=False)
+    is_nonzero = singular > _DEPENDENT * singular[0]
+    return _Decomposition(left[:, is_nonzero], right[is_nonzero].T / singular[is_nonzero])
 
 
 class _MeanRatio(NamedTuple):
@@ -394,6 +410,5 @@ def _polynomials(integral: Integral, degree: int) -> Array:
     z = deviation / np.where(scale > 0.0, scale, 1.0)
     columns = [np.ones((len(z), 1)), z]
     if degree > 1:
-        first, second = np.triu_indices(z.shape[1])
-        columns.append(z[:, first] * z[:, second])
+        columns += [z[:, [k]] * z[:, k:] for k in range(z.shape[1])]
     return np.concatenate(columns, axis=1)

@@ -38,6 +38,12 @@ _ROUGH_TOLERANCE = 0.1
 # nodes are computed from the nodes for all tests. With fewer tests, it is as fast to compute them
 # anew.
 _FEWEST_TESTS = 16
+# Nodes (weighted values of the hyper-parameters) for a campaign without one test may be computed
+# from those for all tests. Their error then includes that of the nodes for all tests, which alone
+# may reach the error allowed. It may therefore be this multiple of the error allowed. The log
+# density of the test given the others is a difference of log evidences from the same nodes, in
+# which the common part of the errors cancels.
+_BOTH_ERRORS = 2.0
 
 
 def _silent() -> None:
@@ -316,7 +322,8 @@ def leave_one_out(
     nodes_by_model : mapping of str to Nodes
         Nodes of each model for the readings of all tests. The keys are names of the models.
     tolerance : float
-        Error allowed in every log evidence [nat].
+        Error allowed in every log evidence [nat]. Twice this error is allowed where the nodes for
+        all tests are used again.
     progress : callable
         Function called without arguments each time that the nodes of one model without one test are
         ready.
@@ -340,9 +347,8 @@ def leave_one_out(
     # used again with other weights.
     of_all_tests = {}
     if len(bound.test_names) >= _FEWEST_TESTS:
-        of_all_tests = {
-            name: NodesWithoutTest(nodes, tolerance) for name, nodes in nodes_by_model.items()
-        }
+        for name, nodes in nodes_by_model.items():
+            of_all_tests[name] = NodesWithoutTest(nodes, _BOTH_ERRORS * tolerance)
     nodes_without: dict[str, dict[str, Nodes]] = {name: {} for name in nodes_by_model}
     for test in bound.test_names:
         evidences = all_tests.without_test(test, bound.test_names, modes)

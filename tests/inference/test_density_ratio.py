@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
+from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler, _decompose
 from ldbb_bayes.inference.importance_sampling import importance_sample
 from ldbb_bayes.inference.integrals import Index, Integral
 from ldbb_bayes.inference.lattice import grow_lattice
@@ -169,6 +169,21 @@ def test_weights_of_the_nodes_are_those_under_the_other_density(nodes: Integral)
     assert result is not None
     mean = result.integral.weight @ result.integral.free
     np.testing.assert_allclose(mean, slope, atol=0.05)
+
+
+@pytest.mark.parametrize("dependent", [0.0, 1e-13, 1e-7])
+def test_a_polynomial_is_fitted_by_least_squares(dependent: float) -> None:
+    """Against least squares of NumPy, where two columns are independent, nearly equal or equal."""
+    rng = np.random.default_rng(0)
+    matrix = rng.standard_normal((40, 6))
+    if dependent:
+        matrix[:, 5] = matrix[:, 2] + dependent * matrix[:, 5]
+    values = rng.standard_normal(40)
+    found = _decompose(matrix)
+    np.testing.assert_allclose(found.left.T @ found.left, np.eye(found.left.shape[1]), atol=1e-9)
+    fitted = matrix @ (found.coefficients @ (found.left.T @ values))
+    solution = np.linalg.lstsq(matrix, values, rcond=1e-10)[0]
+    np.testing.assert_allclose(fitted, matrix @ solution, atol=1e-6)
 
 
 def test_too_few_nodes_are_not_sampled() -> None:
