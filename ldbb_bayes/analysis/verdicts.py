@@ -435,6 +435,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     changes_judged = _judge_changes(variance, changes, _prior_sd_of_changes(information, changes))
     tried = TriedRemedies(bound, phi)
     found = _remedies_of(tried, parameters, changes_judged)
+    found |= _with_averaged_certificates(found, certificates)
     sd_by_parameter = {name: entry.sd for name, entry in parameters.items()}
     confounded = [name for name, entry in parameters.items() if entry.partners]
     pairs = paired_remedies(tried, found, sd_by_parameter, confounded)
@@ -457,6 +458,28 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         hyper_um=bound.hyper_prior.named(phi),
         measured=not campaign.is_plan,
     )
+
+
+def _with_averaged_certificates(
+    found: Mapping[str, Remedy | None], certificates: Mapping[str, Mapping[str, float]]
+) -> dict[str, Remedy | None]:
+    """Return the remedies that are certificates, with uncertainties averaged over the scales.
+
+    A remedy is found at one value of the hyper-parameters (scales of noise and effects). The
+    uncertainties with further certificates, ``certificates``, are averaged over the
+    hyper-parameters instead; both are stated, and must agree. The keys of ``found`` and of the
+    result are names of parameters; those of ``certificates`` are names of certificates, the first
+    of which stands for no further certificate.
+    """
+    averaged: dict[str, Remedy | None] = {}
+    without = next(iter(certificates.values()), {})
+    for name, remedy in found.items():
+        if remedy is None or not remedy.certificate or name not in without:
+            continue
+        ratio = certificates[remedy.certificate][name] / without[name]
+        sd_before = remedy.sd / remedy.ratio
+        averaged[name] = replace(remedy, sd=ratio * sd_before, ratio=ratio)
+    return averaged
 
 
 def _averaged_over_scales(

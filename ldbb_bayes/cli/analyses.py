@@ -266,7 +266,9 @@ def _design_for_goals(
         tuple(passages),
         files.contents,
         write_more=files.write_more,
-        note=", a plan; model.toml is for its analysis (fit --model)",
+        note=", a plan; model.toml is for its analysis (fit --model)"
+        if result.plans
+        else "/goals.json; there is no plan",
     )
     if not result.all_reached:
         raise typer.Exit(EXIT_MISSED)

@@ -534,6 +534,25 @@ def test_templates_are_the_pilots_in_equal_steps(rng: np.random.Generator) -> No
     assert add_foreseen_tests(extended, templates(campaign)) is extended
 
 
+@pytest.mark.parametrize(
+    ("angle_deg", "ccw", "cw"),
+    [
+        (np.arange(360.0, 0.0, -5.0), np.arange(0.0, 360.0, 5.0), np.arange(360.0, 0.0, -5.0)),
+        (np.arange(0.0, 360.0, 5.0), np.arange(0.0, 360.0, 5.0), np.arange(360.0, 0.0, -5.0)),
+        (np.arange(250.0, 20.0, -5.0), np.arange(25.0, 255.0, 5.0), np.arange(250.0, 20.0, -5.0)),
+    ],
+)
+def test_angles_of_templates_run_in_their_direction(
+    angle_deg: np.ndarray, ccw: np.ndarray, cw: np.ndarray
+) -> None:
+    """A circle keeps its starting point, an arc its ends."""
+    pilot = lb.Campaign((lb.CircularTest(100.0, angle_deg),))
+    first, second = templates(pilot, ("CCW", "CW"))
+    np.testing.assert_allclose(first.angle_deg, ccw, atol=1e-9)
+    np.testing.assert_allclose(np.sort(second.angle_deg % 360.0), np.sort(cw % 360.0), atol=1e-9)
+    assert second.angle_deg[-1] < second.angle_deg[0]
+
+
 def test_foreseen_parameters_do_not_change_what_is_known(clockwise: lb.Campaign) -> None:
     """A plane that is judged adds parameters at their prior; the readings' evidence and all else
     stay as they were."""

@@ -76,16 +76,20 @@ def test_turned_balls_as_a_longer_plan_has_them(planned: lb.analysis.Identifiabi
     assert remedy.ratio == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_certificate_as_a_certified_plan_has_it() -> None:
-    first = lb.HybridModel.first(0)
-    remedy = remedy_of(lb.identify(first, one_way()), "E_XX1")
+def test_a_certificate_as_a_certified_campaign_has_it() -> None:
+    """The certified campaign has scales of its own, which differ somewhat."""
+    campaign = simulated(one_way())
+    identified = lb.identify(DEFAULT, campaign)
+    remedy = remedy_of(identified, "E_XX1")
     assert remedy.kind == RemedyKind.CERTIFICATE
     assert remedy.certificate == "bar ± 1 µm"
     assert remedy.circles == 0
     instrument = lb.Instrument(**CERTIFICATES[remedy.certificate])
-    certified = replace(one_way(), instrument=instrument)
-    expected = ratio_of(first, certified, one_way(), "E_XX1")
-    assert remedy.ratio == pytest.approx(expected, rel=1e-9)
+    certified = lb.identify(DEFAULT, replace(campaign, instrument=instrument))
+    assert remedy.sd == pytest.approx(certified.parameters["E_XX1"].sd, rel=0.03)
+    table = identified.certificates
+    assert remedy.sd == pytest.approx(table[remedy.certificate]["E_XX1"], rel=0.01)
+    assert remedy.ratio == pytest.approx(remedy.sd / identified.parameters["E_XX1"].sd, rel=1e-9)
 
 
 def test_hyper_parameters_of_readings_are_carried_over_by_name() -> None:

@@ -29,10 +29,16 @@ def test_a_goal_gives_a_plan_with_its_numbers_and_costs(tmp_path: Path, invoke: 
     assert best["price"] == pytest.approx(2 * best["minutes"])
 
 
-def test_a_goal_that_is_not_reached_ends_with_code_1(folder: Path, invoke: Invoke) -> None:
-    code, stdout, _ = invoke("design", folder, "--goal", "E_XX1=1e-6 ppm")
+def test_a_goal_that_is_not_reached_ends_with_code_1(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    out = tmp_path / "plan"
+    code, stdout, _ = invoke("design", folder, "--goal", "E_XX1=1e-6 ppm", "--out", out)
     assert code == 1
-    assert "no number of circles brings U below" in " ".join(stdout.split())
+    words = " ".join(stdout.split())
+    assert "no number of circles brings U below" in words
+    assert f"Written: {out}/goals.json; there is no plan" in words
+    assert [path.name for path in out.iterdir()] == ["goals.json"]
 
 
 @pytest.mark.parametrize(

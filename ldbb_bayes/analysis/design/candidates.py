@@ -56,8 +56,26 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
         plane_directions: Iterable[Direction | None] = directions
         if not directions:
             plane_directions = dict.fromkeys(test.direction for test in in_plane)
-        tests += [replace(template, direction=direction) for direction in plane_directions]
+        tests += [_in_direction(template, direction) for direction in plane_directions]
     return tuple(tests)
+
+
+def _in_direction(test: CircularTest, direction: Direction | None) -> CircularTest:
+    """Return a test without readings in a direction of travel, with its angles in this order.
+
+    Angles increase counterclockwise (CCW). If the angles of ``test`` run in the other direction,
+    their order is reversed. A full circle then starts at the same point as before.
+    """
+    angle_deg = test.angle_deg
+    is_ccw = bool(angle_deg[-1] > angle_deg[0])
+    if direction is not None and is_ccw != (direction == "CCW"):
+        step_deg = abs(angle_deg[1] - angle_deg[0])
+        is_full_circle = np.isclose(abs(angle_deg[-1] - angle_deg[0]) + step_deg, 360.0)
+        angle_deg = angle_deg[::-1]
+        if is_full_circle:
+            angle_deg = np.roll(angle_deg, 1)
+            angle_deg[0] = angle_deg[1] - (angle_deg[2] - angle_deg[1])
+    return replace(test, direction=direction, angle_deg=angle_deg)
 
 
 def _number_of_angles(test: CircularTest) -> int:
