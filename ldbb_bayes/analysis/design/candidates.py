@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
+from ldbb_bayes.campaign.circular_test import planned_angles
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -61,21 +62,19 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
 
 
 def _in_direction(test: CircularTest, direction: Direction | None) -> CircularTest:
-    """Return a test without readings in a direction of travel, with its angles in this order.
+    """Return a planned test in a direction of travel, with its angles in this order.
 
     Angles increase counterclockwise (CCW). If the angles of ``test`` run in the other direction,
     their order is reversed. A full circle then starts at the same point as before.
     """
-    angle_deg = test.angle_deg
-    is_ccw = bool(angle_deg[-1] > angle_deg[0])
-    if direction is not None and is_ccw != (direction == "CCW"):
-        step_deg = abs(angle_deg[1] - angle_deg[0])
-        is_full_circle = np.isclose(abs(angle_deg[-1] - angle_deg[0]) + step_deg, 360.0)
-        angle_deg = angle_deg[::-1]
-        if is_full_circle:
-            angle_deg = np.roll(angle_deg, 1)
-            angle_deg[0] = angle_deg[1] - (angle_deg[2] - angle_deg[1])
-    return replace(test, direction=direction, angle_deg=angle_deg)
+    arc_deg = test.planned_arc_deg
+    if direction is None or (arc_deg > 0.0) == (direction == "CCW"):
+        return replace(test, direction=direction)
+    start_deg = float(test.angle_deg[-1])
+    if abs(arc_deg) == 360.0:
+        start_deg = float(test.angle_deg[0]) % 360.0
+    angle_deg = planned_angles(len(test.angle_deg), start_deg, -arc_deg)
+    return replace(test, direction=direction, angle_deg=angle_deg).planned()
 
 
 def _number_of_angles(test: CircularTest) -> int:
