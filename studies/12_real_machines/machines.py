@@ -60,6 +60,8 @@ class Disturbances:
     compliance: tuple[float, float] = (3e-5, 8e-5)
     length_um: float = 5.0
     mount_percent: float = 7.0
+    scatter: tuple[float, float] = (1.0, 1.0)  # size of what differs from circle to circle
+    uneven: bool = False  # circles scatter by unequal amounts, as Student t with 3 degrees
     stated: lb.Instrument = field(default_factory=lb.Instrument)
 
 
@@ -325,20 +327,21 @@ def simulate(
         runs = [(test.force_N, test.direction) for test in plan.tests]
         order = np.arange(len(runs))
         rng = np.random.default_rng([seed, 3])
+    scatter = scatter_of_circles(family, seed, len(runs), again=plan is not None)
     tests = []
     for k, (nominal, way) in enumerate(runs):
         sign = 1.0 if way == "CW" else -1.0
         angle = np.linspace(0.0, 2.0 * np.pi, READINGS, endpoint=False)
         true = angle + machine.instrument["angle"] + sign * machine.instrument["lag"]
         reading = _reading(machine, nominal, true, rng)
-        reading += (
+        reading += scatter[k] * (
             rng.normal(0.0, 0.4e-3)
             + rng.normal(0.0, 0.4e-3) * np.cos(angle)
             + rng.normal(0.0, 0.4e-3) * np.sin(angle)
         )
         later = order[k] / max(len(runs) - 1, 1) - 0.5
         reading += (drift[0] + drift[1] * np.cos(angle) + drift[2] * np.sin(angle)) * later
-        reading += _changes(angle, 0.25e-3, rng)
+        reading += _changes(angle, scatter[k] * 0.25e-3, rng)
         lost = drive["lost"] + growing * nominal
         reading += _drives(angle, sign, drive | {"lost": lost}, rng) + sign * rubbing * nominal
         if k == odd:
@@ -368,6 +371,19 @@ def simulate(
     }
     run = sorted(zip(order, tests, strict=True), key=lambda pair: pair[0])
     return lb.Campaign(tuple(test for _, test in run), **of_all), machine
+
+
+def scatter_of_circles(family: Disturbances, seed: int, circles: int, again: bool) -> Array:
+    """Size of what differs from circle to circle, of every circle, in that of the mild machines.
+
+    ``again``: whether the machine is measured once more, by other circles.
+    """
+    size = np.exp(np.random.default_rng([seed, 4]).uniform(*np.log(family.scatter)))
+    if not family.uneven:
+        return np.full(circles, size)
+    freedom = 3.0
+    chi_square = np.random.default_rng([seed, 5 + again]).chisquare(freedom, circles)
+    return np.asarray(size * np.sqrt(freedom / chi_square))
 
 
 def _reading(machine: Machine, nominal: float, angle: Array, rng: np.random.Generator) -> Array:

@@ -8,6 +8,7 @@ python studies/14_promises/run.py --write    # states anew
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +16,32 @@ import numpy as np
 import pandas as pd
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.design.present_estimates import present_estimates
 from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.inference.evidences import Evidences
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE.parent / "12_real_machines"))
-from machines import PLANS, simulate
+import machines
 from study import Effort, Study, replicated, run
 
 Row = dict[str, float]
 
-# Families of study 12 that are run in both directions in random order; seeds are others than there.
-KINDS = ("mild, both ways, shuffled", "mild, both ways, shuffled, certificates")
-MACHINES = 20
-FIRST_SEED = 3000
+# Every family of study 12, measured in both directions and in random order.
+FAMILIES = {**machines.FAMILIES, **machines.NEW, **machines.STATED}
+# Size of what differs from circle to circle, in that of the published experiment and of study 12.
+SCATTER = (0.5, 4.0)
+# Machines that differ in their effects and in how much their circles scatter.
+DIFFERENT = "machines of all families"
+# Machines that resemble each other: the mild ones of study 12, whose circles scatter alike.
+MILD = "mild, both ways, shuffled"
 # Machines that are drawn from the priors of the model: these are what the promise is about.
 DRAWN = "drawn from the priors"
-DRAWN_MACHINES = 100
+MACHINES = {DIFFERENT: 120, MILD: 40, DRAWN: 100}
+SEARCHED_MACHINES = {DIFFERENT: 40, MILD: 20}
+# Other seeds than those of study 12.
+FIRST_SEED = 3000
 # Forces of the pilot and of the plan, each run in both directions [N].
 PILOT_FORCES_N = (36.0, 389.0, 742.0)
 PLAN_FORCES_N = (36.0, 271.0, 507.0, 742.0)
@@ -46,6 +56,8 @@ MOST_OFF = 0.1
 NEARLY = 1.05
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 2}
 MODEL = lb.HybridModel.default(1)
+# Numerical error of the log evidence with which the posterior of a fit is computed [nat].
+TOLERANCE = 0.05
 # Parameters whose goals are stated on the page one by one.
 GOALS = ("C_XXX", "C_XYX", "E_C0YX")
 # Goals of the campaigns that are searched: largest U, as a share of the U that the pilot gives.
@@ -55,20 +67,33 @@ NM_PER_N = 1e6
 
 def job(kind: str, seed: int) -> Row:
     """One machine: pilot, forecast of the plan, readings of the plan, and their fit."""
-    family = PLANS[kind]
-    pilot, _ = simulate(family, FIRST_SEED + seed, PILOT_FORCES_N)
+    if kind == DRAWN:
+        return drawn_job(seed)
+    family = family_of(kind, seed)
+    pilot, _ = machines.simulate(family, FIRST_SEED + seed, PILOT_FORCES_N)
     plan = same_plan(pilot, seed)
-    campaign, _ = simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, plan)
+    campaign, _ = machines.simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, plan)
     return forecast_over_stated(plan, campaign)
 
 
-def drawn_job(kind: str, seed: int) -> Row:
+def family_of(kind: str, seed: int) -> machines.Disturbances:
+    """Return what acts on a machine; ``DIFFERENT`` goes through the families of study 12 in turn.
+
+    Its circles scatter by an amount of the machine's own and, among themselves, unequally.
+    """
+    if kind == MILD:
+        return machines.PLANS[MILD]
+    family = list(FAMILIES.values())[seed % len(FAMILIES)]
+    return replace(family, both_ways=True, shuffled=True, scatter=SCATTER, uneven=True)
+
+
+def drawn_job(seed: int) -> Row:
     """The same of one machine whose parameters and scales are drawn from the priors of the model.
 
     The pilot and the plan measure the same machine with the same noise. The noise factors of the
     circles and all nuisance effects are drawn anew.
     """
-    like_others, _ = simulate(PLANS[KINDS[0]], FIRST_SEED, PILOT_FORCES_N)
+    like_others, _ = machines.simulate(machines.PLANS[MILD], FIRST_SEED, PILOT_FORCES_N)
     pilot = MODEL.simulate(like_others.plan(), seed=FIRST_SEED + seed)
     plan = same_plan(pilot.campaign, seed)
     scales = {
@@ -98,26 +123,37 @@ def forecast_over_stated(plan: lb.Campaign, campaign: lb.Campaign) -> Row:
 
 
 def stated_u(campaign: lb.Campaign) -> dict[str, float]:
-    """Return the standard uncertainty of every parameter that a fit of a campaign states."""
-    posterior = lb.sample(MODEL, campaign, sampler="independent", seed=1)["posterior"]
-    return {name: float(posterior[name].std()) for name in MODEL.bind(campaign).names}
+    """Return the standard uncertainty of every parameter that a fit of a campaign states.
+
+    It is computed by quadrature over the hyper-parameters, without the scatter of random draws.
+    """
+    nodes = Evidences(campaign, tolerance=TOLERANCE).of(MODEL)[0]
+    return dict(zip(nodes.bound.names, present_estimates(nodes).sd.tolist(), strict=True))
 
 
 def searched_job(kind: str, seed: int) -> Row:
-    """One machine: pilot, cheapest campaign for three goals, its readings, and their fit."""
-    family = PLANS[kind]
-    pilot, _ = simulate(family, FIRST_SEED + seed, PILOT_FORCES_N)
+    """One machine: pilot, cheapest campaign for three goals, its readings, and their fit.
+
+    All numbers are zero where the goals are out of reach.
+    """
+    family = family_of(kind, seed)
+    pilot, _ = machines.simulate(family, FIRST_SEED + seed, PILOT_FORCES_N)
     of_pilot = stated_u(pilot)
     goals = {}
     for name, share in SHARES_OF_PILOT.items():
         goals[name] = f"{share * 2.0 * of_pilot[name] * NM_PER_N:.4g} nm/N"
-    found = lb.design(MODEL, pilot, goals=goals, probability=PROMISED)
-    best = found.best
-    campaign, _ = simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, best.plan())
-    stated = stated_u(campaign)
-    row = {"circles": float(best.circles), "promised": best.probability}
+    design = lb.design(MODEL, pilot, goals=goals, probability=PROMISED)
+    row = dict.fromkeys(("found", "circles", "promised", "kept"), 0.0)
     for name in goals:
-        limit_u = found.goals[name].limit_U / 2.0
+        row |= {f"{name}/promised": 0.0, f"{name}/kept": 0.0}
+    if not design.plans:
+        return row
+    best = design.best
+    campaign, _ = machines.simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, best.plan())
+    stated = stated_u(campaign)
+    row |= {"found": 1.0, "circles": float(best.circles), "promised": best.probability}
+    for name in goals:
+        limit_u = design.goals[name].limit_U / 2.0
         row[f"{name}/promised"] = best.goals[name].probability
         row[f"{name}/kept"] = float(stated[name] <= limit_u)
     row["kept"] = min(row[f"{name}/kept"] for name in goals)
@@ -157,32 +193,39 @@ def of_rows(rows: pd.DataFrame, names: list[str]) -> dict[str, Any]:
 
 def of_searched(rows: pd.DataFrame) -> dict[str, Any]:
     """Return promised and kept shares of campaigns that were searched for three goals."""
+    found = rows[rows["found"] == 1.0]
     goals = {}
     for name, share in SHARES_OF_PILOT.items():
         goals[name] = {
             "of_pilot": share,
-            "promised": float(rows[f"{name}/promised"].mean()),
-            "kept": float(rows[f"{name}/kept"].mean()),
+            "promised": float(found[f"{name}/promised"].mean()),
+            "kept": float(found[f"{name}/kept"].mean()),
         }
     return {
         "machines": len(rows),
-        "circles": {name: float(getattr(rows["circles"], name)()) for name in ("min", "max")},
-        "promised": float(rows["promised"].mean()),
-        "kept": float(rows["kept"].mean()),
+        "found": len(found),
+        "circles": {name: float(getattr(found["circles"], name)()) for name in ("min", "max")},
+        "promised": float(found["promised"].mean()),
+        "kept": float(found["kept"].mean()),
         "goals": goals,
     }
 
 
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
-    kinds = dict.fromkeys(KINDS, MACHINES)
-    rows = replicated(HERE / "machines.csv", job, kinds, effort, again=AGAIN)
-    drawn = replicated(HERE / "drawn.csv", drawn_job, {DRAWN: DRAWN_MACHINES}, effort, again=AGAIN)
-    searched = replicated(HERE / "searched.csv", searched_job, kinds, effort, again=AGAIN)
+    rows = replicated(HERE / "machines.csv", job, MACHINES, effort, again=AGAIN)
+    searched = replicated(
+        HERE / "searched.csv", searched_job, SEARCHED_MACHINES, effort, again=AGAIN
+    )
     ending = "/likely"
     names = [column.removesuffix(ending) for column in rows.columns if column.endswith(ending)]
+    of_family = {}
+    different = rows[rows["kind"] == DIFFERENT]
+    for k, family in enumerate(FAMILIES):
+        of_family[family] = of_rows(different[different["seed"] % len(FAMILIES) == k], names)[
+            "kept"
+        ]
     return {
-        "machines": MACHINES,
         "circles": {
             "pilot": len(DIRECTIONS) * len(PILOT_FORCES_N),
             "plan": len(DIRECTIONS) * len(PLAN_FORCES_N),
@@ -190,10 +233,13 @@ def measure(effort: Effort) -> dict[str, Any]:
         "promised": PROMISED,
         "must": {"least": LEAST_KEPT, "most": MOST_KEPT, "off": MOST_OFF, "nearly": NEARLY - 1.0},
         "goals": list(GOALS),
-        "pooled": of_rows(rows, names),
-        "families": {kind: of_rows(rows[rows["kind"] == kind], names) for kind in KINDS},
-        "drawn": of_rows(drawn, names),
-        "searched": of_searched(searched),
+        "families": {"number": len(FAMILIES), "kept": of_family},
+        "scatter": {"least": SCATTER[0], "most": SCATTER[1]},
+        "different": of_rows(different, names),
+        "mild": of_rows(rows[rows["kind"] == MILD], names),
+        "drawn": of_rows(rows[rows["kind"] == DRAWN], names),
+        "searched": of_searched(searched[searched["kind"] == DIFFERENT]),
+        "searched_mild": of_searched(searched[searched["kind"] == MILD]),
     }
 
 
