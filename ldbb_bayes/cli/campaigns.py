@@ -148,6 +148,12 @@ def simulate(
         plan = replace(truths.plan, instrument=lb.Instrument(**certificates))
     else:
         plan = campaign_from(source, **certificates)
+        require(
+            not plan.adds_to_pilot or model.degree == 0 or plan.force_levels > 1,
+            f"{source}: a plan must have two forces or more to be simulated, got one"
+            f" ({plan.forces_N[0]:g} N): it adds to circles that have been run. Give a plan of a"
+            " whole campaign (design --out), or use --degree 0.",
+        )
         truths = Truths(None, None, {}, False) if truth is None else read_truths(truth)
         require(
             truths.plan is None,

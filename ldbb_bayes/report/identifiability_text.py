@@ -47,8 +47,8 @@ def judged_quantities(
 def verdicts_table(result: Identifiability) -> Table:
     """Return a table of the verdicts on how well the readings determine each parameter.
 
-    The table has one row for each parameter. The columns are the present expanded uncertainty U (k
-    = 2), the verdict, the cheapest remedy, and U with this remedy. A remedy is a certificate, or a
+    The table has one row for each parameter. The columns are the expanded uncertainty U (k = 2),
+    which is present if there are readings and else expected, the verdict, the cheapest remedy, and U with this remedy. A remedy is a certificate, or a
     change of the tests, that reduces U markedly. The verdict names the effect that causes the
     largest part of the parameter's variance. Slopes (coefficients of a compliance as a polynomial
     in force) have no rows. Instead, there is one row for each compliance that changes with force:
@@ -69,7 +69,8 @@ def verdicts_table(result: Identifiability) -> Table:
                 expanded_then,
             )
         )
-    heads = ("parameter", "U now", "verdict: held by", "cure", "then")
+    expanded = "U now" if result.measured else "U expected"
+    heads = ("parameter", expanded, "verdict: held by", "cure", "then")
     return Table.of("", heads, rows, text=heads[1:4])
 
 

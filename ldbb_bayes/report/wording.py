@@ -1188,7 +1188,8 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
     met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
     shares = {name: stated.goal.share for name, stated in result.goals.items()}
     units = {name: stated.goal.unit for name, stated in result.goals.items()}
-    notes = _goal_notes(result.goals, shares, units, measured=result.measured)
+    linear = any(is_slope(name) for plan in result.plans for name in plan.expected)
+    notes = _goal_notes(result.goals, shares, units, measured=result.measured, linear=linear)
     obstacles = []
     for name, obstacle in result.obstacles.items():
         stated = result.goals[name]
@@ -1233,13 +1234,15 @@ def _goal_notes(
     units: Mapping[str, str],
     *,
     measured: bool,
+    linear: bool,
 ) -> tuple[str, ...]:
     """Return sentences on the numbers of goals for uncertainties.
 
     They state of which value a goal in percent is, and the U of a fit of the circles run so far
     where it differs from the U now. ``shares`` are the goals as fractions of the parameters, or
     None, and ``units`` are the internal units of the parameters. The keys are the names of the
-    parameters. ``measured`` states whether there are readings.
+    parameters. ``measured`` states whether there are readings, and ``linear`` whether compliances
+    change with force in the model.
     """
     percentages = []
     of_fit = []
@@ -1259,7 +1262,7 @@ def _goal_notes(
             of_fit_text = two_digits(goal.U_of_fit, factor)
             if of_fit_text != two_digits(goal.U, factor):
                 of_fit.append(f"{display_name(name)} {of_fit_text} {unit}")
-    return _sentences("goal_notes", percentages, of_fit, measured)
+    return _sentences("goal_notes", percentages, of_fit, measured, linear)
 
 
 def _holder_in_words(name: str) -> str:
@@ -1283,6 +1286,8 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
     aims, and the goals that no number of circles reaches.
     """
     best_circle = step.table.to_dict(orient="records")[0]
+    # A direction that is the same for all possible circles has no column in the table.
+    best_circle.setdefault("direction", step.direction)
     aims = [f"U of {display_name(name)}" for name in step.goals]
     aims += [f"conformity of {display_name(name)}" for name in step.tolerances]
     if step.model_is_aim:
@@ -1310,7 +1315,8 @@ def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
     """
     shares = {name: goal.share for name, goal in step.goals.items()}
     units = {name: goal.unit for name, goal in step.goals.items()}
-    return _goal_notes(step.goals, shares, units, measured=True)
+    linear = step.model is not None
+    return _goal_notes(step.goals, shares, units, measured=True, linear=linear)
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:

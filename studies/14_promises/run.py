@@ -146,7 +146,7 @@ def searched_job(kind: str, seed: int) -> Row:
     row = dict.fromkeys(("found", "circles", "promised", "kept"), 0.0)
     for name in goals:
         row |= {f"{name}/promised": 0.0, f"{name}/kept": 0.0}
-    if not design.plans:
+    if not design.plans or design.unreachable:
         return row
     best = design.best
     campaign, _ = machines.simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, best.plan())

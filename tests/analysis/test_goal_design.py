@@ -184,6 +184,27 @@ def test_a_campaign_that_takes_too_long_is_not_offered():
     assert "No campaign within 0.3 h" in text_of(found)
 
 
+def test_what_is_too_long_says_how_long_the_cheapest_takes(cheapest):
+    found = lb.design(
+        MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, costs=Costs(hours=0.3)
+    )
+    assert found.without_limit.minutes == cheapest.best.minutes
+    assert found.without_limit.circles == cheapest.best.circles
+    assert f"takes {cheapest.best.minutes / 60.0:.1f} h" in " ".join(text_of(found).split())
+
+
+def test_no_campaign_buys_a_certificate_that_saves_no_time():
+    offers = {"bar": 150.0, "balls G10": 300.0}
+    found = lb.design(
+        MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, certificates=offers
+    )
+    assert len(found.plans) == 3
+    for dearer in found.plans[1:]:
+        for cheaper in found.plans:
+            more = set(dearer.certificates) > set(cheaper.certificates)
+            assert not more or dearer.minutes < cheaper.minutes
+
+
 def test_the_record_survives_json(cheapest):
     record = cheapest.as_dict()
     assert GoalDesign.from_dict(record).as_dict() == record

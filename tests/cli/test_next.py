@@ -63,8 +63,17 @@ def test_the_aims_are_named(folder: Path, invoke: Invoke) -> None:
 
 
 def test_a_goal_that_is_not_met_names_the_next_circle(folder: Path, invoke: Invoke) -> None:
-    stdout = invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad")[1]
+    stdout = invoke("next", folder, "--preset", "first", "--goal", "C_XXX=11%")[1]
     assert stdout.startswith("Run next: ")
+
+
+def test_a_goal_out_of_reach_is_said_first_and_the_best_circle_last(
+    folder: Path, invoke: Invoke
+) -> None:
+    stdout = invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad")[1]
+    assert stdout.startswith("Out of reach: up to 20 more circles")
+    assert "The circle that helps most: " in stdout
+    assert "Run next" not in stdout
 
 
 def test_json_states_the_probability_that_a_goal_is_met(folder: Path, invoke: Invoke) -> None:
@@ -127,7 +136,7 @@ def test_both_directions_are_candidates_and_are_named(
     stdout = invoke("next", *options, "both", "--out", tmp_path / "next")[1]
     lines = stdout.splitlines()
     direction = lb.read_campaign(tmp_path / "next").tests[0].direction
-    assert lines[0].endswith(f", {direction}.")
+    assert f"(tool), {direction}." in " ".join(stdout.split())
     assert {"CW", "CCW"} <= {word for line in lines[-6:] for word in line.split()}
     sheet = (tmp_path / "next" / "sheet.html").read_text(encoding="utf-8")
     assert f"<dt>Direction</dt><dd>{direction}</dd>" in sheet
@@ -148,8 +157,12 @@ def test_both_directions_are_candidates_and_are_named(
 def test_a_direction_that_was_not_run_yet_is_named(clockwise: Path, invoke: Invoke) -> None:
     options = ("--preset", "first", "--goal", "C_XXX=1%", "--forces", "742")
     stdout = invoke("next", clockwise, *options, "--directions", "ccw")[1]
-    assert stdout.splitlines()[0].endswith("(tool), CCW.")
-    assert "CW" not in invoke("next", clockwise, *options)[1]
+    assert "(tool), CCW." in " ".join(stdout.split())
+
+
+def test_the_direction_of_all_circles_is_named_too(clockwise: Path, invoke: Invoke) -> None:
+    options = ("--preset", "first", "--goal", "C_XXX=1%", "--forces", "742")
+    assert "(tool), CW." in " ".join(invoke("next", clockwise, *options)[1].split())
 
 
 def test_both_directions_need_the_direction_of_the_circles_run(

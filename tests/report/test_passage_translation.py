@@ -16,7 +16,12 @@ from ldbb_bayes.results import Table
 
 TERMS = [type(term).__name__ for term in lb.HybridModel.default(1).nuisances]
 SENTENCES = [
-    "Met already by 'a pilot', so that nothing is needed: C_XXX and E_XX1.",
+    "No campaign within 2 h reaches the goals on 90 % of the machines. Without this limit the"
+    " cheapest takes 2.3 h: 18 circles, with balls of grade G10 certified, price 140.",
+    "U is that of linear compliance, as fit states it. The sheets of report average constant and"
+    " linear compliance; their U differs.",
+    "Met already by 'a pilot' (with probability 90 % or more), so that nothing is needed: C_XXX and"
+    " E_XX1.",
     "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",
     "All goals that can be reached are met on 98 % of the machines that the prior allows (90 %"
     " were asked for).",

@@ -91,20 +91,25 @@ class CampaignFamily:
     def lowest_price(self, costs: Costs, circles: int) -> float:
         """Return the lowest price that a campaign of this family can have with ``circles`` circles.
 
-        All campaigns of a family use the same radii, the same certificates, and the same clockings
-        (pairs of angles by which the balls are turned in their sockets). The price includes the
-        certificates, and the machine time with as few set-ups and turns of the balls as possible.
-        It is in the unit of money of `Costs`.
+        The price includes the certificates. It is in the unit of money of `Costs`.
+        """
+        return price_of(costs, self.least_minutes(costs, circles), self.certificates_price)
+
+    def least_minutes(self, costs: Costs, circles: int) -> float:
+        """Return the least machine time that a campaign of ``circles`` circles can have [min].
+
+        All campaigns of a family use the same radii and the same clockings (pairs of angles by
+        which the balls are turned in their sockets). The least time has as few set-ups and turns of
+        the balls as possible. ``costs`` holds the time that each circle, set-up and turn takes.
         """
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         turns = kinds * (len(space.clockings_deg) - 1)
-        minutes = (
+        return (
             costs.minutes_per_circle * circles
             + costs.minutes_per_setup * kinds
             + costs.minutes_per_clocking * turns
         )
-        return price_of(costs, minutes, self.certificates_price)
 
     @property
     def fewest_circles(self) -> int:

@@ -211,8 +211,9 @@ def find_cheapest(
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all uncertainty goals, one from each family.
 
-    If fewer than ``number`` families reach the goals, further campaigns are added. They belong to
-    the family of the cheapest campaign, but have more circles.
+    A campaign that buys one more certificate than a cheaper one, and takes no less machine time, is
+    left out. If fewer than ``number`` campaigns are left, further campaigns are added. They belong
+    to the family of the cheapest campaign, but have more circles.
 
     Parameters
     ----------
@@ -249,6 +250,8 @@ def find_cheapest(
             break
         entry = heapq.heappop(queue)
         progress = entry.progress
+        if any(_buys_in_vain(progress, campaign, costs) for campaign in found):
+            continue
         # The queue holds the families of campaigns that are still searched. A family leaves the
         # queue when the search has found a campaign of the family that meets the goals for
         # uncertainties, or has shown that there is none.
@@ -270,6 +273,19 @@ def find_cheapest(
     found.sort(key=lambda campaign: campaign.price(costs))
     nearest = None if search.is_reachable else search.nearest
     return CheapestCampaigns(tuple(found), nearest)
+
+
+def _buys_in_vain(progress: _Progress, cheaper: FoundCampaign, costs: Costs) -> bool:
+    """Return whether the campaigns left to try in a family buy a certificate that saves no time.
+
+    That is so if they buy all certificates of a cheaper campaign and at least one more, but need no
+    less machine time. ``progress`` is the progress of the search in the family, ``cheaper`` a
+    campaign that was found before, and ``costs`` holds the times of circles and set-ups.
+    """
+    bought = {offer.name for offer in progress.family.offers}
+    enough = {offer.name for offer in cheaper.family.offers}
+    minutes = progress.family.least_minutes(costs, progress.circles)
+    return enough < bought and minutes >= cheaper.family.minutes(costs, cheaper.tests)
 
 
 def _with_more_circles(

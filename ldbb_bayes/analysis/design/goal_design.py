@@ -217,6 +217,9 @@ class GoalDesign(Result):
     #: campaigns as they are usually run, for comparison; empty if ``plans`` (the cheapest campaigns
     #: that reach the goals) is empty
     customary: tuple[CustomaryPlan, ...]
+    #: the cheapest campaign if no longest machine time were set; None unless ``plans`` is empty
+    #: because the longest machine time (``costs.hours``) is too short
+    without_limit: GoalPlan | None
     #: whether the design starts from a campaign with readings; false if it starts from a plan
     measured: bool
     pilot: str  #: name of the campaign or plan that the design starts from
@@ -413,6 +416,7 @@ def _search_campaigns(
     obstacles: dict[str, Obstacle] = {}
     near_misses: dict[str, NearMiss] = {}
     unreachable: tuple[str, ...] = ()
+    without_limit: GoalPlan | None = None
     if needed:
         plan = space.plan_of(space.tests[:1], seed=space.seed)
         states = states_of(space.model, plan)
@@ -433,6 +437,13 @@ def _search_campaigns(
                 customary = _customary_plans(found.campaigns[0], reachable, costs, steps)
             elif found.nearest is not None:
                 near_misses = _near_misses(found.nearest, reachable, costs, probability)
+            elif costs.hours is not None:
+                unlimited = replace(costs, hours=None)
+                longer = find_cheapest(
+                    families, reachable, unlimited, probability, 1, on_campaign=steps.finish_one
+                )
+                if longer.campaigns:
+                    without_limit = _plan_of(longer.campaigns[0], reachable, unlimited)
     return GoalDesign(
         goals=known,
         probability=probability,
@@ -442,6 +453,7 @@ def _search_campaigns(
         near_misses=near_misses,
         unreachable=unreachable,
         customary=customary,
+        without_limit=without_limit,
         measured=not space.pilot.is_plan,
         pilot=space.pilot.name,
     )

@@ -141,6 +141,8 @@ class NextCircle(Result):
     #: number of further circles after which every aim of the campaign is expected to be reached;
     #: None if 20 circles are not enough
     more_circles: int | None
+    #: direction of travel of the best next circle; None if the circles run so far state none
+    direction: Direction | None
     #: table of the best next circles, the best first. The columns are force_N, the angles of the
     #: balls, the radius, other settings in which circles differ, and share. The share states how
     #: much nearer the circle is expected to bring the campaign to its aims, from 0 (no nearer) to 1
@@ -288,6 +290,7 @@ def next_circle(
         tolerances=_tolerances_so_far(of_tolerances, after),
         finished=finished,
         more_circles=more_circles,
+        direction=space.tests[order[0]].direction,
         table=_best_circles(space, order[:_LISTED], distance_now, distances),
         chosen=_Chosen(space, space.tests[order[0]]),
     )
