@@ -47,12 +47,12 @@ def judged_quantities(
 def verdicts_table(result: Identifiability) -> Table:
     """Return a table of the verdicts on how well the readings determine each parameter.
 
-    The table has one row for each parameter. The columns are the expanded uncertainty U (k = 2),
-    which is present if there are readings and else expected, the verdict, the cheapest remedy, and U with this remedy. A remedy is a certificate, or a
-    change of the tests, that reduces U markedly. The verdict names the effect that causes the
-    largest part of the parameter's variance. Slopes (coefficients of a compliance as a polynomial
-    in force) have no rows. Instead, there is one row for each compliance that changes with force:
-    its change from the smallest to the largest tested force.
+    The table has one row for each parameter. The columns are the expanded uncertainty U (k = 2), at
+    present or, for a plan, as expected; the verdict; the cheapest remedy; and U with this remedy. A
+    remedy is a certificate, or a change of the tests, that reduces U markedly. The verdict names
+    the effect that causes the largest part of the parameter's variance. Slopes (coefficients of a
+    compliance as a polynomial in force) have no rows. Instead, there is one row for each compliance
+    that changes with force: its change from the smallest to the largest tested force.
     """
     rows = []
     for label, entry in judged_quantities(result).items():

@@ -237,13 +237,7 @@ def find_cheapest(
         The campaigns, the cheapest first; none if no family reaches the goals.
     """
     search = _Search(goals, costs, probability)
-    queue = []
-    for position, family in enumerate(families):
-        circles = family.fewest_circles
-        price = family.lowest_price(costs, circles)
-        no_circles = np.zeros(len(family.space.tests), dtype=int)
-        queue.append(_QueuedFamily(price, position, _Progress(family, circles, no_circles)))
-    heapq.heapify(queue)
+    queue = _queue_of(families, costs)
     found: list[FoundCampaign] = []
     while queue and len(found) < number:
         if found and search.effort > _MOST_EFFORT:
@@ -267,9 +261,7 @@ def find_cheapest(
         if goes_on and progress.circles <= _MOST_CIRCLES:
             price = progress.family.lowest_price(costs, progress.circles)
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
-    found.sort(key=lambda campaign: campaign.price(costs))
-    if found:
-        found += _with_more_circles(found[0], number - len(found), costs, on_campaign)
+    found += _with_more_circles(found, number - len(found), costs, on_campaign)
     found.sort(key=lambda campaign: campaign.price(costs))
     nearest = None if search.is_reachable else search.nearest
     return CheapestCampaigns(tuple(found), nearest)
@@ -288,15 +280,37 @@ def _buys_in_vain(progress: _Progress, cheaper: FoundCampaign, costs: Costs) -> 
     return enough < bought and minutes >= cheaper.family.minutes(costs, cheaper.tests)
 
 
-def _with_more_circles(
-    campaign: FoundCampaign, number: int, costs: Costs, on_campaign: Callable[[], object]
-) -> list[FoundCampaign]:
-    """Return the best campaigns that have 1, 2, …, ``number`` circles more than ``campaign``.
+def _queue_of(families: Sequence[CampaignFamily], costs: Costs) -> list[_QueuedFamily]:
+    """Return the families of campaigns to search as a heap: the cheapest family comes first.
 
-    The campaigns belong to the same family as ``campaign``. They cost more, but are more likely to
-    meet the goals for uncertainties. Campaigns that exceed the longest machine time allowed are
-    left out. ``on_campaign`` is called whenever a campaign is found.
+    ``costs`` holds the prices and times of circles, set-ups and turns of the balls.
     """
+    queue = []
+    for position, family in enumerate(families):
+        circles = family.fewest_circles
+        price = family.lowest_price(costs, circles)
+        no_circles = np.zeros(len(family.space.tests), dtype=int)
+        queue.append(_QueuedFamily(price, position, _Progress(family, circles, no_circles)))
+    heapq.heapify(queue)
+    return queue
+
+
+def _with_more_circles(
+    found: Sequence[FoundCampaign],
+    number: int,
+    costs: Costs,
+    on_campaign: Callable[[], object],
+) -> list[FoundCampaign]:
+    """Return campaigns that have 1, 2, …, ``number`` circles more than the cheapest one found.
+
+    They are the best campaigns of the same family. They cost more, but are more likely to meet the
+    goals for uncertainties. Campaigns that exceed the longest machine time allowed are left out.
+    The list is empty if no campaign was found. ``on_campaign`` is called whenever a campaign is
+    found.
+    """
+    if not found:
+        return []
+    campaign = min(found, key=lambda campaign: campaign.price(costs))
     longer = []
     for added in range(1, number + 1):
         counts = campaign.family.best_counts(len(campaign.tests) + added)

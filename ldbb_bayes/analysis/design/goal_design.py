@@ -438,12 +438,7 @@ def _search_campaigns(
             elif found.nearest is not None:
                 near_misses = _near_misses(found.nearest, reachable, costs, probability)
             elif costs.hours is not None:
-                unlimited = replace(costs, hours=None)
-                longer = find_cheapest(
-                    families, reachable, unlimited, probability, 1, on_campaign=steps.finish_one
-                )
-                if longer.campaigns:
-                    without_limit = _plan_of(longer.campaigns[0], reachable, unlimited)
+                without_limit = _cheapest_without_limit(families, reachable, costs, probability)
     return GoalDesign(
         goals=known,
         probability=probability,
@@ -457,6 +452,24 @@ def _search_campaigns(
         measured=not space.pilot.is_plan,
         pilot=space.pilot.name,
     )
+
+
+def _cheapest_without_limit(
+    families: Sequence[CampaignFamily],
+    goals: Mapping[str, Goal],
+    costs: Costs,
+    probability: float,
+) -> GoalPlan | None:
+    """Return the cheapest campaign that reaches all goals, however long it takes; None if none.
+
+    ``families`` are the families of campaigns to search, ``costs`` are the times and prices of
+    circles and set-ups, and ``probability`` is the minimum share of the possible machines.
+    """
+    unlimited = replace(costs, hours=None)
+    found = find_cheapest(families, goals, unlimited, probability, 1, on_campaign=lambda: None)
+    if not found.campaigns:
+        return None
+    return _plan_of(found.campaigns[0], goals, unlimited)
 
 
 def _reachable(
