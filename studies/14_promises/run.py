@@ -39,7 +39,7 @@ MILD = "mild, both ways, shuffled"
 # Machines that are drawn from the priors of the model: these are what the promise is about.
 DRAWN = "drawn from the priors"
 MACHINES = {DIFFERENT: 120, MILD: 40, DRAWN: 100}
-SEARCHED_MACHINES = {DIFFERENT: 40, MILD: 20}
+SEARCHED_MACHINES = {DIFFERENT: 120, MILD: 20}
 # Other seeds than those of study 12.
 FIRST_SEED = 3000
 # Forces of the pilot and of the plan, each run in both directions [N].

@@ -415,10 +415,14 @@ class _Search:
     def _is_met(self, campaign: FoundCampaign) -> bool:
         """Return whether a campaign reaches all uncertainty goals with the required probability.
 
-        The probability is the share of the possible machines (random draws of the parameters and
-        hyper-parameters) on which the campaign reaches all goals.
+        The probability is that of one more machine, like the n possible machines (random draws of
+        the parameters and hyper-parameters). All n + 1 machines are equally likely to be the one
+        with the largest uncertainties. If k of the n machines reach the goals, the probability is
+        therefore k / (n + 1) or more.
         """
-        return self._share_met(campaign) >= self._probability
+        machines = len(campaign.stated.u)
+        needed = min(np.ceil(self._probability * (machines + 1)), machines)
+        return round(self._share_met(campaign) * machines) >= needed
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
         """Return a campaign of a family that meets the uncertainty goals, or None if this fails.
@@ -478,7 +482,8 @@ class _Search:
             tests = family.tests_of(counts)
             if not family.uses_all(tests):
                 break
-            if not self._is_met(judge_plan(family, tests, _FEW_MACHINES)):
+            judged_by_few = judge_plan(family, tests, _FEW_MACHINES)
+            if self._share_met(judged_by_few) < self._probability:
                 break
             shorter = self._forecast_fully(progress, counts)
             if not self._is_met(shorter):

@@ -60,8 +60,8 @@ _BELIEFS = 4
 # the forecast assumes that the hyper-parameters are known. Several means are drawn because the
 # posterior mean depends on the readings, which are not known yet.
 _MEANS_PER_STATE = 4
-# Share of the possible machines on which the standard uncertainty of a parameter is at most the
-# forecast value `Expected.likely_sd`.
+# Probability that the standard uncertainty of a parameter is at most the forecast value
+# `Expected.likely_sd`, on one more machine like the possible machines.
 _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
@@ -495,7 +495,8 @@ def expected_uncertainties(
     scale = bound.scale
     variances = stated_variances(bound, states, believed * np.outer(scale, scale))
     sd = np.sqrt(np.median(variances, axis=0))
-    likely_sd = np.sqrt(np.quantile(variances, _LIKELY, axis=0))
+    likely_variance = np.quantile(variances, _LIKELY, axis=0, method="weibull")
+    likely_sd = np.sqrt(likely_variance)
     untruncated = stated_variances(
         bound, states, believed * np.outer(scale, scale), truncated=False
     )
