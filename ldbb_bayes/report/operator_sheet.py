@@ -59,15 +59,21 @@ def _settings(plan: Campaign) -> list[tuple[str, str]]:
     """
     test = plan.tests[0]
     force = float(test.force_N or 0.0)
+    feed = ""
+    if plan.feed_mm_per_min is not None:
+        feed = f"{plan.feed_mm_per_min:g} mm/min"
     return [
         ("Force", f"{force:.4g} N"),
         ("Pressure", f"{plan.force_law.pressure_bar(force):.3g} bar"),
         ("Plane", str(test.plane)),
         ("Direction", test.direction or "as before"),
+        ("Start angle", f"{test.angle_deg[0]:g}°"),
+        ("Arc", f"{abs(test.planned_arc_deg):g}°"),
         ("Radius", f"{test.radius_mm:g} mm"),
+        ("Feed", feed),
         ("Work ball turned", f"{test.work_ball_deg:g}°"),
         ("Tool ball turned", f"{test.tool_ball_deg:g}°"),
-        ("File", ""),
+        ("File", f"{test.name}.csv"),
         ("Time", ""),
         ("Temperature (°C)", ""),
     ]

@@ -85,7 +85,7 @@ def test_the_direction_is_german(step: NextCircle) -> None:
     both = replace(step, table=step.table.assign(direction="CCW"))
     words = words_of(operator_sheet.page(both, clockwise, "de"))
     assert "(Werkzeug), gegen den Uhrzeigersinn." in words
-    assert "Fahrtrichtung im Uhrzeigersinn Radius" in words
+    assert "Fahrtrichtung im Uhrzeigersinn Startwinkel" in words
     assert "CW" not in words
 
 

@@ -18,7 +18,7 @@ TERMS = [type(term).__name__ for term in lb.HybridModel.default(1).nuisances]
 SENTENCES = [
     "No campaign within 2 h reaches the goals on 90 % of the machines. Without this limit the"
     " cheapest takes 2.3 h: 18 circles, with balls of grade G10 certified, price 140.",
-    "U is that of linear compliance, as fit states it. The sheets of report average constant and"
+    "U is that of linear compliance. The sheets of report average constant and"
     " linear compliance; their U differs.",
     "Met already by 'a pilot' (with probability 90 % or more), so that nothing is needed: C_XXX and"
     " E_XX1.",
