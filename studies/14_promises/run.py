@@ -134,7 +134,8 @@ def stated_u(campaign: lb.Campaign) -> dict[str, float]:
 def searched_job(kind: str, seed: int) -> Row:
     """One machine: pilot, cheapest campaign for three goals, its readings, and their fit.
 
-    All numbers are zero where the goals are out of reach.
+    Also forecast over stated u of every parameter. All numbers are zero where the goals are out of
+    reach.
     """
     family = family_of(kind, seed)
     pilot, _ = machines.simulate(family, FIRST_SEED + seed, PILOT_FORCES_N)
@@ -146,6 +147,7 @@ def searched_job(kind: str, seed: int) -> Row:
     row = dict.fromkeys(("found", "circles", "promised", "kept"), 0.0)
     for name in goals:
         row |= {f"{name}/promised": 0.0, f"{name}/kept": 0.0}
+    row |= {f"{name}/forecast": 0.0 for name in of_pilot}
     if not design.plans or design.unreachable:
         return row
     best = design.best
@@ -157,6 +159,8 @@ def searched_job(kind: str, seed: int) -> Row:
         row[f"{name}/promised"] = best.goals[name].probability
         row[f"{name}/kept"] = float(stated[name] <= limit_u)
     row["kept"] = min(row[f"{name}/kept"] for name in goals)
+    for name, entry in best.expected.items():
+        row[f"{name}/forecast"] = entry.sd / stated[name]
     return row
 
 
@@ -201,8 +205,15 @@ def of_searched(rows: pd.DataFrame) -> dict[str, Any]:
             "promised": float(found[f"{name}/promised"].mean()),
             "kept": float(found[f"{name}/kept"].mean()),
         }
+    ending = "/forecast"
+    medians = {}
+    for column in found.columns:
+        if column.endswith(ending):
+            medians[column.removesuffix(ending)] = float(found[column].median())
     return {
         "machines": len(rows),
+        "medians": medians,
+        "far": [name for name, median in medians.items() if abs(median - 1.0) > MOST_OFF],
         "found": len(found),
         "circles": {name: float(getattr(found["circles"], name)()) for name in ("min", "max")},
         "promised": float(found["promised"].mean()),

@@ -29,7 +29,14 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms.columns import BasisNoise, Columns
 from ldbb_bayes.results import Array
 
-__all__ = ["believed_scales", "fisher_information"]
+__all__ = [
+    "EffectBlock",
+    "Effects",
+    "believed_scales",
+    "effects_at",
+    "fisher_information",
+    "inverse_covariance",
+]
 
 # Limit for the absolute value of normal scores; scores beyond the limit are replaced by the limit.
 # The normal score of a hyper-parameter (scale of the noise or of another effect) is the standard
@@ -170,7 +177,7 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
     stepped = (scores[:, None] + steps).reshape(-1, size)
     phi = bound.hyper_prior.quantile(ndtr(stepped))
-    effects = _effects_at(bound, phi)
+    effects = effects_at(bound, phi)
     variances = effects.variances.reshape(points, 2 * size + 1, -1)
     noise = effects.noise_variance.reshape(points, 2 * size + 1)
     spare = sum(test.readings - len(test.factor) for test in bound.reduced)
@@ -188,7 +195,7 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     return information
 
 
-class _EffectBlock(NamedTuple):
+class EffectBlock(NamedTuple):
     """A block of the design matrix: the effects on all tests, or the effects on one test alone.
 
     The design matrix has one row for each of the N reduced readings (combinations of a test's
@@ -207,7 +214,7 @@ class _EffectBlock(NamedTuple):
 
 
 def _information_at(
-    blocks: list[_EffectBlock], variances: Array, noise: float, slopes: Array, noise_slope: Array
+    blocks: list[EffectBlock], variances: Array, noise: float, slopes: Array, noise_slope: Array
 ) -> Array:
     """Return the Fisher information of N reduced readings about h normal scores, shape (h, h).
 
@@ -237,7 +244,7 @@ def _information_at(
         Derivatives of ``noise`` with respect to the normal scores of the h hyper-parameters, shape
         (h,).
     """
-    precision = _precision(blocks, variances, noise)
+    precision = inverse_covariance(blocks, variances, noise)
     # Only effects whose variance depends on a hyper-parameter contribute to the Fisher information
     # about the hyper-parameters.
     is_changing: Array = np.asarray(slopes.any(axis=0))
@@ -261,7 +268,7 @@ def _information_at(
     )
 
 
-def _precision(blocks: list[_EffectBlock], variances: Array, noise: float) -> Array:
+def inverse_covariance(blocks: list[EffectBlock], variances: Array, noise: float) -> Array:
     """Return the inverse covariance of N reduced readings (combinations of readings), shape (N, N).
 
     The covariance is V = B + X Xᵀ. B is the block-diagonal covariance due to the white noise and to
@@ -284,7 +291,7 @@ def _precision(blocks: list[_EffectBlock], variances: Array, noise: float) -> Ar
     return np.asarray(inverse - update.T @ update)
 
 
-class _Effects(NamedTuple):
+class Effects(NamedTuple):
     """All effects on the reduced readings of planned tests, and the variances of these effects.
 
     The readings of a test are reduced to a few combinations of the readings, which contain all
@@ -294,7 +301,7 @@ class _Effects(NamedTuple):
 
     # blocks of the design matrix of the readings: first the block of the effects on all tests, then
     # one block for the effects on each single test
-    blocks: list[_EffectBlock]
+    blocks: list[EffectBlock]
     # variances of all C effects on the readings, for each of w sets of hyper-parameters, shape (w,
     # C)
     variances: Array
@@ -303,7 +310,7 @@ class _Effects(NamedTuple):
     noise_variance: Array
 
 
-def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
+def effects_at(bound: BoundModel, phi: Array) -> Effects:
     """Return all effects on the planned readings, and the variances of these effects.
 
     ``phi``, shape (w, h), are w sets of the h hyper-parameters, with lengths in mm. The variances
@@ -313,7 +320,7 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
     on_all_tests = _effects_on_all_tests(bound, values)
     on_single_tests = [_effects_on_one_test(bound, values, r) for r in range(len(bound.reduced))]
     all_readings, common_effects = on_all_tests.columns.shape
-    first_block = _EffectBlock(
+    first_block = EffectBlock(
         slice(0, all_readings), slice(0, common_effects), on_all_tests.columns
     )
     blocks = [first_block]
@@ -325,13 +332,13 @@ def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
         n, c = on_one_test.columns.shape
         readings_of_test = slice(readings, readings + n)
         effects_of_test = slice(effects, effects + c)
-        blocks.append(_EffectBlock(readings_of_test, effects_of_test, on_one_test.columns))
+        blocks.append(EffectBlock(readings_of_test, effects_of_test, on_one_test.columns))
         readings += n
         effects += c
     variances = np.concatenate(
         [group.variances for group in (on_all_tests, *on_single_tests)], axis=1
     )
-    return _Effects(blocks, variances, values["sigma"] ** 2)
+    return Effects(blocks, variances, values["sigma"] ** 2)
 
 
 class _EffectColumns(NamedTuple):

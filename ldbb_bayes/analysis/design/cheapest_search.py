@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -62,6 +62,8 @@ _MOST_FORECASTS = 8
 # circle. A fast forecast with this number of possible machines shows whether the slower forecast
 # with all 64 possible machines is worthwhile.
 _FEW_MACHINES = 16
+# Seed of the fresh machines on which a campaign that reaches the goals is judged once more.
+_SEED_OF_FRESH_MACHINES = 2
 # The search for the cheapest campaign ends when it has found a campaign that reaches the goals and
 # the computing effort exceeds this number. The effort is the sum of n² over all full forecasts
 # (with unknown hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
@@ -83,7 +85,8 @@ class FoundCampaign:
     plan: Campaign
     #: analyses of the campaign, simulated on the possible machines
     analyses: SimulatedAnalyses
-    #: standard uncertainties to expect for the parameters on every possible machine
+    #: standard uncertainties to expect for the parameters on every possible machine, including the
+    #: fresh machines on which the campaign was judged once more
     stated: StatedByMachines
 
     def price(self, costs: Costs) -> float:
@@ -121,6 +124,24 @@ def judge_plan(
     plan = family.plan_of(tests)
     analyses = simulate_analyses(family.space.model, plan, machines=machines)
     return FoundCampaign(family, tuple(tests), plan, analyses, stated_by_machines(analyses))
+
+
+def _judged_on_fresh_machines(campaign: FoundCampaign) -> FoundCampaign:
+    """Return a campaign with the uncertainties to expect on as many machines again.
+
+    A search judges one campaign after the other on the same possible machines, and takes the first
+    that reaches the goals on enough of them. This campaign is more often lucky than the others, but
+    not on fresh machines.
+    """
+    model = campaign.family.space.model
+    analyses = simulate_analyses(model, campaign.plan, seed=_SEED_OF_FRESH_MACHINES)
+    fresh = stated_by_machines(analyses)
+    stated = StatedByMachines(
+        fresh.names,
+        np.concatenate([campaign.stated.beta, fresh.beta]),
+        np.concatenate([campaign.stated.u, fresh.u]),
+    )
+    return replace(campaign, stated=stated)
 
 
 def _log_ratios_to_goals(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
@@ -448,11 +469,25 @@ class _Search:
         if progress.forecasts >= _MOST_FORECASTS:
             progress.circles = _MOST_CIRCLES
             return None
-        campaign = self._forecast_fully(progress, counts)
-        if not self._is_met(campaign):
+        campaign = self._confirmed(self._forecast_fully(progress, counts))
+        if campaign is None:
             progress.last_failed = circles
             return None
         return self._with_fewer_circles(progress, campaign)
+
+    def _confirmed(self, campaign: FoundCampaign) -> FoundCampaign | None:
+        """Return a campaign judged on fresh machines too, or None if it misses the goals.
+
+        The result is None if the campaign misses the goals on the machines on which it was judged
+        so far, or on these and the fresh machines together.
+        """
+        if not self._is_met(campaign):
+            return None
+        self.effort += len(campaign.tests) ** 2
+        judged_again = _judged_on_fresh_machines(campaign)
+        if not self._is_met(judged_again):
+            return None
+        return judged_again
 
     def _forecast_fully(self, progress: _Progress, counts: Array) -> FoundCampaign:
         """Return a campaign with its full forecast, and update ``progress``.
@@ -485,8 +520,8 @@ class _Search:
             judged_by_few = judge_plan(family, tests, _FEW_MACHINES)
             if self._share_met(judged_by_few) < self._probability:
                 break
-            shorter = self._forecast_fully(progress, counts)
-            if not self._is_met(shorter):
+            shorter = self._confirmed(self._forecast_fully(progress, counts))
+            if shorter is None:
                 break
             best = shorter
         return best

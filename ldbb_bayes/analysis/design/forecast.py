@@ -26,6 +26,7 @@ import numpy as np
 from ldbb_bayes.analysis.design.believed_scales import believed_scales
 from ldbb_bayes.analysis.design.candidates import bind_plan
 from ldbb_bayes.analysis.design.discrimination import Discrimination, discrimination_of
+from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates, prior_medians
 from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters, states_before
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.model.bound_information import information_of, informations_of
@@ -72,8 +73,8 @@ _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix below this number are treated as zero in the decision whether
 # the tests determine every parameter.
 _RANK_TOLERANCE = 1e-6
-# Seed of the random numbers. It is the same for all forecasts, so that two forecasts of one plan
-# agree to the last digit.
+# Default seed of the random numbers. It is the same for all forecasts, so that two forecasts of one
+# plan agree to the last digit.
 _SEED = 1
 
 
@@ -160,11 +161,12 @@ class SimulatedAnalyses:
     #: from the posterior of the hyper-parameters, shape (K, n, p, p), in units of the prior
     #: standard deviations of ``bound``. They are computed as if compliances could be negative.
     covariance: Array
+    seed: int = _SEED  #: seed of the random numbers for the readings of the planned tests
 
 
 @one_blas_thread
 def simulate_analyses(
-    model: HybridModel, plan: Campaign, *, machines: int | None = None
+    model: HybridModel, plan: Campaign, *, machines: int | None = None, seed: int = _SEED
 ) -> SimulatedAnalyses:
     """Simulate the analyses of the tests of a plan, whose readings are not known yet.
 
@@ -177,12 +179,15 @@ def simulate_analyses(
         campaign that the plan starts from) or, if there are none, from the prior.
     machines
         Number of possible machines, which are drawn from the posterior or prior. Default: 64.
+    seed
+        Seed of the random numbers: the machines, and the readings of their tests. All forecasts use
+        the default, so that two forecasts of one plan agree; another seed gives other machines.
     """
     run = 0
     if plan.pilot is not None and plan.adds_to_pilot:
         run = len(plan.pilot.tests)
-    states = states_of(model, plan, machines)
-    return _simulated_analyses(bind_plan(model, plan), states, run)
+    states = states_of(model, plan, machines, seed)
+    return _simulated_analyses(bind_plan(model, plan), states, run, seed)
 
 
 @one_blas_thread
@@ -260,23 +265,25 @@ def stated_by_machines(analyses: SimulatedAnalyses) -> StatedByMachines:
     bound = analyses.bound
     states = analyses.states_of_analyses
     covariance = analyses.covariance * np.outer(bound.scale, bound.scale)
-    variances = stated_variances(bound, states, covariance)
+    variances = stated_variances(bound, states, covariance, seed=analyses.seed)
     beta = states.beta[_is_possible(bound, states)]
     repetitions = len(variances) // len(beta)
     return StatedByMachines(tuple(bound.names), np.tile(beta, (repetitions, 1)), np.sqrt(variances))
 
 
-def states_of(model: HybridModel, plan: Campaign, machines: int | None = None) -> States:
+def states_of(
+    model: HybridModel, plan: Campaign, machines: int | None = None, seed: int = _SEED
+) -> States:
     """Return the possible states of the machine before a plan is run, for the plan's forecast.
 
     A state is one possible machine: values of the parameters and hyper-parameters of ``model``.
-    ``machines`` is the number of states, by default 64. The states are random draws. They follow
-    the posterior given the campaign that ``plan`` starts from or, if there are no readings, the
-    prior.
+    ``machines`` is the number of states, by default 64. The states are random draws with the seed
+    ``seed``. They follow the posterior given the campaign that ``plan`` starts from or, if there
+    are no readings, the prior.
     """
     pilot = plan.pilot or plan
     number = machines or _STATES
-    return states_before(model, pilot, number, _SEED, augment=plan.adds_to_pilot)
+    return states_before(model, pilot, number, seed, augment=plan.adds_to_pilot)
 
 
 def forecast_tests(
@@ -322,7 +329,7 @@ def forecast_tests(
     if known_scales or bound.model.prior.flat:
         analyses = SimulatedAnalyses(bound, run, states, states, covariance[:, None])
     elif analyses is None:
-        analyses = _simulated_analyses(bound, states, run)
+        analyses = _simulated_analyses(bound, states, run, _SEED)
     expected = expected_uncertainties(
         bound, analyses.states_of_analyses, covariance, analyses.covariance, floor
     )
@@ -334,7 +341,7 @@ def forecast_tests(
     return Forecast(expected, information_gain, _evidence(bound, states, covariance, run, slopes))
 
 
-def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
+def _believed_covariance(bound: BoundModel, states: States, run: int, seed: int) -> Array:
     """Return the parameters' covariances for random draws from the hyper-parameters' posterior.
 
     The hyper-parameters are quantities such as the standard deviation of the noise. The result has
@@ -342,10 +349,10 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     for each machine (see `believed_scales`), and p parameters. ``bound`` is the model applied to
     the tests; the first ``run`` of these tests have already been run. The covariances are in units
     of the prior standard deviations of the parameters. The condition that no compliance is negative
-    is ignored.
+    is ignored. ``seed`` is the seed of the random numbers.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
-    scales = believed_scales(bound, phi, _BELIEFS, _SEED)
+    scales = believed_scales(bound, phi, _BELIEFS, seed)
     _, posterior = bound.given(scales.reshape(-1, scales.shape[-1]))
     relative_spread = posterior.spread() / bound.scale[:, None]
     covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
@@ -353,7 +360,9 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     return np.asarray(covariance.reshape(len(phi), _BELIEFS, p, p))
 
 
-def _simulated_analyses(bound: BoundModel, states: States, run: int) -> SimulatedAnalyses:
+def _simulated_analyses(
+    bound: BoundModel, states: States, run: int, seed: int
+) -> SimulatedAnalyses:
     """Simulate the analyses of planned tests on the possible machines ``states``.
 
     The prior sd of a slope (change of a compliance with force) is proportional to the estimated
@@ -361,37 +370,33 @@ def _simulated_analyses(bound: BoundModel, states: States, run: int) -> Simulate
     the campaign that the design starts from. An analysis of the tests estimates the compliances
     anew, from its own readings, so that its priors of the slopes differ. Covariances and states of
     the result have these new priors. ``run`` is the number of tests of ``bound`` that have already
-    been run; they come first.
+    been run; they come first. ``seed`` is the seed of the random numbers.
     """
-    covariance = _believed_covariance(bound, states, run)
+    covariance = _believed_covariance(bound, states, run, seed)
     prior = bound.model.prior
     if prior.flat or not prior.slopes_of_estimate or bound.model.degree == 0:
-        return SimulatedAnalyses(bound, run, states, states, covariance)
-    added = _precision_added_by_slope_priors(bound, states, covariance)
+        return SimulatedAnalyses(bound, run, states, states, covariance, seed)
+    estimates = _draw_estimates(bound, states, covariance, run, seed)
+    added = _precision_added_by_slope_priors(bound, estimates)
     scale = bound.scale
     matrix = np.eye(len(scale)) * added[:, None]
     precision = matrix / np.outer(scale, scale)
     before = states.before + Gaussian(precision, precision @ bound.prior_mean)
     covariance = np.linalg.inv(np.linalg.inv(covariance) + matrix[:, None])
-    return SimulatedAnalyses(bound, run, states, replace(states, before=before), covariance)
+    of_analyses = replace(states, before=before)
+    return SimulatedAnalyses(bound, run, states, of_analyses, covariance, seed)
 
 
-def _precision_added_by_slope_priors(bound: BoundModel, states: States, covariance: Array) -> Array:
+def _precision_added_by_slope_priors(bound: BoundModel, estimates: Array) -> Array:
     """Return by how much the analysis of planned tests changes the prior precision of each slope.
 
     The prior sd of a slope (change of a compliance with force) is proportional to the estimated
-    magnitude of its compliance. In each of the K states, the estimate that the analysis finds is
-    drawn at random. Let r be the ratio of the new prior sd of a slope to that in ``bound``. The
-    prior precision of the slope, in units of the prior sd in ``bound``, increases by 1/r² − 1. The
-    result has the shape (K, p) and is zero for all parameters that are not slopes. ``covariance``,
-    shape (K, n, p, p), holds posterior covariances in units of the prior sds in ``bound``.
+    magnitude of its compliance. ``estimates``, shape (K, p), are the estimates of the p parameters
+    that K analyses find, in internal units (mm, N, rad). Let r be the ratio of the new prior sd of
+    a slope to that in ``bound``. The prior precision of the slope, in units of the prior sd in
+    ``bound``, increases by 1/r² − 1. The result has the shape (K, p) and is zero for all parameters
+    that are not slopes.
     """
-    scale = bound.scale
-    every_state = np.ones(len(covariance), bool)
-    posterior_means = _draw_posterior_means(
-        states, every_state, covariance * np.outer(scale, scale), scale, repetitions=1
-    )
-    estimates = posterior_means[0].mean(axis=1)
     sd = _sd_of_estimates(bound)
     column_of = {name: j for j, name in enumerate(bound.names)}
     added = np.zeros_like(estimates)
@@ -406,6 +411,28 @@ def _precision_added_by_slope_priors(bound: BoundModel, states: States, covarian
     return added
 
 
+def _draw_estimates(
+    bound: BoundModel, states: States, covariance: Array, run: int, seed: int
+) -> Array:
+    """Draw the estimates from which the analyses of planned tests size the priors of the slopes.
+
+    Slopes are changes of compliances with force. One estimate of the p parameters is drawn for each
+    of the K states, shape (K, p), in internal units (mm, N, rad). If ``run`` tests have already
+    been run, a part of the readings is known, and the estimate is taken to be a posterior mean,
+    which follows from ``covariance``, shape (K, n, p, p), in units of the prior sds in ``bound``.
+    ``seed`` is the seed of the random numbers.
+    """
+    if run == 0:
+        phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
+        return draw_reference_estimates(bound, phi, states.beta, seed)
+    scale = bound.scale
+    every_state = np.ones(len(covariance), bool)
+    posterior_means = _draw_posterior_means(
+        states, every_state, covariance * np.outer(scale, scale), scale, repetitions=1, seed=seed
+    )
+    return np.asarray(posterior_means[0].mean(axis=1))
+
+
 def _sd_of_estimates(bound: BoundModel) -> Array:
     """Return the standard uncertainties of the estimates from which slopes get their prior sds.
 
@@ -413,8 +440,7 @@ def _sd_of_estimates(bound: BoundModel) -> Array:
     as if compliances could be negative. The result has the shape (p,), in internal units (mm, N,
     rad).
     """
-    medians = bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), 0.5))
-    _, posterior = bound.given(medians)
+    _, posterior = bound.given(prior_medians(bound))
     return np.asarray(np.linalg.norm(posterior.spread()[0], axis=-1))
 
 
@@ -519,7 +545,12 @@ def expected_uncertainties(
 
 
 def stated_variances(
-    bound: BoundModel, states: States, covariance: Array, *, truncated: bool = True
+    bound: BoundModel,
+    states: States,
+    covariance: Array,
+    *,
+    truncated: bool = True,
+    seed: int = _SEED,
 ) -> Array:
     """Forecast the posterior variances that analyses of planned tests would give.
 
@@ -544,6 +575,8 @@ def stated_variances(
     truncated
         Whether the analyses use the condition that no compliance is negative, if the model has this
         condition.
+    seed
+        Seed of the random numbers.
 
     Returns
     -------
@@ -557,7 +590,7 @@ def stated_variances(
     values = covariance.shape[1]
     repetitions = max(1, _MEANS_PER_STATE // values)
     means = _draw_posterior_means(
-        states, is_possible, covariance[is_possible], bound.scale, repetitions
+        states, is_possible, covariance[is_possible], bound.scale, repetitions, seed
     )
     variances = np.broadcast_to(variance[is_possible], means.shape)
     if truncated and bound.truncation.active:
@@ -622,7 +655,12 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
 
 
 def _draw_posterior_means(
-    states: States, is_possible: Array, covariance: Array, scale: Array, repetitions: int
+    states: States,
+    is_possible: Array,
+    covariance: Array,
+    scale: Array,
+    repetitions: int,
+    seed: int,
 ) -> Array:
     """Draw posterior means that an analysis of the new tests may give, for each possible state.
 
@@ -638,7 +676,8 @@ def _draw_posterior_means(
 
     ``is_possible``, shape (K,), is true for those of the K states that are used. ``covariance``,
     shape (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are
-    the prior standard deviations. The result has the shape (repetitions, possible states, n, p).
+    the prior standard deviations. ``seed`` is the seed of the random numbers. The result has the
+    shape (repetitions, possible states, n, p).
     All quantities are in internal units (mm, N, rad).
     """
     covariance = covariance / np.outer(scale, scale)
@@ -653,7 +692,7 @@ def _draw_posterior_means(
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)
     shape = (repetitions, *deviation.shape)
-    noise = np.random.default_rng(_SEED).standard_normal(shape)
+    noise = np.random.default_rng(seed).standard_normal(shape)
     return np.asarray(scale * (mean + np.einsum("knij,rkj->rkni", root, noise)))
 
 
