@@ -55,7 +55,7 @@ def _goals_table(result: GoalDesign) -> Table:
         expected = ""
         if stated.met_by_pilot:
             expected = "met already"
-        elif name in result.unreachable or not result.plans:
+        elif name in result.unreachable or name in result.near_misses or not result.plans:
             expected = "not reached"
         else:
             sizes.append(result.best.goals[name].likely_U)
@@ -64,7 +64,7 @@ def _goals_table(result: GoalDesign) -> Table:
     before = "prior"
     if result.measured:
         before = "now"
-    heads = ("U (k = 2)", "wanted", before, "nine in ten at most", "unit")
+    heads = ("goal for U (k = 2)", "wanted", before, "nine in ten at most", "unit")
     return Table.of("Goals", heads, rows, text=("unit", "nine in ten at most"))
 
 
@@ -157,5 +157,8 @@ def _customary_table(result: GoalDesign) -> Table:
                     unit,
                 )
             )
-    heads = ("balls as they are", "circles", "of", "U", "U, as planned", "unit")
+    planned = "U, as planned"
+    if result.best.certificates:
+        planned += ", certified"
+    heads = ("balls as they are", "circles", "of", "U", planned, "unit")
     return Table.of("As it is done today", heads, rows, text=("of", "unit"))

@@ -62,7 +62,16 @@ def _goals_table(step: NextCircle) -> Table:
         met = wording.probability_words(goal.probability)
         met_next = wording.probability_words(goal.probability_next)
         rows.append((display_name(name), now, limit, met, after_next, met_next, floor, unit))
-    heads = ("goal for U", "now", "wanted", "met", "after the next", "met", "no less than", "unit")
+    heads = (
+        "goal for U",
+        "now",
+        "wanted",
+        "met (p)",
+        "after the next",
+        "met (p)",
+        "no less than",
+        "unit",
+    )
     return Table.of("", heads, rows, text=("unit",))
 
 

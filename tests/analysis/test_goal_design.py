@@ -307,6 +307,16 @@ def test_the_largest_campaign_of_a_near_miss_leaves_more_than_the_goal(just_miss
     assert just_missed.near_misses["E_C0YX"].likely_U > just_missed.goals["E_C0YX"].limit_U
 
 
+def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
+    floor = just_missed.goals["E_C0YX"].limit_U
+    goals = {"E_C0YX": floor, "C_XYX": "2 nm/N"}
+    found = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES)
+    assert list(found.near_misses) == ["E_C0YX"]
+    assert list(found.best.goals) == ["C_XYX"]
+    assert not found.all_reached
+    assert "All goals that can be reached" in " ".join(text_of(found).split())
+
+
 def test_a_near_miss_is_not_put_down_to_a_lack_of_time(just_missed):
     assert not just_missed.too_long
     assert not just_missed.all_reached

@@ -36,8 +36,9 @@ SENTENCES = [
     "No certificate that is known here would help by a tenth. Ask for a larger U.",
     "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate.",
     "C_XXX: wanted is 10 % of 67 nm/N, the median of its size under the prior.",
-    "U now counts what the planned circles can show, such as hysteresis if both directions are run;"
-    " fit of the circles run so far alone states: C_XXX 8.4 nm/N, E_C(0Y)X 76 µrad.",
+    "U now counts what the planned circles can show and the circles run so far cannot, such as"
+    " hysteresis if both directions are run; fit of the circles run so far alone states: C_XXX"
+    " 8.4 nm/N, E_C(0Y)X 76 µrad.",
     "C_XXX: no number of circles brings U below 5.43 nm/N; 5.40 nm/N is wanted. Its prior holds it"
     " (64 % of what remains).",
     "With all certificates together it would be 4.0 nm/N, which is enough.",

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -201,8 +202,9 @@ class GoalDesign(Result):
     #: and the price of machine time
     costs: Costs
     #: campaigns that reach the goals for uncertainties, the cheapest first. Goals that are already
-    #: met, and goals in ``unreachable``, are left out. Empty if all goals are already met, or if no
-    #: campaign reaches the goals, for example because the machine time is too short.
+    #: met, and goals in ``unreachable`` and ``near_misses``, are left out. Empty if all goals are
+    #: already met, or if no campaign reaches the goals, for example because the machine time is too
+    #: short.
     plans: tuple[GoalPlan, ...]
     #: reasons why goals cannot be reached by any number of circles with the certificates that the
     #: instrument has; the keys are the names of the goals' parameters
@@ -232,7 +234,8 @@ class GoalDesign(Result):
     @property
     def all_reached(self) -> bool:
         """Whether every uncertainty goal is met already, or will be by the cheapest campaign."""
-        return self.all_met or bool(self.plans and not self.unreachable)
+        left_out = self.unreachable or self.near_misses
+        return self.all_met or bool(self.plans and not left_out)
 
     @property
     def too_long(self) -> bool:
@@ -290,6 +293,10 @@ def design_for_goals(
     `InputError` if the priors are flat, or if a goal, certificate or probability is not valid.
     """
     costs = costs or Costs()
+    require(
+        isinstance(costs, Costs),
+        f"costs must be Costs, got {costs!r}. Write for example lb.analysis.Costs(hours=2.0).",
+    )
     check_probability(probability, "probability")
     require(
         not model.prior.flat,
@@ -411,12 +418,9 @@ def _search_campaigns(
     longest machine time allowed. ``steps`` reports the progress.
     """
     steps.finish(0)
-    plans: tuple[GoalPlan, ...] = ()
-    customary: tuple[CustomaryPlan, ...] = ()
     obstacles: dict[str, Obstacle] = {}
-    near_misses: dict[str, NearMiss] = {}
     unreachable: tuple[str, ...] = ()
-    without_limit: GoalPlan | None = None
+    searched = _Searched()
     if needed:
         plan = space.plan_of(space.tests[:1], seed=space.seed)
         states = states_of(space.model, plan)
@@ -427,31 +431,62 @@ def _search_campaigns(
         reachable = _reachable(widest, sets, needed, states)
         unreachable = tuple(name for name in needed if name not in reachable)
         if reachable:
-            narrowed = replace(space, parameters=tuple(reachable))
-            families = tuple(families_of(narrowed, sets, reachable, states))
-            found = find_cheapest(
-                families, reachable, costs, probability, _SHOWN, on_campaign=steps.finish_one
-            )
-            plans = _plans_of(found.campaigns, reachable, costs, steps)
-            if plans:
-                customary = _customary_plans(found.campaigns[0], reachable, costs, steps)
-            elif found.nearest is not None:
-                near_misses = _near_misses(found.nearest, reachable, costs, probability)
-            elif costs.hours is not None:
-                without_limit = _cheapest_without_limit(families, reachable, costs, probability)
+            searched = _search_reachable(space, sets, reachable, states, costs, probability, steps)
     return GoalDesign(
         goals=known,
         probability=probability,
         costs=costs,
-        plans=plans,
+        plans=searched.plans,
         obstacles=obstacles,
-        near_misses=near_misses,
+        near_misses=dict(searched.near_misses),
         unreachable=unreachable,
-        customary=customary,
-        without_limit=without_limit,
+        customary=searched.customary,
+        without_limit=searched.without_limit,
         measured=not space.pilot.is_plan,
         pilot=space.pilot.name,
     )
+
+
+class _Searched(NamedTuple):
+    """Result of the search for the cheapest campaigns; the fields are those of `GoalDesign`."""
+
+    plans: tuple[GoalPlan, ...] = ()
+    customary: tuple[CustomaryPlan, ...] = ()
+    near_misses: Mapping[str, NearMiss] = MappingProxyType({})
+    without_limit: GoalPlan | None = None
+
+
+def _search_reachable(
+    space: Space,
+    sets: Sequence[tuple[CertificateOffer, ...]],
+    goals: Mapping[str, Goal],
+    states: States,
+    costs: Costs,
+    probability: float,
+    steps: _Steps,
+) -> _Searched:
+    """Return the cheapest campaigns for goals that very many circles would reach.
+
+    A goal that 40 circles do not reach is a near miss; the campaigns are then for the other goals.
+    ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
+    of the machine. For the other arguments see `_search_campaigns`.
+    """
+    narrowed = replace(space, parameters=tuple(goals))
+    families = tuple(families_of(narrowed, sets, goals, states))
+    found = find_cheapest(families, goals, costs, probability, _SHOWN, on_campaign=steps.finish_one)
+    if found.campaigns:
+        plans = _plans_of(found.campaigns, goals, costs, steps)
+        return _Searched(plans, _customary_plans(found.campaigns[0], goals, costs, steps))
+    if found.nearest is not None:
+        near_misses = _near_misses(found.nearest, goals, costs, probability)
+        others = {name: goal for name, goal in goals.items() if name not in near_misses}
+        if not others:
+            return _Searched(near_misses=near_misses)
+        searched = _search_reachable(space, sets, others, states, costs, probability, steps)
+        return searched._replace(near_misses={**near_misses, **searched.near_misses})
+    if costs.hours is None:
+        return _Searched()
+    return _Searched(without_limit=_cheapest_without_limit(families, goals, costs, probability))
 
 
 def _cheapest_without_limit(

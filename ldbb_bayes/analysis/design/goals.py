@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.interest import Parameter
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import inside_name, to_inside
 
@@ -138,24 +139,30 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     goals: dict[str, Goal] = {}
     for stated_name, entry in stated.items():
         name = inside_name(str(stated_name))
+        require(
+            not name.startswith("Δ"),
+            f"a goal must be of a parameter, got the change {name}. State it of the slope"
+            f" {name[1:]}_1, which is the change by newton.",
+        )
         check_known("goal", [name], parameters)
         require(
             name not in goals,
             f"a goal must be stated once, got two of {name}. Leave out one of them.",
         )
         parameter = parameters[name]
-        goals[name] = _read_goal(name, parameter.unit, parameter.group, entry)
+        goals[name] = _read_goal(parameter, entry)
     return goals
 
 
-def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
-    """Return the goal that the user stated as ``entry``.
+def _read_goal(parameter: Parameter, entry: object) -> Goal:
+    """Return the goal that the user stated as ``entry`` for the uncertainty of a parameter.
 
-    ``entry`` is a string such as "5 %" or "2 nm/N", a number in the unit ``unit``, or a `Goal`.
-    ``name``, ``unit`` and ``group`` are the name, the unit (composed of mm, N and rad) and the
-    group of the goal's parameter. The groups are compliances, slopes (changes of compliances with
-    force) and geometric errors.
+    ``entry`` is a string such as "5 %" or "2 nm/N", a number in the parameter's unit (composed of
+    mm, N and rad), or a `Goal`.
     """
+    name = parameter.name
+    unit = parameter.unit
+    group = parameter.group
     subject = f"goal of {name}"
     goal: Goal
     if isinstance(entry, Goal):
@@ -169,6 +176,11 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
         goal = _goal_from_text(subject, name, unit, group, entry)
     elif isinstance(entry, int | float) and not isinstance(entry, bool):
         goal = Goal(name, unit, absolute=float(entry))
+        require(
+            not COVERAGE_FACTOR * parameter.prior_sd < entry < np.inf,
+            f"{subject} must be smaller than U without any reading, got {entry!r} {unit}. A number"
+            " is in this unit; for another write a text, for example '5 %' or '2 nm/N'.",
+        )
     else:
         raise InputError(
             f"{subject} must be a text with a unit, or a number in {unit}, got {entry!r}. Write for"
