@@ -126,11 +126,12 @@ def simulate(
 ) -> None:
     """Write a campaign with simulated readings, and truth.json with the true values beside it.
 
-    True values of parameters and noise are drawn at random from the priors unless a TOML file
-    states them.
+    True values of parameters and noise are drawn at random unless a TOML file states them: for a
+    plan whose pilot has readings from what these leave likely, else from the priors.
     """
-    # The module that reads files of true values loads SciPy, which takes a long time. It is
-    # therefore imported here, and not at the top of the file.
+    # These modules load SciPy, which takes a long time. They are therefore imported here, and not
+    # at the top of the file.
+    from ldbb_bayes.analysis.design.states import draw_machine_like_pilot
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):
@@ -154,7 +155,11 @@ def simulate(
             f" ({plan.forces_N[0]:g} N): it adds to circles that have been run. Give a plan of a"
             " whole campaign (design --out), or use --degree 0.",
         )
-        truths = Truths(None, None, {}, False) if truth is None else read_truths(truth)
+        truths = Truths(None, None, {}, False)
+        if truth is not None:
+            truths = read_truths(truth)
+        elif machine := draw_machine_like_pilot(model, plan, seed):
+            truths = Truths(None, machine.parameters, machine.hyper_um, False)
         require(
             truths.plan is None,
             f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove"

@@ -9,6 +9,7 @@ the pilot's readings, or from the prior if the pilot is a plan.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,7 +22,14 @@ from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.results import Array
 
-__all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
+__all__ = [
+    "PossibleMachine",
+    "States",
+    "draw_machine_like_pilot",
+    "extend_hyper_parameters",
+    "hyper_nodes",
+    "states_before",
+]
 
 # Posteriors of the hyper-parameters that have already been computed. The keys are the pilots
 # (campaigns that designs start from); each value is a list of posteriors, one for each model. The
@@ -186,6 +194,43 @@ def states_before(
     prior_mean = np.broadcast_to(bound.prior_mean, (nodes, p))
     prior_variance = np.broadcast_to(bound.prior_sd**2, (nodes, p))
     return States(phi, beta, Gaussian.of(prior_mean, prior_variance))
+
+
+class PossibleMachine(NamedTuple):
+    """Parameters and hyper-parameters of one machine that the readings of a pilot leave likely."""
+
+    #: compliances, their changes with force, and geometric errors, in internal units (mm, N, rad);
+    #: the keys are the names of the parameters
+    parameters: dict[str, float]
+    #: hyper-parameters, such as the standard deviation of the noise, with lengths in µm; the keys
+    #: are their names. Noise factors of single circles are left out.
+    hyper_um: dict[str, float]
+
+
+def draw_machine_like_pilot(
+    model: HybridModel, plan: Campaign, seed: int
+) -> PossibleMachine | None:
+    """Draw a machine at random from the posterior given the readings of a plan's pilot.
+
+    The pilot is the campaign from which the plan was designed. The result is None if the plan has
+    no pilot with readings, if the priors are flat, or if ``model`` has other parameters for the
+    plan than for its pilot. ``seed`` is the seed of the random numbers.
+    """
+    pilot = plan.pilot
+    if pilot is None or pilot.is_plan or model.prior.flat:
+        return None
+    of_pilot = model.bind(pilot)
+    of_plan = model.bind(plan)
+    if of_pilot.names != of_plan.names:
+        return None
+    state = states_before(model, pilot, 1, seed, augment=False)
+    named = of_pilot.hyper_prior.named(state.phi[0])
+    hyper_um = {}
+    for name, law in zip(of_pilot.hyper_prior.names, of_pilot.hyper_prior.laws, strict=True):
+        if law != "circle" and name in of_plan.hyper_prior.names:
+            hyper_um[name] = named[name]
+    parameters = dict(zip(of_pilot.names, state.beta[0].tolist(), strict=True))
+    return PossibleMachine(parameters, hyper_um)
 
 
 def _hyper_posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
