@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.believed_scales import believed_scales, fisher_information
+from ldbb_bayes.analysis.design.forecast import simulate_analyses
+from ldbb_bayes.analysis.design.states import extend_hyper_parameters
+from ldbb_bayes.inference.nodes import HyperPosterior
 from tests.campaigns import oracle_of, plan, simulated
 
 FIRST = lb.HybridModel.first(1)
@@ -88,3 +93,33 @@ def test_beliefs_are_true_after_many_circles() -> None:
     believed = believed_scales(bound, phi, 4, 1)
     ratio = believed / phi[:, None]
     np.testing.assert_allclose(ratio.mean(axis=(0, 1)), 1.0, atol=0.15)
+
+
+def test_what_circles_run_so_far_show_counts_in_the_belief_about_scales() -> None:
+    """One more circle in the same direction hardly shows more of hysteresis: the belief about its
+    size stays the posterior of the circles run so far, not the prior."""
+    model = lb.HybridModel.default(1)
+    pilot = lb.read_campaign(lb.embedded_campaign())
+    goals = {"E_C0YX": "10 µrad"}
+    step = lb.analysis.next_circle(
+        model,
+        pilot,
+        goals=goals,
+        forces_N=(36.0,),
+        directions=("CW", "CCW"),
+        clockings_deg=((90.0, 90.0),),
+    )
+    template = step.plan()
+    clockwise = tuple(replace(test, direction="CW") for test in template.tests)
+    plan = replace(template, tests=clockwise)
+    analyses = simulate_analyses(model, plan, machines=256)
+    bound = analyses.bound
+    column = bound.names.index("E_C0YX")
+    believed = analyses.covariance[:, :, column, column].mean() * bound.scale[column] ** 2
+
+    assert plan.pilot is not None
+    posterior = HyperPosterior(model.bind(plan.pilot), truncated=True)
+    free = posterior.nodes(0.1).integral.resample(512, np.random.default_rng(1))
+    phi = extend_hyper_parameters(bound, posterior.bound.hyper_prior.phi(free), len(pilot.tests))
+    exact = (bound.given(phi)[1].sd[:, column] ** 2).mean()
+    np.testing.assert_allclose(np.sqrt(believed), np.sqrt(exact), rtol=0.15)

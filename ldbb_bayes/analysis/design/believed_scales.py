@@ -14,6 +14,11 @@ and their covariance V depends on v. Their Fisher information about the scores v
 scores is approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂, where 1
 is the identity matrix. Here v̂ ~ N(v, I⁻¹) is a random estimate of the true scores v, with the
 covariance of an efficient estimate.
+
+If the planned tests are analysed together with tests that have already been run, the posterior
+given the latter takes the place of the prior. It is approximated by the Gaussian with the mean and
+covariance of the machines' scores, which are draws from it. I is then the information in the
+planned tests alone.
 """
 
 from __future__ import annotations
@@ -47,13 +52,16 @@ _LARGEST_SCORE = 6.0
 # are computed. The step is a change of a normal score: the standard normal quantile of a
 # hyper-parameter's cumulative prior probability.
 _STEP = 0.1
+# Smallest variance of a normal score before the planned tests. A score that is practically known
+# would otherwise make a covariance singular.
+_LEAST_SCORE_VARIANCE = 1e-6
 # If a plan has more circles than this number, the analysis is assumed to know the true
 # hyper-parameters. With so many circles, an average over their posterior would take a long time,
 # and would hardly differ from the result for the true values.
 _MOST_CIRCLES = 24
 
 
-def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
+def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run: int = 0) -> Array:
     """Return posterior draws of the hyper-parameters that are expected after the planned tests.
 
     The hyper-parameters are quantities such as the standard deviation of the noise. The readings of
@@ -71,6 +79,8 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
         Number of draws of the hyper-parameters for each machine.
     seed
         Seed of the random numbers.
+    run
+        Number of tests of ``bound`` that have already been run; these come first. Default: none.
 
     Returns
     -------
@@ -87,16 +97,66 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     rng = np.random.default_rng(seed)
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
-    first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
+    before = _ScoresBefore.of(truth, run)
+    start = before.standardize(truth)
+
+    def information(scores: Array) -> Array:
+        # Return the Fisher information of the planned tests about the standardized scores.
+        of_scores = fisher_information(bound, scores)
+        if run:
+            names_run = bound.test_names[:run]
+            of_scores = of_scores - fisher_information(bound.keeping(names_run), scores)
+        return np.asarray(before.root.T @ of_scores @ before.root)
+
+    first = _belief(start, information(truth), error_of_estimate)
     # The Fisher information about a hyper-parameter (standard deviation of the noise or of another
     # effect) increases with its value. The information is therefore computed half-way between the
     # true normal scores of the hyper-parameters and a first estimate of them. This is closer to the
     # average information than the information at the true scores.
-    middle = 0.5 * (truth + first.mean)
-    belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
-    scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
+    middle = 0.5 * (truth + before.scores(first.mean))
+    belief = _belief(start, information(middle), error_of_estimate)
+    standardized = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
+    scores = before.scores(standardized)
     scores = np.clip(scores, -_LARGEST_SCORE, _LARGEST_SCORE)
     return np.asarray(prior.quantile(ndtr(scores)))
+
+
+class _ScoresBefore(NamedTuple):
+    """Gaussian distribution N(m, R Rᵀ) of h normal scores before the planned tests are run.
+
+    The normal score of a hyper-parameter is the standard normal quantile of its cumulative prior
+    probability. Standardized scores w = R⁻¹ (v − m) have the distribution N(0, 1).
+    """
+
+    mean: Array  # means m of the normal scores of the h hyper-parameters, shape (h,)
+    root: Array  # square root R of the covariance of the h normal scores, shape (h, h)
+
+    @classmethod
+    def of(cls, scores: Array, run: int) -> _ScoresBefore:
+        """Return the prior of the scores or, if tests have been run, the posterior given these.
+
+        ``scores``, shape (K, h), are draws of the h scores from that distribution. ``run`` is the
+        number of tests that have been run. The covariance of the draws is shrunk towards its
+        diagonal, because K draws determine correlations only roughly.
+        """
+        machines, size = scores.shape
+        if not run:
+            return cls(np.zeros(size), np.eye(size))
+        covariance = np.atleast_2d(np.cov(scores.T))
+        shrunk = size / (machines + size)
+        diagonal = np.diag(np.maximum(np.diagonal(covariance), _LEAST_SCORE_VARIANCE))
+        return cls(
+            scores.mean(axis=0),
+            np.linalg.cholesky((1.0 - shrunk) * covariance + shrunk * diagonal),
+        )
+
+    def standardize(self, scores: Array) -> Array:
+        """Return standardized scores, shape (K, h), for scores of the same shape."""
+        return np.asarray(np.linalg.solve(self.root, (scores - self.mean).T).T)
+
+    def scores(self, standardized: Array) -> Array:
+        """Return scores, shape (..., h), for standardized scores of the same shape."""
+        return np.asarray(self.mean + standardized @ self.root.T)
 
 
 class _Belief(NamedTuple):

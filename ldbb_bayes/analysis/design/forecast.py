@@ -352,7 +352,9 @@ def _believed_covariance(bound: BoundModel, states: States, run: int, seed: int)
     is ignored. ``seed`` is the seed of the random numbers.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
-    scales = believed_scales(bound, phi, _BELIEFS, seed)
+    pilot = bound.pilot or bound.campaign
+    run_with_readings = 0 if pilot.is_plan else run
+    scales = believed_scales(bound, phi, _BELIEFS, seed, run=run_with_readings)
     _, posterior = bound.given(scales.reshape(-1, scales.shape[-1]))
     relative_spread = posterior.spread() / bound.scale[:, None]
     covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
