@@ -148,7 +148,7 @@ def searched_job(kind: str, seed: int) -> Row:
     for name in goals:
         row |= {f"{name}/promised": 0.0, f"{name}/kept": 0.0}
     row |= {f"{name}/forecast": 0.0 for name in of_pilot}
-    if not design.plans or design.unreachable:
+    if not design.all_reached:
         return row
     best = design.best
     campaign, _ = machines.simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, best.plan())
