@@ -137,10 +137,11 @@ class _ScoresBefore(NamedTuple):
 
         ``scores``, shape (K, h), are draws of the h scores from that distribution. ``run`` is the
         number of tests that have been run. The covariance of the draws is shrunk towards its
-        diagonal, because K draws determine correlations only roughly.
+        diagonal, because K draws determine correlations only roughly. A single draw determines no
+        covariance, so that the prior is returned.
         """
         machines, size = scores.shape
-        if not run:
+        if not run or machines < 2:
             return cls(np.zeros(size), np.eye(size))
         covariance = np.atleast_2d(np.cov(scores.T))
         shrunk = size / (machines + size)
