@@ -77,6 +77,8 @@ LEAST_OF_ONE = 0.90
 LEAST_OF_GROUP = 0.93
 MOST_CONFOUNDED = 0.40
 LEAST_ANNOUNCED = 0.95
+# What a family states beside the sizes of its effects, or has in other studies alone.
+_NOT_SIZES = ("stated", "scatter", "uneven")
 # What is compared of the published experiment run both ways.
 FOLDED = ("E_C0YX", "E_YX2", "E_XY2")
 G10 = "balls of grade G10"
@@ -361,7 +363,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "bar_U_um": CERTIFIED.bar_U_um,
         "mount_U_percent": CERTIFIED.mount_U_percent,
         "sizes": {
-            kind: {name: value for name, value in vars(family).items() if name != "stated"}
+            kind: {name: value for name, value in vars(family).items() if name not in _NOT_SIZES}
             for kind, family in NEW.items()
         },
         "travel": list(FAMILIES["travel"].travel),
