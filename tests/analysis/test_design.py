@@ -461,10 +461,10 @@ def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
         readings = model.simulate(new, seed=k, parameters=machine, hyper_um=names).campaign
         found.append(model.bind(readings).prior_sd / bound.prior_sd)
     levels = [0.1, 0.5, 0.9]
-    for name in ("C_XXX_1", "C_CXY_1", "C_CCY_1"):
+    for name, least_spread in (("C_XXX_1", 1.1), ("C_CXY_1", 1.3), ("C_CCY_1", 1.3)):
         slope = bound.names.index(name)
         expected = np.quantile(np.array(found)[:, slope], levels)
-        assert expected[2] > 1.1 * expected[0]
+        assert expected[2] > least_spread * expected[0]
         np.testing.assert_allclose(np.quantile(forecast[:, slope], levels), expected, rtol=0.1)
 
 

@@ -13,7 +13,15 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign, goals_in, minutes_of
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.candidates import bind_tests
-from ldbb_bayes.analysis.design.cheapest_search import judge_plan, shares_of_machines
+from ldbb_bayes.analysis.design.cheapest_search import (
+    FoundCampaign,
+    _judged_on_fresh_machines,
+    _Search,
+    judge_plan,
+    shares_of_machines,
+)
+from ldbb_bayes.analysis.design.forecast import StatedByMachines
+from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters, states_before
 from ldbb_bayes.errors import InputError
@@ -315,6 +323,33 @@ def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
     assert list(found.best.goals) == ["C_XYX"]
     assert not found.all_reached
     assert "All goals that can be reached" in " ".join(text_of(found).split())
+
+
+def test_a_campaign_is_judged_on_fresh_machines_too(family):
+    campaign = judge_plan(family, family.tests_of(np.array([1, 0, 2, 0, 0, 1, 0, 1])))
+    again = _judged_on_fresh_machines(campaign).stated.u
+    machines = len(campaign.stated.u)
+    assert len(again) > machines
+    np.testing.assert_array_equal(again[:machines], campaign.stated.u)
+    assert not np.isin(again[machines:], again[:machines]).any()
+
+
+@pytest.mark.parametrize(
+    ("met", "probability", "reached"),
+    [(58, 0.9, False), (59, 0.9, True), (63, 0.99, False), (64, 0.99, True)],
+)
+def test_the_probability_is_that_of_one_more_machine(met, probability, reached):
+    """Of 64 machines and one more, the new one is the worst with probability 1/65."""
+    u = np.where(np.arange(64) < met, 1e-6, 3e-6)[:, None]
+    stated = StatedByMachines(("C_XXX",), np.full((64, 1), 5e-5), u)
+    campaign = FoundCampaign(None, (), None, None, stated)
+    goals = {"C_XXX": Goal("C_XXX", "mm/N", absolute=4e-6)}
+    assert _Search(goals, Costs(), probability)._is_met(campaign) == reached
+
+
+def test_costs_must_be_costs():
+    with pytest.raises(InputError, match="costs must be Costs, got 60"):
+        lb.design(MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, costs=60)
 
 
 def test_a_near_miss_is_not_put_down_to_a_lack_of_time(just_missed):

@@ -230,3 +230,13 @@ def test_force_keeps_a_folder_of_another_kind_called_pilot(
     code, _, stderr = invoke("next", folder, *GOAL, "--out", tmp_path / "plan", "--force")
     assert code == 2, stderr
     assert kept.is_dir()
+
+
+def test_a_plan_of_one_circle_is_not_simulated_alone(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    invoke("next", folder, "--preset", "first", "--goal", "C_XXX=1%", "--out", tmp_path / "next")
+    code, _, stderr = invoke("simulate", tmp_path / "next", "--out", tmp_path / "run")
+    assert code == 2
+    assert "it adds to circles that have been run" in " ".join(stderr.split())
+    assert not (tmp_path / "run").exists()

@@ -86,7 +86,7 @@ class FoundCampaign:
     #: analyses of the campaign, simulated on the possible machines
     analyses: SimulatedAnalyses
     #: standard uncertainties to expect for the parameters on every possible machine, including the
-    #: fresh machines on which the campaign was judged once more
+    #: fresh machines if the campaign was judged on these too
     stated: StatedByMachines
 
     def price(self, costs: Costs) -> float:

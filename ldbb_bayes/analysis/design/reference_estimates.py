@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldbb_bayes.analysis.design.believed_scales import effects_at, inverse_covariance
+from ldbb_bayes.analysis.design.planned_effects import effects_at, inverse_covariance
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
