@@ -28,7 +28,7 @@ for a single model.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -40,9 +40,16 @@ from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.confounding_rule import NEAR_TIE, confounding_sources
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
+from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
 from ldbb_bayes.analysis.design.candidates import bind_plan
-from ldbb_bayes.analysis.design.forecast import forecast_plan, states_of
+from ldbb_bayes.analysis.design.forecast import (
+    SimulatedAnalyses,
+    forecast_plan,
+    simulate_analyses,
+    states_of,
+)
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
+from ldbb_bayes.analysis.nested_models import averaged_sds
 from ldbb_bayes.analysis.origins import Origin, ready_made_terms
 from ldbb_bayes.analysis.paired_remedies import PairedRemedy, paired_remedies
 from ldbb_bayes.analysis.remedies import Remedy, remedies
@@ -99,6 +106,9 @@ CONTRACTION_LIMIT = 0.75
 # limit is a fraction of the parameter's prior standard deviation or, with a flat prior, of a
 # typical size of the parameter.
 _ROUNDING = 1e-12
+# Number of values of the hyper-parameters over which uncertainties are averaged that are averaged
+# over constant and linear compliance too.
+_AVERAGED_VALUES = 128
 
 
 class Verdict(StrEnum):
@@ -300,6 +310,11 @@ class Identifiability(Result):
     hyper_um: dict[str, float]
     #: whether the campaign has readings; false for a plan
     measured: bool
+    #: standard uncertainties of the compliances and geometric errors, averaged over constant and
+    #: linear compliance, as the sheets of a report state them; for a plan, those to expect. They
+    #: account for the condition that no compliance is negative. The keys are names of parameters.
+    #: Empty if compliance is not linear in the model, or if priors are flat.
+    averaged_sd: dict[str, float] = field(default_factory=dict)
 
 
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
@@ -319,16 +334,27 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
     return np.full(len(phi), 1.0 / len(phi)), phi
 
 
-def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
+def _expected_sd(bound: BoundModel, plan: Campaign, analyses: SimulatedAnalyses) -> SampledSd:
     """Return the parameters' standard deviations before and after a plan is run.
 
     The first are the prior standard deviations. The second are the posterior standard deviations to
-    expect, taken from the forecast that `design` makes. If the prior is flat, the result is None.
+    expect, taken from the forecast that `design` makes. ``analyses`` are simulated analyses of the
+    plan's tests.
     """
-    if bound.model.prior.flat:
-        return None
-    expected = forecast_plan(bound.model, plan).expected
+    expected = forecast_plan(bound.model, plan, analyses=analyses).expected
     return SampledSd(bound.prior_sd, np.array([entry.sd for entry in expected.values()]))
+
+
+def _averaged_sd_now(bound: BoundModel, weight: Array, phi: Array) -> dict[str, float]:
+    """Return the uncertainties of a campaign with readings, averaged over constant and linear.
+
+    See ``Identifiability.averaged_sd``. ``phi``, shape (w, h), are w values of the
+    hyper-parameters, and ``weight``, shape (w,), their weights, as `hyper_parameter_nodes` returns
+    them.
+    """
+    steps = (np.arange(_AVERAGED_VALUES) + 0.5) / _AVERAGED_VALUES
+    chosen = np.searchsorted(np.cumsum(weight) / weight.sum(), steps)
+    return averaged_sds(bound, phi[chosen], truncated=False)
 
 
 def _scaled_to_forecast(
@@ -408,13 +434,19 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """
     require_model(model)
     expected = None
+    averaged_sd: dict[str, float] = {}
     if campaign.is_plan:
         bound = bind_plan(model, campaign)
         weight, nodes = _scales_before(bound, campaign)
-        expected = _expected_sd(bound, campaign)
+        if not model.prior.flat:
+            analyses = simulate_analyses(model, campaign)
+            expected = _expected_sd(bound, campaign, analyses)
+            averaged = averaged_uncertainties(analyses)
+            averaged_sd = {name: entry.sd for name, entry in averaged.items()}
     else:
         bound = model.bind(campaign)
         weight, nodes = hyper_parameter_nodes(bound)
+        averaged_sd = _averaged_sd_now(bound, weight, nodes)
     phi = weight @ nodes
     information = information_of(bound, phi)
     combinations = degeneracies(bound)
@@ -457,6 +489,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         certificates=certificates,
         hyper_um=bound.hyper_prior.named(phi),
         measured=not campaign.is_plan,
+        averaged_sd=averaged_sd,
     )
 
 

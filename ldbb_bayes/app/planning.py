@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
 from ldbb_bayes.analysis.design.candidates import grid_of_tests
+from ldbb_bayes.analysis.design.forecast import simulate_analyses
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app.fields import RESULT, linear_model
@@ -23,6 +25,7 @@ from ldbb_bayes.app.worth import uncertainty_change
 from ldbb_bayes.campaign.campaign import Direction
 from ldbb_bayes.errors import require
 from ldbb_bayes.results import Array
+from ldbb_bayes.units import display_unit, two_digits
 
 __all__ = ["PLAN", "changes_between", "forecast", "pilot_row", "plan", "test_row"]
 
@@ -483,7 +486,9 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     Entry ``rows`` of the result holds two expanded uncertainties U (k = 2) of every parameter: U
     from the fit, and U expected after the planned tests. Slopes (changes of compliance with force)
     are left out. Each row also holds the standard uncertainty to expect (``sd``) and the one that
-    is not exceeded on 90 % of the possible machines (``likely_sd``). Entry ``settle`` holds two
+    is not exceeded on 90 % of the possible machines (``likely_sd``). In a fine forecast, entry
+    ``averaged`` of a row is U to expect, averaged over constant and linear compliance, with two
+    digits. Entry ``settle`` holds two
     probabilities of decisive evidence: for compliance linear in force if the compliance is linear,
     and for constant compliance if it is constant. The entry is None if these probabilities cannot
     be forecast.
@@ -503,7 +508,9 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     machines = None
     if not fine:
         machines = _QUICK_STATES
-    expectation = space.forecast(plan_of_tests, machines=machines)
+    analyses = simulate_analyses(space.model, plan_of_tests, machines=machines)
+    expectation = space.forecast(plan_of_tests, analyses=analyses)
+    averaged = averaged_uncertainties(analyses) if fine else {}
     rows = []
     for parameter in space.bound.parameters:
         if parameter.group != "slope":
@@ -511,7 +518,12 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
             expected = expectation.expected[name]
             sd_before = sd_today.get(name, math.inf)
             row = uncertainty_change(name, sd_before, expected.sd, expected.unit)
-            rows.append(row | {"key": name, "sd": expected.sd, "likely_sd": expected.likely_sd})
+            row |= {"key": name, "sd": expected.sd, "likely_sd": expected.likely_sd}
+            row["averaged"] = None
+            if name in averaged:
+                factor, _ = display_unit(expected.unit)
+                row["averaged"] = two_digits(2.0 * averaged[name].sd, factor)
+            rows.append(row)
     settle = None
     if expectation.discrimination is not None:
         settle = {

@@ -128,6 +128,8 @@ class OrthantMoments(NamedTuple):
     #: Orthonormal directions for each of w standard normal vectors e with q elements, shape
     #: (w, d, q). The constraints depend only on the d coordinates of e along these directions.
     axes: Array
+    #: Log probabilities ln P(u ≥ 0) that all constraints on e hold, shape (w,)
+    log_probability: Array
 
 
 class NoisyLogProbability(NamedTuple):
@@ -321,6 +323,8 @@ class Orthant:
     def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
         """Return mean and covariance of standard normal vectors e, given u = mean + spread @ e ≥ 0.
 
+        The result also holds the log probability of the condition u ≥ 0.
+
         There are w vectors e of q elements. The moments describe the coordinates of e along the
         directions `axes`; perpendicular to these directions, e stays standard normal. The moments
         are weighted means over quasi-random points. The points for a vector are shifted by an
@@ -345,14 +349,16 @@ class Orthant:
         else:
             shift = _shift_of_points(self._tilted)
             points = _fold((_lattice_points(d, size, seed)[:, :, None] + shift) % 1.0)
-            log_rule_weight = np.zeros(1)
+            log_rule_weight = np.full(1, -np.log(size))
         log_weight, x = self._tilted.propose(points)
-        weight = np.exp(log_rule_weight[:, None] + log_weight - log_weight.max(axis=0))
-        weight /= weight.sum(axis=0)
+        largest = log_weight.max(axis=0)
+        weight = np.exp(log_rule_weight[:, None] + log_weight - largest)
+        total = weight.sum(axis=0)
+        weight /= total
         mean = np.einsum("sw,dsw->wd", weight, x)
         centred = x.transpose(2, 1, 0) - mean[:, None, :]
         covariance = np.einsum("sw,wsd,wse->wde", weight, centred, centred)
-        return OrthantMoments(mean, covariance, self.axes)
+        return OrthantMoments(mean, covariance, self.axes, largest + np.log(total))
 
     @property
     def axes(self) -> Array:

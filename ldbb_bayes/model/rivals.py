@@ -27,12 +27,15 @@ class Rival(NamedTuple):
     #: ``curvature_um``. Empty string if the effect is the whole nuisance term (an effect modelled
     #: but not of interest).
     setting: str
+    #: Beginning of the names of the coefficients that describe this effect. A model without the
+    #: effect is the model in which these coefficients are zero.
+    coefficients: str
 
 
 # The alternative explanations of the slopes: effects that resemble a change of a compliance with
 # force. The keys of the dict are the names that results use for these effects.
 RIVALS: dict[str, Rival] = {
-    "joint load": Rival(JointLoad, ""),
-    "curved mount": Rival(Mount, "curvature_um"),
-    "curved force law": Rival(ForceError, "curvature_sd"),
+    "joint load": Rival(JointLoad, "", "joint_load_"),
+    "curved mount": Rival(Mount, "curvature_um", "mount_curvature"),
+    "curved force law": Rival(ForceError, "curvature_sd", "force_curvature"),
 }

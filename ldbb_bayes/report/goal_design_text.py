@@ -19,11 +19,11 @@ _COUNT = "count"
 def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
     """Return the tables and sentences on the cheapest campaign that reaches all goals.
 
-    The goals are upper limits for the uncertainties of parameters. The tables list the goals, the
-    cheapest campaigns, and the campaigns that are customary today. If a goal cannot be reached, a
-    sentence states the reason.
+    The goals are upper limits for the uncertainties of parameters. The first sentences say what to
+    run. The tables list the goals, the cheapest campaigns, and the campaigns that are customary
+    today. If a goal cannot be reached, a sentence states the reason.
     """
-    passages: list[Passage] = [_goals_table(result)]
+    passages: list[Passage] = [*wording.goal_design_head(result), _goals_table(result)]
     if result.plans:
         passages += [_tests_table(result.best), _plans_table(result), _forecasts_table(result)]
     if result.customary:
@@ -38,7 +38,8 @@ def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
     The goals are upper limits for the uncertainties of parameters. The record also has sentences
     that describe the campaign.
     """
-    return {**result.as_dict(), "sentences": list(wording.goal_design_sentences(result))}
+    sentences = [*wording.goal_design_head(result), *wording.goal_design_sentences(result)]
+    return {**result.as_dict(), "sentences": sentences}
 
 
 def _goals_table(result: GoalDesign) -> Table:

@@ -101,6 +101,7 @@ __all__ = [
     "direction_words",
     "expectation",
     "fit_verdict",
+    "goal_design_head",
     "goal_design_sentences",
     "held_by_words",
     "identifiability_screen",
@@ -169,6 +170,9 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 # expected after the design in equal steps. The ratios of two parameters count as equal if they
 # differ by less than this value.
 _EQUAL_RATIOS = 2e-3
+# Uncertainties that are averaged over constant and linear compliance are named if they differ by
+# more than this fraction from those of linear compliance.
+_NOTICEABLE = 0.1
 # largest number of posterior predictive checks, or of parameters, that a sentence on a fit names
 _MOST_CHECKS = 3
 # Limit for ln p, where p is the posterior probability that no compliance is negative. If ln p is
@@ -245,6 +249,7 @@ def _environment() -> jinja2.Environment:
     environment.globals["SURE"] = _SURE
     environment.globals["JOINED"] = _MOST_JOINED
     environment.globals["CONFLICT"] = _CONFLICT
+    environment.globals["NOTICEABLE"] = f"{100.0 * _NOTICEABLE:g}"
     environment.globals["plus_minus"] = plus_minus
     return environment
 
@@ -984,7 +989,13 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     parameters = [entry for name, entry in result.parameters.items() if not is_slope(name)]
     verdicts = Counter(str(entry.verdict) for entry in parameters)
     verdicts.update(str(change.verdict) for change in result.changes.values())
-    return _sentences("identifiability_screen", result, verdicts, len(parameters))
+    averaged = []
+    for name, sd in result.averaged_sd.items():
+        entry = result.parameters[name]
+        if abs(sd / entry.sd - 1.0) > _NOTICEABLE:
+            factor, unit = display_unit(entry.unit)
+            averaged.append(f"{display_name(name)} {two_digits(2.0 * sd, factor)} {unit}")
+    return _sentences("identifiability_screen", result, verdicts, len(parameters), averaged)
 
 
 def certificate_rows(result: Identifiability, most: int | None = None) -> list[tuple[str, str]]:
@@ -1180,16 +1191,23 @@ def _varied_settings(design: Design) -> list[str]:
 # ---- sentences on the cheapest campaign for goals
 
 
+def goal_design_head(result: GoalDesign) -> tuple[str, ...]:
+    """Return the first sentences on a design for goals: what to run, or that nothing will do."""
+    met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
+    return _sentences("goal_design_head", result, met)
+
+
 def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
-    """Return sentences on the cheapest campaign that reaches goals for uncertainties.
+    """Return further sentences on the cheapest campaign that reaches goals for uncertainties.
 
     If some goals cannot be reached, the sentences state the reasons.
     """
-    met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
     shares = {name: stated.goal.share for name, stated in result.goals.items()}
     units = {name: stated.goal.unit for name, stated in result.goals.items()}
-    linear = any(is_slope(name) for plan in result.plans for name in plan.expected)
-    notes = _goal_notes(result.goals, shares, units, measured=result.measured, linear=linear)
+    then: dict[str, float | None] = {}
+    if result.plans:
+        then = {name: goal.averaged_U for name, goal in result.best.goals.items()}
+    notes = _goal_notes(result.goals, shares, units, then, measured=result.measured)
     obstacles = []
     for name, obstacle in result.obstacles.items():
         stated = result.goals[name]
@@ -1225,27 +1243,28 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "certificate": near_miss.certificate,
             }
         )
-    return notes + _sentences("goal_design_sentences", result, met, obstacles, near_misses)
+    return _sentences("goal_design_reasons", result, obstacles, near_misses) + notes
 
 
 def _goal_notes(
     goals: Mapping[str, StatedGoal | GoalSoFar],
     shares: Mapping[str, float | None],
     units: Mapping[str, str],
+    averaged_then: Mapping[str, float | None],
     *,
     measured: bool,
-    linear: bool,
 ) -> tuple[str, ...]:
     """Return sentences on the numbers of goals for uncertainties.
 
-    They state of which value a goal in percent is, and the U of a fit of the circles run so far
-    where it differs from the U now. ``shares`` are the goals as fractions of the parameters, or
-    None, and ``units`` are the internal units of the parameters. The keys are the names of the
-    parameters. ``measured`` states whether there are readings, and ``linear`` whether compliances
-    change with force in the model.
+    They state of which value a goal in percent is, the U of a fit of the circles run so far where
+    it differs from the U now, and U averaged over constant and linear compliance. ``shares`` are
+    the goals as fractions of the parameters, or None, and ``units`` are the internal units of the
+    parameters. ``averaged_then`` is the averaged U to expect after the cheapest campaign, if it is
+    known. The keys are the names of the parameters. ``measured`` states whether there are readings.
     """
     percentages = []
     of_fit = []
+    averaged_texts: dict[str, list[str]] = {"now": [], "then": []}
     for name, goal in goals.items():
         factor, unit = display_unit(units[name])
         share = shares[name]
@@ -1262,7 +1281,12 @@ def _goal_notes(
             of_fit_text = two_digits(goal.U_of_fit, factor)
             if of_fit_text != two_digits(goal.U, factor):
                 of_fit.append(f"{display_name(name)} {of_fit_text} {unit}")
-    return _sentences("goal_notes", percentages, of_fit, measured, linear)
+        averaged = {"now": goal.averaged_U, "then": averaged_then.get(name)}
+        for time, averaged_U in averaged.items():
+            if averaged_U is not None:
+                text = f"{display_name(name)} {two_digits(averaged_U, factor)} {unit}"
+                averaged_texts[time].append(text)
+    return _sentences("goal_notes", percentages, of_fit, measured, *averaged_texts.values())
 
 
 def _holder_in_words(name: str) -> str:
@@ -1315,8 +1339,7 @@ def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
     """
     shares = {name: goal.share for name, goal in step.goals.items()}
     units = {name: goal.unit for name, goal in step.goals.items()}
-    linear = step.model is not None
-    return _goal_notes(step.goals, shares, units, measured=True, linear=linear)
+    return _goal_notes(step.goals, shares, units, {}, measured=True)
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:

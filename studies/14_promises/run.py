@@ -16,8 +16,12 @@ import numpy as np
 import pandas as pd
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
+from ldbb_bayes.analysis.design.forecast import simulate_analyses
 from ldbb_bayes.analysis.design.present_estimates import present_estimates
 from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.rival_explanations import subsets
+from ldbb_bayes.inference.evidence import probabilities
 from ldbb_bayes.inference.evidences import Evidences
 
 HERE = Path(__file__).resolve().parent
@@ -39,7 +43,8 @@ MILD = "mild, both ways, shuffled"
 # Machines that are drawn from the priors of the model: these are what the promise is about.
 DRAWN = "drawn from the priors"
 MACHINES = {DIFFERENT: 120, MILD: 40, DRAWN: 100}
-SEARCHED_MACHINES = {DIFFERENT: 120, MILD: 20}
+SEARCHED_MACHINES = {DIFFERENT: 240, MILD: 20}
+AVERAGED_MACHINES = {DIFFERENT: 60, DRAWN: 60}
 # Other seeds than those of study 12.
 FIRST_SEED = 3000
 # Forces of the pilot and of the plan, each run in both directions [N].
@@ -56,8 +61,11 @@ MOST_OFF = 0.1
 NEARLY = 1.05
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 2}
 MODEL = lb.HybridModel.default(1)
+CONSTANT = MODEL.with_degree(0)
 # Numerical error of the log evidence with which the posterior of a fit is computed [nat].
 TOLERANCE = 0.05
+# The same for every model of an average.
+TOLERANCE_OF_AVERAGE = 0.1
 # Parameters whose goals are stated on the page one by one.
 GOALS = ("C_XXX", "C_XYX", "E_C0YX")
 # Goals of the campaigns that are searched: largest U, as a share of the U that the pilot gives.
@@ -67,13 +75,35 @@ NM_PER_N = 1e6
 
 def job(kind: str, seed: int) -> Row:
     """One machine: pilot, forecast of the plan, readings of the plan, and their fit."""
+    return forecast_over_stated(*plan_and_readings(kind, seed))
+
+
+def averaged_job(kind: str, seed: int) -> Row:
+    """The same, with U averaged over constant and linear compliance: forecast, and by `average`.
+
+    Also U of linear compliance that is forecast, over the averaged U that is stated.
+    """
+    plan, campaign = plan_and_readings(kind, seed)
+    analyses = simulate_analyses(MODEL, plan)
+    linear = lb.analysis.forecast_plan(MODEL, plan, analyses=analyses).expected
+    stated = stated_averaged_u(campaign)
+    row = {}
+    for name, entry in averaged_uncertainties(analyses).items():
+        row[f"{name}/forecast"] = entry.sd / stated[name]
+        row[f"{name}/likely"] = entry.likely_sd / stated[name]
+        row[f"{name}/linear"] = linear[name].sd / stated[name]
+    return row
+
+
+def plan_and_readings(kind: str, seed: int) -> tuple[lb.Campaign, lb.Campaign]:
+    """Return the plan that follows the pilot of one machine, and its readings on this machine."""
     if kind == DRAWN:
-        return drawn_job(seed)
+        return plan_and_readings_of_drawn(seed)
     family = family_of(kind, seed)
     pilot, _ = machines.simulate(family, FIRST_SEED + seed, PILOT_FORCES_N)
     plan = same_plan(pilot, seed)
     campaign, _ = machines.simulate(family, FIRST_SEED + seed, PLAN_FORCES_N, plan)
-    return forecast_over_stated(plan, campaign)
+    return plan, campaign
 
 
 def family_of(kind: str, seed: int) -> machines.Disturbances:
@@ -87,7 +117,7 @@ def family_of(kind: str, seed: int) -> machines.Disturbances:
     return replace(family, both_ways=True, shuffled=True, scatter=SCATTER, uneven=True)
 
 
-def drawn_job(seed: int) -> Row:
+def plan_and_readings_of_drawn(seed: int) -> tuple[lb.Campaign, lb.Campaign]:
     """The same of one machine whose parameters and scales are drawn from the priors of the model.
 
     The pilot and the plan measure the same machine with the same noise. The noise factors of the
@@ -102,7 +132,7 @@ def drawn_job(seed: int) -> Row:
     again = MODEL.simulate(
         plan, seed=2 * FIRST_SEED + seed, parameters=pilot.parameters, hyper_um=scales
     )
-    return forecast_over_stated(plan, again.campaign)
+    return plan, again.campaign
 
 
 def same_plan(pilot: lb.Campaign, seed: int) -> lb.Campaign:
@@ -129,6 +159,29 @@ def stated_u(campaign: lb.Campaign) -> dict[str, float]:
     """
     nodes = Evidences(campaign, tolerance=TOLERANCE).of(MODEL)[0]
     return dict(zip(nodes.bound.names, present_estimates(nodes).sd.tolist(), strict=True))
+
+
+def stated_averaged_u(campaign: lb.Campaign) -> dict[str, float]:
+    """Return the standard uncertainties of the average over constant and linear compliance.
+
+    The average is over all models that `average` weighs; it is computed by quadrature, without the
+    scatter of random draws.
+    """
+    models = []
+    for model in (MODEL, CONSTANT):
+        models += [model.with_rivals(*rivals) for rivals in subsets(MODEL.rivals)]
+    all_nodes = Evidences(campaign, tolerance=TOLERANCE_OF_AVERAGE).of(*models)
+    probability = probabilities(np.array([nodes.evidence.log_value for nodes in all_nodes]))
+    names = all_nodes[0].bound.names
+    means = np.zeros((len(models), len(names)))
+    variances = np.zeros_like(means)
+    for k, nodes in enumerate(all_nodes):
+        columns = [names.index(name) for name in nodes.bound.names]
+        estimates = present_estimates(nodes)
+        means[k, columns] = estimates.mean
+        variances[k, columns] = estimates.sd**2
+    between = (means - probability @ means) ** 2
+    return dict(zip(names, np.sqrt(probability @ (variances + between)).tolist(), strict=True))
 
 
 def searched_job(kind: str, seed: int) -> Row:
@@ -222,11 +275,24 @@ def of_searched(rows: pd.DataFrame) -> dict[str, Any]:
     }
 
 
+def of_averaged(rows: pd.DataFrame) -> dict[str, Any]:
+    """Return the numbers of every parameter whose averaged U is forecast."""
+    ending = "/likely"
+    names = [column.removesuffix(ending) for column in rows.columns if column.endswith(ending)]
+    numbers = of_rows(rows, names)
+    for name, entry in numbers["parameters"].items():
+        entry["linear"] = float(rows[f"{name}/linear"].median())
+    return numbers
+
+
 def measure(effort: Effort) -> dict[str, Any]:
     """Everything the page states."""
     rows = replicated(HERE / "machines.csv", job, MACHINES, effort, again=AGAIN)
     searched = replicated(
         HERE / "searched.csv", searched_job, SEARCHED_MACHINES, effort, again=AGAIN
+    )
+    averaged = replicated(
+        HERE / "averaged.csv", averaged_job, AVERAGED_MACHINES, effort, again=AGAIN
     )
     ending = "/likely"
     names = [column.removesuffix(ending) for column in rows.columns if column.endswith(ending)]
@@ -249,6 +315,8 @@ def measure(effort: Effort) -> dict[str, Any]:
         "different": of_rows(different, names),
         "mild": of_rows(rows[rows["kind"] == MILD], names),
         "drawn": of_rows(rows[rows["kind"] == DRAWN], names),
+        "averaged": of_averaged(averaged[averaged["kind"] == DIFFERENT]),
+        "averaged_drawn": of_averaged(averaged[averaged["kind"] == DRAWN]),
         "searched": of_searched(searched[searched["kind"] == DIFFERENT]),
         "searched_mild": of_searched(searched[searched["kind"] == MILD]),
     }

@@ -26,8 +26,8 @@ from ldbb_bayes.analysis.design.candidates import (
 )
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.forecast import (
-    _precision_added_by_slope_priors,
     forecast_tests,
+    precision_added_by_slope_priors,
     stated_variances,
 )
 from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
@@ -449,7 +449,7 @@ def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
     states = states_before(model, pilot, 192, 1, augment=False)
     phi = extend_hyper_parameters(bound, states.phi, 0, scattering=True)
     estimates = draw_reference_estimates(bound, phi, states.beta, 1)
-    added = _precision_added_by_slope_priors(bound, estimates)
+    added = precision_added_by_slope_priors(bound, estimates)
     assert not added[:, [p.group != "slope" for p in bound.parameters]].any()
     forecast = (added + 1.0) ** -0.5
 

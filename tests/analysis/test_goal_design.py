@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design import Costs, GoalDesign, goals_in, minutes_of
+from ldbb_bayes.analysis.design import Costs, GoalDesign, cheapest_search, goals_in, minutes_of
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.analysis.design.cheapest_search import (
     FoundCampaign,
     _judged_on_fresh_machines,
+    _Progress,
     _Search,
     judge_plan,
     shares_of_machines,
@@ -362,3 +363,45 @@ def test_a_near_miss_states_what_the_largest_campaign_leaves_and_what_holds_it(j
     text = " ".join(text_of(just_missed).split())
     assert "E_C(0Y)X: 40 circles leave U of up to" in text
     assert "holds the largest share of what still more circles would leave" in text
+
+
+def test_the_number_of_circles_grows_faster_after_forecasts_that_miss_the_goals(family):
+    search = _Search(goals_in(family.space.bound, GOALS), Costs(), 0.9)
+    progress = _Progress(family, circles=10, counts=np.zeros(8, int))
+    numbers = []
+    for forecasts in range(1, 9):
+        progress.forecasts = forecasts
+        search._skip_circles(progress)
+        progress.circles += 1
+        numbers.append(progress.circles)
+    assert numbers == [11, 12, 16, 21, 28, 37, 40, 41]
+
+
+@pytest.mark.slow
+def test_goals_that_need_many_more_circles_than_are_tried_first_get_a_campaign():
+    """C_XXX is asked for little more than very many circles leave of it."""
+    goals = {"C_XXX": "13 %", "E_C0YX": "10 µrad"}
+    design = lb.design(MODEL, PILOT, goals=goals, directions=("CW", "CCW"))
+    assert design.plans or design.near_misses
+    if design.plans:
+        assert design.best.probability >= 0.9
+
+
+def test_the_averaged_u_of_the_cheapest_campaign_is_that_of_identify(cheapest):
+    expected = lb.identify(cheapest.best.model, cheapest.plan()).averaged_sd
+    averaged_U = cheapest.best.goals["E_C0YX"].averaged_U
+    assert averaged_U == 2.0 * expected["E_C0YX"]
+    assert cheapest.goals["E_C0YX"].averaged_U > averaged_U
+    assert all(goal.averaged_U is None for goal in cheapest.plans[1].goals.values())
+
+
+def test_a_search_that_no_campaign_ends_says_why(monkeypatch):
+    """All campaigns miss the goals on fresh machines, although the largest seemed to reach them."""
+    monkeypatch.setattr(cheapest_search, "_judged_on_fresh_machines", _all_unlucky)
+    design = lb.design(MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES)
+    assert not design.plans
+    assert list(design.near_misses) == ["E_C0YX"]
+
+
+def _all_unlucky(campaign: FoundCampaign) -> FoundCampaign:
+    return replace(campaign, stated=replace(campaign.stated, u=10.0 * campaign.stated.u))

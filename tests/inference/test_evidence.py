@@ -345,11 +345,12 @@ def test_marginals_refuse(options: dict[str, Any], message: str) -> None:
 
 @pytest.mark.parametrize("mean", [-40.0, -2.0, 0.0, 1.0, 5.0])
 def test_one_truncated_normal_in_closed_form(mean: float) -> None:
-    shift, variance, axes = Orthant(np.array([[mean]]), np.array([[[2.0]]])).moments()
+    inside = Orthant(np.array([[mean]]), np.array([[[2.0]]])).moments()
     expected = stats.truncnorm(-mean / 2.0, np.inf)
-    assert shift[0, 0] == pytest.approx(expected.mean(), rel=1e-5, abs=1e-7)
-    assert variance[0, 0, 0] == pytest.approx(expected.var(), rel=1e-4)
-    assert axes[0, 0, 0] == pytest.approx(1.0)
+    assert inside.mean[0, 0] == pytest.approx(expected.mean(), rel=1e-5, abs=1e-7)
+    assert inside.covariance[0, 0, 0] == pytest.approx(expected.var(), rel=1e-4)
+    assert inside.axes[0, 0, 0] == pytest.approx(1.0)
+    assert inside.log_probability[0] == pytest.approx(stats.norm.logcdf(mean / 2.0), abs=1e-6)
 
 
 @pytest.mark.parametrize("rows", [2, 3])

@@ -86,6 +86,9 @@ class GoalSoFar(Result):
     #: the model includes effects that only the possible circles can show, such as hysteresis if
     #: they run in both directions. None if there are no such effects: the fit then states ``U``.
     U_of_fit: float | None = None
+    #: expanded uncertainty (k = 2) now, averaged over constant and linear compliance, as the sheets
+    #: of a report state it. None if compliance is constant in the model.
+    averaged_U: float | None = None
 
 
 @dataclass(frozen=True)
@@ -163,6 +166,9 @@ class GoalState:
     # expanded uncertainty (k = 2) that a fit of the circles run so far states; None if the model
     # has no other effects than that of the fit
     U_of_fit: float | None = None
+    # expanded uncertainty (k = 2) now, averaged over constant and linear compliance; None if
+    # compliance is constant in the model
+    averaged_U: float | None = None
 
     def is_met(self) -> Array:
         """Return whether the goal is met, for each of n posterior draws of the goal's parameter.
@@ -210,6 +216,7 @@ class GoalState:
             * min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), expected_sd),
             share=self.goal.share,
             U_of_fit=self.U_of_fit,
+            averaged_U=self.averaged_U,
         )
 
 

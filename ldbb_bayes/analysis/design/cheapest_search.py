@@ -58,6 +58,10 @@ _NEAR = 0.03
 # Largest number of full forecasts (with unknown hyper-parameters) for campaigns with the same pairs
 # of ball angles, radii and certificates.
 _MOST_FORECASTS = 8
+# From this number of full forecasts on, each forecast that misses the goals multiplies the number
+# of circles by `_GROWTH` instead of adding one circle.
+_FORECASTS_ONE_BY_ONE = 3
+_GROWTH = 1.3
 # After the search has found a campaign that reaches the goals for uncertainties, it tries to omit a
 # circle. A fast forecast with this number of possible machines shows whether the slower forecast
 # with all 64 possible machines is worthwhile.
@@ -106,9 +110,9 @@ class CheapestCampaigns:
     campaigns: tuple[FoundCampaign, ...]
     #: campaign that comes nearest to the goals for uncertainties: the one that meets all goals on
     #: the largest share of the possible machines (random draws of the parameters and
-    #: hyper-parameters). Only the largest campaign of each family (same ball angles, radii and
-    #: certificates) is considered. None if one of these campaigns reaches the goals, or if no
-    #: forecast with unknown hyper-parameters was made.
+    #: hyper-parameters). Only campaigns for which a forecast with unknown hyper-parameters was made
+    #: are considered. None if there is no such campaign, if a campaign reaches the goals, or if
+    #: only the longest machine time prevents it.
     nearest: FoundCampaign | None
 
 
@@ -284,7 +288,8 @@ def find_cheapest(
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
     found += _with_more_circles(found, number - len(found), costs, on_campaign)
     found.sort(key=lambda campaign: campaign.price(costs))
-    nearest = None if search.is_reachable else search.nearest
+    is_too_long = search.is_reachable and costs.hours is not None
+    nearest = None if found or is_too_long else search.nearest
     return CheapestCampaigns(tuple(found), nearest)
 
 
@@ -368,8 +373,7 @@ class _Search:
         #: ball angles, radii and certificates) with the largest number of circles allowed
         self.is_reachable = False
         #: campaign that comes nearest to the goals for uncertainties without reaching them: the one
-        #: that meets all goals on the largest share of the possible machines. Only the largest
-        #: campaign of each family (same ball angles, radii and certificates) is considered.
+        #: that meets all goals on the largest share of the possible machines
         self.nearest: FoundCampaign | None = None
         #: computing effort of the search so far: sum of n² over all full forecasts (with unknown
         #: hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
@@ -472,20 +476,35 @@ class _Search:
         campaign = self._confirmed(self._forecast_fully(progress, counts))
         if campaign is None:
             progress.last_failed = circles
+            self._skip_circles(progress)
             return None
         return self._with_fewer_circles(progress, campaign)
+
+    def _skip_circles(self, progress: _Progress) -> None:
+        """Make the number of circles grow faster after several full forecasts missed the goals.
+
+        Otherwise, the forecasts that a family is allowed might end before the number of circles
+        that the goals need. If the next forecast reaches the goals, `_with_fewer_circles` tries the
+        numbers that were left out.
+        """
+        if progress.forecasts >= _FORECASTS_ONE_BY_ONE and progress.circles < _MOST_CIRCLES:
+            next_circles = int(np.ceil(_GROWTH * progress.circles))
+            progress.circles = min(next_circles, _MOST_CIRCLES) - 1
 
     def _confirmed(self, campaign: FoundCampaign) -> FoundCampaign | None:
         """Return a campaign judged on fresh machines too, or None if it misses the goals.
 
         The result is None if the campaign misses the goals on the machines on which it was judged
-        so far, or on these and the fresh machines together.
+        so far, or on these and the fresh machines together. The campaign is then stored as
+        ``nearest`` if it is better than the one stored before.
         """
         if not self._is_met(campaign):
+            self._keep_nearest(campaign)
             return None
         self.effort += len(campaign.tests) ** 2
         judged_again = _judged_on_fresh_machines(campaign)
         if not self._is_met(judged_again):
+            self._keep_nearest(judged_again)
             return None
         return judged_again
 

@@ -28,6 +28,7 @@ from ldbb_bayes.analysis.design.candidates import bind_plan
 from ldbb_bayes.analysis.design.discrimination import Discrimination, discrimination_of
 from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates, prior_medians
 from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters, states_before
+from ldbb_bayes.analysis.truncated_moments import symmetric_root, truncated_moments
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.gaussian import Gaussian
@@ -45,6 +46,7 @@ __all__ = [
     "forecast_plan",
     "forecast_tests",
     "posteriors",
+    "precision_added_by_slope_priors",
     "simulate_analyses",
     "stated_by_machines",
     "stated_variances",
@@ -161,6 +163,10 @@ class SimulatedAnalyses:
     #: from the posterior of the hyper-parameters, shape (K, n, p, p), in units of the prior
     #: standard deviations of ``bound``. They are computed as if compliances could be negative.
     covariance: Array
+    #: the n random draws of the h hyper-parameters (such as the standard deviation of the noise)
+    #: for each of the K machines, shape (K, n, h), with lengths in mm; None if the analyses know
+    #: the hyper-parameters
+    scales: Array | None = None
     seed: int = _SEED  #: seed of the random numbers for the readings of the planned tests
 
 
@@ -341,25 +347,32 @@ def forecast_tests(
     return Forecast(expected, information_gain, _evidence(bound, states, covariance, run, slopes))
 
 
-def _believed_covariance(bound: BoundModel, states: States, run: int, seed: int) -> Array:
-    """Return the parameters' covariances for random draws from the hyper-parameters' posterior.
+def _believed_scales(bound: BoundModel, states: States, run: int, seed: int) -> Array:
+    """Return random draws from the hyper-parameters' posterior for the machines ``states``.
 
     The hyper-parameters are quantities such as the standard deviation of the noise. The result has
-    the shape (K, n, p, p), for the K possible machines ``states``, n draws of the hyper-parameters
-    for each machine (see `believed_scales`), and p parameters. ``bound`` is the model applied to
-    the tests; the first ``run`` of these tests have already been run. The covariances are in units
-    of the prior standard deviations of the parameters. The condition that no compliance is negative
-    is ignored. ``seed`` is the seed of the random numbers.
+    the shape (K, n, h), for K possible machines, n draws for each machine (see `believed_scales`),
+    and h hyper-parameters. ``bound`` is the model applied to the tests; the first ``run`` of these
+    tests have already been run. ``seed`` is the seed of the random numbers.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     pilot = bound.pilot or bound.campaign
     run_with_readings = 0 if pilot.is_plan else run
-    scales = believed_scales(bound, phi, _BELIEFS, seed, run=run_with_readings)
+    return believed_scales(bound, phi, _BELIEFS, seed, run=run_with_readings)
+
+
+def _believed_covariance(bound: BoundModel, scales: Array) -> Array:
+    """Return the covariances of the p parameters at given hyper-parameters, shape (K, n, p, p).
+
+    ``scales``, shape (K, n, h), are n sets of the h hyper-parameters (such as the standard
+    deviation of the noise) for each of K machines. The covariances are in units of the prior
+    standard deviations of the parameters. The condition that no compliance is negative is ignored.
+    """
     _, posterior = bound.given(scales.reshape(-1, scales.shape[-1]))
     relative_spread = posterior.spread() / bound.scale[:, None]
     covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
     p = len(bound.names)
-    return np.asarray(covariance.reshape(len(phi), _BELIEFS, p, p))
+    return np.asarray(covariance.reshape(*scales.shape[:2], p, p))
 
 
 def _simulated_analyses(
@@ -374,22 +387,23 @@ def _simulated_analyses(
     the result have these new priors. ``run`` is the number of tests of ``bound`` that have already
     been run; they come first. ``seed`` is the seed of the random numbers.
     """
-    covariance = _believed_covariance(bound, states, run, seed)
+    scales = _believed_scales(bound, states, run, seed)
+    covariance = _believed_covariance(bound, scales)
     prior = bound.model.prior
     if prior.flat or not prior.slopes_of_estimate or bound.model.degree == 0:
-        return SimulatedAnalyses(bound, run, states, states, covariance, seed)
+        return SimulatedAnalyses(bound, run, states, states, covariance, scales, seed)
     estimates = _draw_estimates(bound, states, covariance, run, seed)
-    added = _precision_added_by_slope_priors(bound, estimates)
+    added = precision_added_by_slope_priors(bound, estimates)
     scale = bound.scale
     matrix = np.eye(len(scale)) * added[:, None]
     precision = matrix / np.outer(scale, scale)
     before = states.before + Gaussian(precision, precision @ bound.prior_mean)
     covariance = np.linalg.inv(np.linalg.inv(covariance) + matrix[:, None])
     of_analyses = replace(states, before=before)
-    return SimulatedAnalyses(bound, run, states, of_analyses, covariance, seed)
+    return SimulatedAnalyses(bound, run, states, of_analyses, covariance, scales, seed)
 
 
-def _precision_added_by_slope_priors(bound: BoundModel, estimates: Array) -> Array:
+def precision_added_by_slope_priors(bound: BoundModel, estimates: Array) -> Array:
     """Return by how much the analysis of planned tests changes the prior precision of each slope.
 
     The prior sd of a slope (change of a compliance with force) is proportional to the estimated
@@ -595,8 +609,8 @@ def stated_variances(
         states, is_possible, covariance[is_possible], bound.scale, repetitions, seed
     )
     variances = np.broadcast_to(variance[is_possible], means.shape)
-    if truncated and bound.truncation.active:
-        means, variances = _moments_inside(bound, means, covariance[is_possible])
+    if truncated:
+        means, variances, _ = truncated_moments(bound, means, covariance[is_possible])
     stated = variances.mean(axis=2) + means.var(axis=2)
     return np.asarray(stated.reshape(-1, stated.shape[-1]))
 
@@ -614,46 +628,6 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
     if not is_possible.any():
         return np.ones(len(states.beta), bool)
     return is_possible
-
-
-def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the means and variances of the parameters, given that no compliance is negative.
-
-    T is the condition that no compliance is negative.
-
-    Parameters
-    ----------
-    bound
-        Model applied to the new tests.
-    means
-        Posterior means of the p parameters without the condition T, in internal units (mm, N, rad),
-        shape (repetitions, states, n, p). A state is one possible machine, for which posterior
-        means are drawn ``repetitions`` times. In each draw, there is one mean for each of n sets of
-        hyper-parameters.
-    covariance
-        Posterior covariances without the condition T, shape (states, n, p, p), in internal units.
-
-    Returns
-    -------
-    mean, variance : Array
-        Means and variances in internal units, of the shape of ``means``.
-    """
-    scale = bound.scale
-    p = len(scale)
-    root = _symmetric_root(covariance / np.outer(scale, scale)) * scale[:, None]
-    spread = np.broadcast_to(root, (len(means), *root.shape)).reshape(-1, p, p)
-    shift, covariance_inside, axes = bound.truncation.orthants(
-        means.reshape(-1, p), spread
-    ).moments()
-    # T is the condition that no compliance is negative. In standardized coordinates, the covariance
-    # of the parameters without T is the identity matrix. T limits the parameters only along the
-    # directions ``axes``. ``covariance_inside`` is the covariance along these directions under T.
-    along_axes = spread @ np.swapaxes(axes, 1, 2)
-    change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
-    change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes).reshape(means.shape)
-    mean_shift = np.einsum("kpd,kd->kp", along_axes, shift).reshape(means.shape)
-    variances = np.einsum("knii->kni", covariance)
-    return means + mean_shift, np.maximum(variances + change, 0.0)
 
 
 def _draw_posterior_means(
@@ -690,20 +664,12 @@ def _draw_posterior_means(
     # hyper-parameters change little. The columns of other square roots, such as the Cholesky
     # factor, may change their signs. The same random numbers would then no longer stand for the
     # same readings at all values of the hyper-parameters.
-    root = _symmetric_root(weight @ covariance)
+    root = symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)
     shape = (repetitions, *deviation.shape)
     noise = np.random.default_rng(seed).standard_normal(shape)
     return np.asarray(scale * (mean + np.einsum("knij,rkj->rkni", root, noise)))
-
-
-def _symmetric_root(covariance: Array) -> Array:
-    """Return the symmetric square root of covariance matrices, shape (..., p, p)."""
-    symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    size, axes = np.linalg.eigh(symmetric)
-    scaled_axes = axes * np.sqrt(np.maximum(size, 0.0))[..., None, :]
-    return np.asarray(scaled_axes @ np.swapaxes(axes, -1, -2))
 
 
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:

@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import Field
 
 from ldbb_bayes.analysis.design.analysis_model import analysis_model
+from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily, families_of
 from ldbb_bayes.analysis.design.candidates import Clocking
 from ldbb_bayes.analysis.design.certificate_offers import (
@@ -38,6 +39,7 @@ from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY,
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
+    averaged_sds_now,
     present_estimates,
     sds_of_fit,
 )
@@ -100,6 +102,10 @@ class StatedGoal(Result):
     #: hysteresis if they run in both directions. None if there are no such effects, so that the fit
     #: states ``U``, and if there are no readings.
     U_of_fit: float | None = None
+    #: expanded uncertainty (k = 2) that the goal's parameter has now, averaged over constant and
+    #: linear compliance, as the sheets of a report state it. None if compliance is constant in the
+    #: model, and if there are no readings.
+    averaged_U: float | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +122,10 @@ class GoalForecast(Result):
     #: share of the possible machines on which the campaign meets the goal for the parameter's
     #: uncertainty
     probability: float
+    #: median, over the possible machines, of the expanded uncertainty (k = 2) after the campaign,
+    #: averaged over constant and linear compliance, as the sheets of a report state it. None if
+    #: compliance is constant in the model, and for all campaigns but the cheapest.
+    averaged_U: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,6 +384,7 @@ def _stated_goals(
     """
     bound = space.bound
     sds: dict[str, float] = {}
+    averaged: dict[str, float] = {}
     if pilot.is_plan:
         value = np.median(np.abs(states_of(space.model, space.pilot).beta), axis=0)
         sd = np.asarray(bound.prior_sd)
@@ -381,19 +392,25 @@ def _stated_goals(
         nodes = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE).of(space.model)[0]
         value, sd = present_estimates(nodes)
         sds = sds_of_fit(space.model, pilot, bound)
+        averaged = averaged_sds_now(nodes)
     stated = {}
     for name, goal in goals.items():
         k = bound.names.index(name)
-        of_fit = sds.get(name)
         stated[name] = StatedGoal(
             goal,
             limit_U=float(goal.limit_U(value[k])),
             value=float(value[k]),
             U=COVERAGE_FACTOR * float(sd[k]),
             met_by_pilot=bool(goal.is_met(value[k], sd[k])) and not pilot.is_plan,
-            U_of_fit=None if of_fit is None else COVERAGE_FACTOR * of_fit,
+            U_of_fit=_expanded(sds.get(name)),
+            averaged_U=_expanded(averaged.get(name)),
         )
     return stated
+
+
+def _expanded(sd: float | None) -> float | None:
+    """Return the expanded uncertainty U (k = 2) for a standard uncertainty; None for None."""
+    return None if sd is None else COVERAGE_FACTOR * sd
 
 
 def _search_campaigns(
@@ -572,11 +589,27 @@ def _plans_of(
     step is counted after each campaign.
     """
     steps.finish(_SHOWN)
-    plans = []
+    plans: list[GoalPlan] = []
     for campaign in campaigns:
-        plans.append(_plan_of(campaign, goals, costs))
+        plan = _plan_of(campaign, goals, costs)
+        if not plans:
+            plan = _with_averaged_uncertainties(plan, campaign)
+        plans.append(plan)
         steps.finish_one()
     return tuple(plans)
+
+
+def _with_averaged_uncertainties(plan: GoalPlan, campaign: FoundCampaign) -> GoalPlan:
+    """Return a plan with uncertainties that are averaged over constant and linear compliance."""
+    averaged = averaged_uncertainties(campaign.analyses)
+    if not averaged:
+        return plan
+    goals = {}
+    for name, goal in plan.goals.items():
+        goals[name] = goal
+        if name in averaged:
+            goals[name] = replace(goal, averaged_U=COVERAGE_FACTOR * averaged[name].sd)
+    return replace(plan, goals=goals)
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:

@@ -42,7 +42,11 @@ from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
 from ldbb_bayes.analysis.design.objective import Objective
-from ldbb_bayes.analysis.design.present_estimates import EVIDENCE_TOLERANCE, sds_of_fit
+from ldbb_bayes.analysis.design.present_estimates import (
+    EVIDENCE_TOLERANCE,
+    averaged_sds_now,
+    sds_of_fit,
+)
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.rival_explanations import average_explanations
 from ldbb_bayes.analysis.tolerances import Tolerance
@@ -257,12 +261,14 @@ def next_circle(
     has_goals = len(goals) + len(tolerances) > 0
     _check_aims(space, has_goals=has_goals, decide_model=decide_model)
     evidences = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE)
-    known = known_from(evidences.of(model)[0], seed)
+    nodes = evidences.of(model)[0]
+    known = known_from(nodes, seed)
     objective = _objective(space, known)
     circles = CandidateCovariances(objective)
     of_goals = goal_states(read_goals, known, circles.before, confidence)
     if of_goals:
-        of_goals = _with_U_of_fit(of_goals, sds_of_fit(model, campaign, space.bound))
+        of_fit = sds_of_fit(model, campaign, space.bound)
+        of_goals = _with_other_uncertainties(of_goals, of_fit, averaged_sds_now(nodes))
     of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
@@ -344,19 +350,22 @@ def _states_of_tolerances(
     return tolerance_states(posterior, tolerances, known, before, confidence)
 
 
-def _with_U_of_fit(
-    goals: Mapping[str, GoalState], sds: Mapping[str, float]
+def _with_other_uncertainties(
+    goals: Mapping[str, GoalState], of_fit: Mapping[str, float], averaged: Mapping[str, float]
 ) -> dict[str, GoalState]:
-    """Return the goals, each with the U (k = 2) that a fit of the circles run so far states.
+    """Return the goals, each with the U (k = 2) that other analyses of the same circles state.
 
-    ``sds`` are the standard uncertainties of such a fit. Its keys, and those of ``goals``, are the
-    names of the parameters. A goal whose parameter is not in ``sds`` is returned unchanged.
+    ``of_fit`` are the standard uncertainties of a fit of the circles run so far, and ``averaged``
+    those that are averaged over constant and linear compliance. Their keys, and those of ``goals``,
+    are the names of the parameters. A parameter may be missing from either.
     """
     completed = {}
     for name, state in goals.items():
         completed[name] = state
-        if name in sds:
-            completed[name] = replace(state, U_of_fit=COVERAGE_FACTOR * sds[name])
+        if name in of_fit:
+            completed[name] = replace(completed[name], U_of_fit=COVERAGE_FACTOR * of_fit[name])
+        if name in averaged:
+            completed[name] = replace(completed[name], averaged_U=COVERAGE_FACTOR * averaged[name])
     return completed
 
 

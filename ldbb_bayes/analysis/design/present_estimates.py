@@ -10,6 +10,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
+from ldbb_bayes.analysis.nested_models import averaged_sds
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import Nodes
@@ -17,7 +20,13 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.terms import Columns
 from ldbb_bayes.results import Array
 
-__all__ = ["EVIDENCE_TOLERANCE", "PresentEstimates", "present_estimates", "sds_of_fit"]
+__all__ = [
+    "EVIDENCE_TOLERANCE",
+    "PresentEstimates",
+    "averaged_sds_now",
+    "present_estimates",
+    "sds_of_fit",
+]
 
 # Largest numerical error allowed for the log evidence of a model [nat]. The error is small compared
 # with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
@@ -25,6 +34,10 @@ EVIDENCE_TOLERANCE = 0.2
 # Largest number of values of the hyper-parameters, such as the standard deviation of the noise,
 # over which posterior means and standard deviations are averaged.
 _COMPONENTS = 1024
+# Number of values over which uncertainties are averaged that are averaged over models too, and the
+# seed with which these values are drawn.
+_AVERAGED_VALUES = 128
+_SEED = 1
 
 
 class PresentEstimates(NamedTuple):
@@ -41,6 +54,18 @@ def present_estimates(nodes: Nodes) -> PresentEstimates:
     """
     mean, sd = nodes.moments(components=_COMPONENTS)
     return PresentEstimates(mean, sd)
+
+
+def averaged_sds_now(nodes: Nodes) -> dict[str, float]:
+    """Return standard uncertainties that are averaged over constant and linear compliance.
+
+    ``nodes`` are weighted values of the hyper-parameters, from which the posterior of the model
+    with linear compliance is computed. See `averaged_sds`.
+    """
+    bound = nodes.bound
+    free = nodes.integral.resample(_AVERAGED_VALUES, np.random.default_rng(_SEED))
+    phi = bound.hyper_prior.phi(free)
+    return averaged_sds(bound, phi, truncated=bound.truncation.active)
 
 
 def sds_of_fit(model: HybridModel, campaign: Campaign, bound: BoundModel) -> dict[str, float]:

@@ -24,7 +24,12 @@ from ldbb_bayes.analysis.design.candidates import (
     templates,
 )
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
-from ldbb_bayes.analysis.design.forecast import Forecast, Slopes, forecast_plan
+from ldbb_bayes.analysis.design.forecast import (
+    Forecast,
+    SimulatedAnalyses,
+    Slopes,
+    forecast_plan,
+)
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.search import ExactDesign, Search
 from ldbb_bayes.analysis.design.states import hyper_nodes
@@ -305,11 +310,18 @@ class Space:
             adds_to_pilot=self.augment,
         )
 
-    def forecast(self, plan: Campaign, *, machines: int | None = None) -> Forecast:
+    def forecast(
+        self,
+        plan: Campaign,
+        *,
+        machines: int | None = None,
+        analyses: SimulatedAnalyses | None = None,
+    ) -> Forecast:
         """Return the forecast of the results of planned tests.
 
         ``plan`` holds the planned tests; it is a plan that `plan_of` returned. ``machines`` is the
-        number of possible machines over which the forecast averages, by default 64.
+        number of possible machines over which the forecast averages, by default 64. ``analyses``
+        are the analyses of these tests, if they have already been simulated.
         """
         slopes = None
         if self.criterion == "discriminate":
@@ -317,7 +329,7 @@ class Space:
         elif self.slope_size != 1.0:
             names = tuple(p.name for p in self.bound.parameters if p.group == "slope")
             slopes = Slopes(names, self.slope_size)
-        return forecast_plan(self.model, plan, slopes=slopes, machines=machines)
+        return forecast_plan(self.model, plan, slopes=slopes, machines=machines, analyses=analyses)
 
 
 def _radii_of(pilot: Campaign) -> list[float]:

@@ -1,0 +1,251 @@
+"""Forecast of uncertainties that are averaged over constant and linear compliance.
+
+The sheets of a report state the posterior that `average` gives: an average over models with
+constant and with linear compliance, each with and without the other effects that look like a change
+of compliance with force (rivals). Before tests are run, the uncertainties of this average depend on
+which of the models will be probable. The forecast therefore draws possible machines from the
+posterior of all models given the pilot's readings (or, without readings, from their priors):
+machines with and without slopes, with and without each rival. For each machine, it simulates the
+analysis of the planned tests under every model, and averages the results by the probabilities that
+this analysis gives to the models (`nested_models`).
+
+Apart from that, machines and analyses are those of `forecast`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import softmax
+
+from ldbb_bayes.analysis.design.forecast import (
+    SimulatedAnalyses,
+    precision_added_by_slope_priors,
+)
+from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
+from ldbb_bayes.analysis.design.states import extend_hyper_parameters
+from ldbb_bayes.analysis.nested_models import Coefficients, NestedModels, averaged_variances
+from ldbb_bayes.analysis.truncated_moments import symmetric_root
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, Result
+
+__all__ = ["AveragedUncertainty", "averaged_uncertainties"]
+
+# Share of the possible machines on which the averaged standard uncertainty of a parameter is at
+# most `AveragedUncertainty.likely_sd`.
+_LIKELY = 0.9
+
+
+@dataclass(frozen=True)
+class AveragedUncertainty(Result):
+    """Uncertainty to expect for one parameter, averaged over constant and linear compliance."""
+
+    unit: str  #: internal unit of the parameter, composed of mm, N and rad
+    #: median, over the possible machines, of the standard uncertainty of the parameter
+    sd: float
+    #: the standard uncertainty of the parameter is at most this value on 90 % of the machines
+    likely_sd: float
+
+
+class _Machines(NamedTuple):
+    """K possible machines, some with constant compliance and some without each of the rivals."""
+
+    #: indices of the machines' hyper-parameters among the states of the simulated analyses, (K,)
+    state: Array
+    #: coefficients of the machines (parameters, then those of the rivals) minus prior means, in
+    #: units of the prior standard deviations, shape (K, q)
+    coefficients: Array
+
+
+@one_blas_thread
+def averaged_uncertainties(analyses: SimulatedAnalyses) -> dict[str, AveragedUncertainty]:
+    """Return the uncertainties to expect from planned tests, averaged over constant and linear.
+
+    They are those that the sheets of a report will state. The keys are the names of the compliances
+    and geometric errors, without slopes (changes of compliance with force). The result is empty if
+    the model has no linear compliance or flat priors.
+
+    Parameters
+    ----------
+    analyses
+        Simulated analyses of the planned tests under the model with linear compliance.
+    """
+    models = NestedModels.of(analyses.bound)
+    if models is None or analyses.scales is None:
+        return {}
+    rng = np.random.default_rng(analyses.seed)
+    known = _known_before(models, analyses)
+    machines = _draw_machines(models, known, rng)
+    sd = np.sqrt(_stated_variances(models, analyses, known, machines, rng))
+    uncertainties = {}
+    for k, name in models.stated.items():
+        uncertainties[name] = AveragedUncertainty(
+            unit=models.bound.parameters[k].unit,
+            sd=float(np.median(sd[:, k])),
+            likely_sd=float(np.quantile(sd[:, k], _LIKELY, method="weibull")),
+        )
+    return uncertainties
+
+
+def _known_before(models: NestedModels, analyses: SimulatedAnalyses) -> Coefficients:
+    """Return what is known of the q coefficients before the planned tests, in each of K states.
+
+    A state is a set of hyper-parameters (such as the standard deviation of the noise). The result
+    is the posterior given the pilot's readings or, without readings, the prior. The condition that
+    no compliance is negative is left out.
+    """
+    bound = models.bound
+    phi = analyses.states.phi
+    q = len(models.prior_sd)
+    pilot = bound.pilot or bound.campaign
+    if pilot.is_plan:
+        return Coefficients(np.zeros((len(phi), q)), np.tile(np.eye(q), (len(phi), 1, 1)))
+    of_pilot = NestedModels.of(bound.model.bind(pilot))
+    assert of_pilot is not None
+    mean, covariance = of_pilot.coefficients_given(phi)
+    ratio = of_pilot.prior_sd / models.prior_sd
+    return Coefficients(mean * ratio, covariance * np.outer(ratio, ratio))
+
+
+def _draw_machines(
+    models: NestedModels, known: Coefficients, rng: np.random.Generator
+) -> _Machines:
+    """Draw K possible machines from the average over all models, one for each of K states.
+
+    ``known`` are the coefficients of the largest model in each state, before the planned tests. A
+    machine has no negative compliance; machines for which none is found are left out.
+    """
+    states, q = known.mean.shape
+    log_ratios = []
+    restricted = []
+    for model in range(len(models.zeros)):
+        log_ratio, given_zeros = models.restrict(model, known, np.ones(q))
+        log_ratios.append(log_ratio)
+        restricted.append(given_zeros)
+    # The states are equally likely under the largest model. All pairs of a model and a state have
+    # the probabilities ``probability``; as many pairs as there are states are drawn, with equal
+    # steps through their cumulative probabilities.
+    probability = softmax(np.array(log_ratios)).ravel()
+    steps = (np.arange(states) + rng.random()) / states
+    pairs = np.searchsorted(np.cumsum(probability), steps)
+    pairs = np.minimum(pairs, probability.size - 1)
+    model_of, state_of = np.divmod(pairs, states)
+    mean = np.array([entry.mean for entry in restricted])[model_of, state_of]
+    covariance = np.array([entry.covariance for entry in restricted])[model_of, state_of]
+    coefficients = np.empty((states, q))
+    is_possible = np.ones(states, bool)
+    root = symmetric_root(covariance)
+    bound = models.bound
+    p = len(bound.names)
+    if not bound.truncation.active:
+        standard = rng.standard_normal((states, q))
+        return _Machines(state_of, mean + np.einsum("kij,kj->ki", root, standard))
+    # All machines of one model have the same constraints on their coefficients.
+    for model in np.unique(model_of):
+        of_model = np.flatnonzero(model_of == model)
+        parameters = bound.prior_mean + mean[of_model][:, :p] * bound.scale
+        spread = root[of_model][:, :p] * bound.scale[:, None]
+        orthants = bound.truncation.orthants(parameters, spread)
+        standard, is_possible[of_model] = orthants.draw_standard(rng)
+        coefficients[of_model] = mean[of_model] + np.einsum("kij,kj->ki", root[of_model], standard)
+    return _Machines(state_of[is_possible], coefficients[is_possible])
+
+
+def _stated_variances(
+    models: NestedModels,
+    analyses: SimulatedAnalyses,
+    known: Coefficients,
+    machines: _Machines,
+    rng: np.random.Generator,
+) -> Array:
+    """Return the averaged variances that analyses of the planned tests state, shape (K, p).
+
+    ``known`` are the coefficients in each state before the planned tests, and ``machines`` are the
+    K possible machines. The variances are in internal units (mm², N, rad).
+    """
+    bound = models.bound
+    assert analyses.scales is not None
+    scales = analyses.scales[machines.state]
+    number, beliefs, h = scales.shape
+    q = len(models.prior_sd)
+    of_beliefs = models.coefficients_given(scales.reshape(-1, h))
+    covariance = of_beliefs.covariance.reshape(number, beliefs, q, q)
+    identity = np.eye(q)
+    before = Coefficients(np.zeros((number, q)), np.tile(identity, (number, 1, 1)))
+    if analyses.run:
+        before = Coefficients(known.mean[machines.state], known.covariance[machines.state])
+    precision_before = np.linalg.inv(before.covariance)
+    added = np.zeros((number, q))
+    if bound.model.prior.slopes_of_estimate:
+        added[:, : len(bound.names)] = _added_precision(
+            models, analyses, before, machines, covariance
+        )
+    # The analysis of each machine sizes the priors of the slopes anew; their means are zero.
+    shift = np.einsum("kij,kj->ki", precision_before, before.mean)
+    precision_before = precision_before + identity * added[:, None]
+    mean_before = np.linalg.solve(precision_before, shift[..., None])[..., 0]
+    covariance = np.linalg.inv(np.linalg.inv(covariance) + (identity * added[:, None])[:, None])
+    means = _posterior_means(
+        Coefficients(mean_before, precision_before),
+        machines.coefficients,
+        covariance,
+        rng.standard_normal((number, q)),
+    )
+    posteriors = models.posteriors(Coefficients(means, covariance), 1.0 + added[:, None])
+    return averaged_variances(posteriors, np.zeros(1))
+
+
+def _added_precision(
+    models: NestedModels,
+    analyses: SimulatedAnalyses,
+    before: Coefficients,
+    machines: _Machines,
+    covariance: Array,
+) -> Array:
+    """Return by how much the analyses change the prior precisions of the slopes, shape (K, p).
+
+    See `precision_added_by_slope_priors`. If tests have already been run, the estimates by which
+    the slopes are sized are taken to be posterior means. ``covariance``, shape (K, n, q, q), holds
+    posterior covariances of the coefficients on each of the K machines.
+    """
+    bound = models.bound
+    p = len(bound.names)
+    if analyses.run == 0:
+        phi = extend_hyper_parameters(bound, analyses.states.phi, 0, scattering=True)
+        beta = bound.prior_mean + machines.coefficients[:, :p] * bound.scale
+        estimates = draw_reference_estimates(bound, phi[machines.state], beta, analyses.seed)
+        return precision_added_by_slope_priors(bound, estimates)
+    rng = np.random.default_rng(analyses.seed)
+    means = _posterior_means(
+        Coefficients(before.mean, np.linalg.inv(before.covariance)),
+        machines.coefficients,
+        covariance,
+        rng.standard_normal(before.mean.shape),
+    )
+    estimates = bound.prior_mean + means.mean(axis=1)[:, :p] * bound.scale
+    return precision_added_by_slope_priors(bound, estimates)
+
+
+def _posterior_means(
+    before: Coefficients, truth: Array, covariance: Array, standard: Array
+) -> Array:
+    """Draw posterior means of the q coefficients, for K machines and n sets of scales, (K, n, q).
+
+    Let m₁ be the mean and P₁ the precision before the tests (here the second field of ``before``),
+    C the covariance after them, and W = 1 − C P₁. On a machine with the coefficients β, the
+    posterior mean has the mean m₁ + W (β − m₁) and the covariance W C. ``truth``, shape (K, q), are
+    the machines' coefficients, ``covariance``, shape (K, n, q, q), is C, and ``standard``, shape
+    (K, q), are standard normal numbers. They are the same for all n sets of scales, because these
+    belong to the same readings.
+    """
+    mean, precision = before
+    weight = np.eye(truth.shape[1]) - covariance @ precision[:, None]
+    root = symmetric_root(weight @ covariance)
+    deviation = truth - mean
+    return np.asarray(
+        mean[:, None]
+        + np.einsum("knij,kj->kni", weight, deviation)
+        + np.einsum("knij,kj->kni", root, standard)
+    )
