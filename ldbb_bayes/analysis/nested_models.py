@@ -90,24 +90,16 @@ class NestedModels:
         slopes = [k for k, entry in enumerate(bound.parameters) if entry.group == "slope"]
         if bound.model.prior.flat or bound.model.degree != 1 or not slopes:
             return None
-        shared = shared_terms(bound.nuisance_columns)
-        names = [name for columns in shared for name in columns.names]
-        sds = [float(sd) for columns in shared for sd in columns.sd]
-        first_parameter = len(names)
-        places = list(range(first_parameter, first_parameter + len(bound.names)))
-        prior_sd = bound.scale.tolist()
-        members = {_SLOPES: tuple(slopes)}
-        for rival in bound.model.rivals:
-            first = len(places)
-            beginning = RIVALS[rival].coefficients
-            places += [k for k, name in enumerate(names) if name.startswith(beginning)]
-            prior_sd += [sds[place] for place in places[first:]]
-            members[rival] = tuple(range(first, len(places)))
+        chosen = _choose_coefficients(bound)
+        members = {_SLOPES: tuple(slopes), **chosen.rivals}
         zeros = []
         for effects in subsets(tuple(members)):
-            lacking = [members[effect] for effect in members if effect not in effects]
-            zeros.append(tuple(sorted(sum(lacking, ()))))
-        return cls(bound, tuple(places), np.array(prior_sd), tuple(zeros))
+            indices: list[int] = []
+            for effect, indices_of_effect in members.items():
+                if effect not in effects:
+                    indices += indices_of_effect
+            zeros.append(tuple(indices))
+        return cls(bound, chosen.places, chosen.prior_sd, tuple(zeros))
 
     @property
     def stated(self) -> dict[int, str]:
@@ -213,6 +205,39 @@ class NestedModels:
             inside = truncated_moments(self.bound, *self.parameters_of(prior))
             log_probabilities.append(float(inside.log_probability[0]))
         return log_probabilities
+
+
+class _NestedCoefficients(NamedTuple):
+    """The q coefficients of the nested models: the p parameters, then those of the rivals."""
+
+    places: tuple[int, ...]  #: see ``NestedModels.places``
+    prior_sd: Array  #: prior standard deviations of the coefficients, shape (q,)
+    #: indices of the coefficients of each rival among the q coefficients; the keys are the names of
+    #: the rivals
+    rivals: dict[str, tuple[int, ...]]
+
+
+def _choose_coefficients(bound: BoundModel) -> _NestedCoefficients:
+    """Return the coefficients by which the models nested in ``bound`` differ, and all parameters.
+
+    In the vector of the coefficients that are the same in all tests, those of the nuisances
+    (effects modelled but not of interest) come first, and the parameters last.
+    """
+    names: list[str] = []
+    sds: list[float] = []
+    for columns in shared_terms(bound.nuisance_columns):
+        names += columns.names
+        sds += [float(sd) for sd in columns.sd]
+    places = list(range(len(names), len(names) + len(bound.names)))
+    prior_sd = bound.scale.tolist()
+    rivals = {}
+    for rival in bound.model.rivals:
+        beginning = RIVALS[rival].coefficients
+        of_rival = [place for place, name in enumerate(names) if name.startswith(beginning)]
+        rivals[rival] = tuple(range(len(places), len(places) + len(of_rival)))
+        places += of_rival
+        prior_sd += [sds[place] for place in of_rival]
+    return _NestedCoefficients(tuple(places), np.array(prior_sd), rivals)
 
 
 def averaged_variances(posteriors: list[_PosteriorOfModel], log_weight: Array) -> Array:

@@ -345,6 +345,40 @@ def _expected_sd(bound: BoundModel, plan: Campaign, analyses: SimulatedAnalyses)
     return SampledSd(bound.prior_sd, np.array([entry.sd for entry in expected.values()]))
 
 
+class _JudgedTests(NamedTuple):
+    """Tests that are judged, and what is known or expected of them from elsewhere."""
+
+    bound: BoundModel  #: model applied to the tests
+    weight: Array  #: weights of w values of the hyper-parameters, shape (w,)
+    #: w values of the h hyper-parameters (such as the standard deviation of the noise), shape
+    #: (w, h), lengths in mm
+    phi: Array
+    #: prior standard deviations, and those to expect from the tests of a plan; None for tests with
+    #: readings, and if priors are flat
+    expected: SampledSd | None
+    averaged_sd: dict[str, float]  #: see ``Identifiability.averaged_sd``
+
+
+def _judged_plan(model: HybridModel, plan: Campaign) -> _JudgedTests:
+    """Return the tests of a plan, with the uncertainties to expect from them."""
+    bound = bind_plan(model, plan)
+    weight, phi = _scales_before(bound, plan)
+    if model.prior.flat:
+        return _JudgedTests(bound, weight, phi, None, {})
+    analyses = simulate_analyses(model, plan)
+    expected = _expected_sd(bound, plan, analyses)
+    averaged = averaged_uncertainties(analyses)
+    averaged_sd = {name: entry.sd for name, entry in averaged.items()}
+    return _JudgedTests(bound, weight, phi, expected, averaged_sd)
+
+
+def _judged_campaign(model: HybridModel, campaign: Campaign) -> _JudgedTests:
+    """Return the tests of a campaign with readings."""
+    bound = model.bind(campaign)
+    weight, phi = hyper_parameter_nodes(bound)
+    return _JudgedTests(bound, weight, phi, None, _averaged_sd_now(bound, weight, phi))
+
+
 def _averaged_sd_now(bound: BoundModel, weight: Array, phi: Array) -> dict[str, float]:
     """Return the uncertainties of a campaign with readings, averaged over constant and linear.
 
@@ -433,20 +467,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     'Mount'
     """
     require_model(model)
-    expected = None
-    averaged_sd: dict[str, float] = {}
-    if campaign.is_plan:
-        bound = bind_plan(model, campaign)
-        weight, nodes = _scales_before(bound, campaign)
-        if not model.prior.flat:
-            analyses = simulate_analyses(model, campaign)
-            expected = _expected_sd(bound, campaign, analyses)
-            averaged = averaged_uncertainties(analyses)
-            averaged_sd = {name: entry.sd for name, entry in averaged.items()}
-    else:
-        bound = model.bind(campaign)
-        weight, nodes = hyper_parameter_nodes(bound)
-        averaged_sd = _averaged_sd_now(bound, weight, nodes)
+    judged = _judged_plan if campaign.is_plan else _judged_campaign
+    bound, weight, nodes, expected, averaged_sd = judged(model, campaign)
     phi = weight @ nodes
     information = information_of(bound, phi)
     combinations = degeneracies(bound)

@@ -63,7 +63,7 @@ def _goals_table(step: NextCircle) -> Table:
         met_next = wording.probability_words(goal.probability_next)
         rows.append((display_name(name), now, limit, met, after_next, met_next, floor, unit))
     heads = (
-        "goal for U",
+        "goal for U (k = 2)",
         "now",
         "wanted",
         "met (p)",

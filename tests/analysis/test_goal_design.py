@@ -404,4 +404,4 @@ def test_a_search_that_no_campaign_ends_says_why(monkeypatch):
 
 
 def _all_unlucky(campaign: FoundCampaign) -> FoundCampaign:
-    return replace(campaign, stated=replace(campaign.stated, u=10.0 * campaign.stated.u))
+    return replace(campaign, stated=replace(campaign.stated, u=1e3 * campaign.stated.u))

@@ -358,16 +358,19 @@ def test_moments_inside_the_orthant_by_rejection(rows: int) -> None:
     rng = np.random.default_rng(rows)
     spread = np.eye(rows, 4) + 0.4 * rng.normal(size=(rows, 4))
     mean = rng.normal(size=rows)
-    shifts, covariances, all_axes = Orthant(mean[None], spread[None]).moments(1 << 14)
-    shift = shifts[0]
-    axes = all_axes[0]
+    inside = Orthant(mean[None], spread[None]).moments(1 << 14)
+    shift = inside.mean[0]
+    axes = inside.axes[0]
     proposals = rng.standard_normal((400_000, 4))
     accepted = proposals[np.all(mean + proposals @ spread.T >= 0.0, axis=1)]
     standard_error = 1.0 / np.sqrt(len(accepted))
     np.testing.assert_allclose(axes.T @ shift, accepted.mean(axis=0), atol=5.0 * standard_error)
-    excess = covariances[0] - np.eye(len(shift))
+    excess = inside.covariance[0] - np.eye(len(shift))
     covariance = np.eye(4) + axes.T @ excess @ axes
     np.testing.assert_allclose(covariance, np.cov(accepted.T), atol=8.0 * standard_error)
+    share = len(accepted) / len(proposals)
+    share_error = np.sqrt(share * (1.0 - share) / len(proposals))
+    assert np.exp(inside.log_probability[0]) == pytest.approx(share, abs=5.0 * share_error)
 
 
 def test_properties_of_the_campaign_stay_frozen() -> None:

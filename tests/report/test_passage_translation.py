@@ -19,12 +19,12 @@ SENTENCES = [
     "No campaign within 2 h reaches the goals on 90 % of the machines. Without this limit the"
     " cheapest takes 2.3 h: 18 circles, with balls of grade G10 certified, price 140.",
     "U is that of linear compliance. Averaged over constant and linear compliance, as the sheets of"
-    " report state it, it is now C_XXX 7.4 nm/N and E_C(0Y)X 75 µrad.",
+    " report state it, it is now C_XXX 7.4 nm/N, E_C(0Y)X 75 µrad.",
     "U is that of linear compliance. Averaged over constant and linear compliance, as the sheets of"
     " report state it, it is now C_XXX 7.4 nm/N; after the cheapest campaign C_XXX 5.1 nm/N"
     " (medians).",
     "Averaged over constant and linear compliance, as the sheets of report state it, it is after"
-    " the cheapest campaign C_XXX 5.1 nm/N, C_YYY 4.9 nm/N and C_XYX 0.9 nm/N (medians).",
+    " the cheapest campaign C_XXX 5.1 nm/N, C_YYY 4.9 nm/N, C_XYX 0.9 nm/N (medians).",
     "Met already by 'a pilot' (with probability 90 % or more), so that nothing is needed: C_XXX and"
     " E_XX1.",
     "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",

@@ -52,7 +52,8 @@ class AveragedUncertainty(Result):
 class _Machines(NamedTuple):
     """K possible machines, some with constant compliance and some without each of the rivals."""
 
-    #: indices of the machines' hyper-parameters among the states of the simulated analyses, (K,)
+    #: indices of the machines' hyper-parameters among the states of the simulated analyses, shape
+    #: (K,)
     state: Array
     #: coefficients of the machines (parameters, then those of the rivals) minus prior means, in
     #: units of the prior standard deviations, shape (K, q)
@@ -78,7 +79,8 @@ def averaged_uncertainties(analyses: SimulatedAnalyses) -> dict[str, AveragedUnc
     rng = np.random.default_rng(analyses.seed)
     known = _known_before(models, analyses)
     machines = _draw_machines(models, known, rng)
-    sd = np.sqrt(_stated_variances(models, analyses, known, machines, rng))
+    scales = analyses.scales[machines.state]
+    sd = np.sqrt(_stated_variances(models, analyses, known, machines, scales))
     uncertainties = {}
     for k, name in models.stated.items():
         uncertainties[name] = AveragedUncertainty(
@@ -100,10 +102,11 @@ def _known_before(models: NestedModels, analyses: SimulatedAnalyses) -> Coeffici
     phi = analyses.states.phi
     q = len(models.prior_sd)
     pilot = bound.pilot or bound.campaign
-    if pilot.is_plan:
+    of_pilot = None
+    if not pilot.is_plan:
+        of_pilot = NestedModels.of(bound.model.bind(pilot))
+    if of_pilot is None:
         return Coefficients(np.zeros((len(phi), q)), np.tile(np.eye(q), (len(phi), 1, 1)))
-    of_pilot = NestedModels.of(bound.model.bind(pilot))
-    assert of_pilot is not None
     mean, covariance = of_pilot.coefficients_given(phi)
     ratio = of_pilot.prior_sd / models.prior_sd
     return Coefficients(mean * ratio, covariance * np.outer(ratio, ratio))
@@ -158,16 +161,16 @@ def _stated_variances(
     analyses: SimulatedAnalyses,
     known: Coefficients,
     machines: _Machines,
-    rng: np.random.Generator,
+    scales: Array,
 ) -> Array:
     """Return the averaged variances that analyses of the planned tests state, shape (K, p).
 
     ``known`` are the coefficients in each state before the planned tests, and ``machines`` are the
-    K possible machines. The variances are in internal units (mm², N, rad).
+    K possible machines. ``scales``, shape (K, n, h), are n sets of the h hyper-parameters (such as
+    the standard deviation of the noise) that the analysis of each machine finds likely. The
+    variances are in internal units (products of powers of mm, N and rad).
     """
     bound = models.bound
-    assert analyses.scales is not None
-    scales = analyses.scales[machines.state]
     number, beliefs, h = scales.shape
     q = len(models.prior_sd)
     of_beliefs = models.coefficients_given(scales.reshape(-1, h))
@@ -191,7 +194,7 @@ def _stated_variances(
         Coefficients(mean_before, precision_before),
         machines.coefficients,
         covariance,
-        rng.standard_normal((number, q)),
+        np.random.default_rng(analyses.seed).standard_normal((number, q)),
     )
     posteriors = models.posteriors(Coefficients(means, covariance), 1.0 + added[:, None])
     return averaged_variances(posteriors, np.zeros(1))

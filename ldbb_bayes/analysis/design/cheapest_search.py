@@ -288,9 +288,7 @@ def find_cheapest(
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
     found += _with_more_circles(found, number - len(found), costs, on_campaign)
     found.sort(key=lambda campaign: campaign.price(costs))
-    is_too_long = search.is_reachable and costs.hours is not None
-    nearest = None if found or is_too_long else search.nearest
-    return CheapestCampaigns(tuple(found), nearest)
+    return CheapestCampaigns(tuple(found), search.nearest_without(found))
 
 
 def _buys_in_vain(progress: _Progress, cheaper: FoundCampaign, costs: Costs) -> bool:
@@ -423,6 +421,17 @@ class _Search:
         excess = _log_ratios_to_goals(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
+
+    def nearest_without(self, found: Sequence[FoundCampaign]) -> FoundCampaign | None:
+        """Return the campaign ``nearest`` if no campaign was found that reaches the goals.
+
+        The result is None if campaigns were found (``found``), and if only the longest machine time
+        prevents it.
+        """
+        is_too_long = self.is_reachable and self._costs.hours is not None
+        if found or is_too_long:
+            return None
+        return self.nearest
 
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
         """Store a campaign as ``nearest`` if it is better than the campaign stored before.
