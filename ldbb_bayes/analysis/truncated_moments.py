@@ -75,5 +75,5 @@ def symmetric_root(covariance: Array) -> Array:
     scaled_axes = axes * np.sqrt(np.maximum(size, 0.0))[..., None, :]
     root = scaled_axes @ np.swapaxes(axes, -1, -2)
     # The root of a rounding error of 1e-16 is 1e-8, which would not be negligible.
-    varies = np.diagonal(covariance, axis1=-2, axis2=-1) > 0.0
+    varies = np.diagonal(covariance, axis1=-2, axis2=-1) != 0.0
     return np.asarray(root * (varies[..., :, None] & varies[..., None, :]))
