@@ -21,6 +21,7 @@ from ldbb_bayes.cli.goal_designs import (
     find_for_goals,
     running_order,
 )
+from ldbb_bayes.cli.operator_sheets import SHEET, language_in, sheet_of_plan
 from ldbb_bayes.cli.options import EXIT_MISSED, Kind, command, group, options_of
 from ldbb_bayes.cli.output import drawing
 from ldbb_bayes.cli.progress import counting_progress
@@ -39,6 +40,8 @@ __all__ = ["compare", "design", "identify", "validate"]
 # Columns of the file parameters.csv, which the command ``identify`` writes. The file has one more
 # column, with the names of the parameters.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
+# What the command ``design`` of ``ldbb-bayes`` says of the plan that it has written.
+_NOTE_ON_PLAN = f", a plan; model.toml is for its analysis (fit --model), {SHEET} for the operator"
 # Names of the figures that the command ``compare`` of ``ldbb-bayes`` writes.
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
 
@@ -194,8 +197,9 @@ def design(
 
     The exit code is 1 if the tests are not proven to be the best, or if a goal is not reached.
     """
+    language = language_in(settings)
     if "goals" in settings:
-        _design_for_goals(source, model, output, settings)
+        _design_for_goals(source, model, output, settings, language)
         return
     for name in (*COST_OPTIONS, "certificates", "probability"):
         require(
@@ -213,6 +217,7 @@ def design(
         "design.json",
         "expected.csv",
         "sensitivity.csv",
+        SHEET,
         *pilot_of_plan(output.out),
         figures=["expected_widths"],
     )
@@ -226,6 +231,8 @@ def design(
         "expected.csv": result.expected_table(),
         "sensitivity.csv": result.sensitivity,
     }
+    if output.out is not None:
+        contents[SHEET] = sheet_of_plan(plan, language)
     output.deliver(
         record,
         (
@@ -236,7 +243,7 @@ def design(
         contents,
         {"expected_widths": drawing("expected_widths", result)},
         write_more=partial(write_campaign_into, plan),
-        note=", a plan; model.toml is for its analysis (fit --model)",
+        note=_NOTE_ON_PLAN,
     )
     if not result.certificate.holds:
         raise typer.Exit(EXIT_MISSED)
@@ -247,29 +254,28 @@ def _design_for_goals(
     model: lb.HybridModel,
     output: arguments.OutputOptions,
     settings: dict[str, Any],
+    language: str,
 ) -> None:
     """Find, print and write the cheapest campaign that reaches the goals for uncertainties.
 
     ``settings`` are the options of the command ``design``, which include the goals; the keys are
-    the names of the options. The campaign is written as a plan. Exit with code 1 if a goal is not
-    reached.
+    the names of the options. The campaign is written as a plan, with a sheet for the operator in
+    ``language``. Exit with code 1 if a goal is not reached.
     """
     output.check(*GOAL_FILES, *pilot_of_plan(output.out))
     with counting_progress(output.quiet, "steps of the search") as progress:
         result = find_for_goals(model, source.campaign, settings, progress)
     files = files_of_goal_design(result, settings["seed"])
     passages = [*_assumptions_of(source), *_with_remarks(parts_of(result), source.campaign)]
+    contents = dict(files.contents)
+    note = "/goals.json; there is no plan"
     if result.plans:
-        passages.append(f"Run in this order: {running_order(result.plan())}")
-    output.deliver(
-        files.record,
-        tuple(passages),
-        files.contents,
-        write_more=files.write_more,
-        note=", a plan; model.toml is for its analysis (fit --model)"
-        if result.plans
-        else "/goals.json; there is no plan",
-    )
+        plan = result.plan()
+        passages.append(f"Run in this order: {running_order(plan)}")
+        note = _NOTE_ON_PLAN
+        if output.out is not None:
+            contents[SHEET] = sheet_of_plan(plan, language)
+    output.deliver(files.record, tuple(passages), contents, write_more=files.write_more, note=note)
     if not result.all_reached:
         raise typer.Exit(EXIT_MISSED)
 

@@ -27,7 +27,7 @@ __all__ = [
 
 # Names of the files that are written for a campaign that reaches the user's goals for
 # uncertainties. A folder with the campaign from which the search starts may be written too.
-GOAL_FILES = ("campaign.toml", "model.toml", "goals.json")
+GOAL_FILES = ("campaign.toml", "model.toml", "goals.json", "sheet.html")
 
 
 class GoalDesignFiles(NamedTuple):

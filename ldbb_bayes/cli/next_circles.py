@@ -8,19 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
+from ldbb_bayes.cli.operator_sheets import SHEET, language_in, sheet_of_circle
 from ldbb_bayes.cli.options import Kind, command, group, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
 from ldbb_bayes.cli.values import directions_in
-from ldbb_bayes.errors import check_known
 
 if TYPE_CHECKING:
-    from ldbb_bayes.analysis.design import NextCircle
     from ldbb_bayes.cli.sources import SourceCampaign
 
 __all__ = ["next_"]
-
-# Name of the file with the sheet that tells the operator the next circle to run.
-_SHEET = "sheet.html"
 
 # Options of the command ``next``, such as --radii, whose values become arguments of `next_circle`.
 _OPTIONS = group(
@@ -47,17 +43,15 @@ def next_(
     circle is written as a plan, with a sheet for the operator. The evidence and the intervals
     remain valid however often the command is run.
     """
-    # The modules that write the texts of this command take a long time to load. They are therefore
+    # The module that writes the texts of this command takes a long time to load. It is therefore
     # imported here, and not at the top of the file.
     from ldbb_bayes.report import next_circle_text
-    from ldbb_bayes.report.translation import languages
 
-    language = settings.pop("language")
-    check_known("--language", [language], languages())
+    language = language_in(settings)
     # Before anything is computed, refuse an output folder with files that this command did not
     # write. The command writes the files named here, and a copy of the campaign from which the plan
     # was computed (the pilot of the plan). These files may be replaced.
-    output.check("campaign.toml", "next.json", _SHEET, *pilot_of_plan(output.out))
+    output.check("campaign.toml", "next.json", SHEET, *pilot_of_plan(output.out))
     step = lb.analysis.next_circle(model, source.campaign, **settings)
     record = {
         "schema": 1,
@@ -72,7 +66,7 @@ def next_(
         plan = step.plan()
         contents = {
             "next.json": record,
-            _SHEET: _operator_sheet(step, plan, language),
+            SHEET: sheet_of_circle(step, plan, language),
         }
         write_more = partial(write_campaign_into, plan)
     output.deliver(
@@ -80,20 +74,8 @@ def next_(
         (*_assumptions_of(source), *next_circle_text.parts_of(step)),
         contents,
         write_more=write_more,
-        note=f", a plan of {circle}; {_SHEET} is for the operator",
+        note=f", a plan of {circle}; {SHEET} is for the operator",
     )
-
-
-def _operator_sheet(step: NextCircle, plan: lb.Campaign, language: str) -> str:
-    """Return the sheet that tells the operator the next circle to run, as an HTML page.
-
-    ``plan`` is the next circle as a plan, and ``language`` the code of the sheet's language.
-    """
-    # The module that writes the sheet is imported here, and not at the top of the file, because it
-    # takes a long time to load, and only --out needs it.
-    from ldbb_bayes.report import operator_sheet
-
-    return operator_sheet.page(step, plan, language)
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:

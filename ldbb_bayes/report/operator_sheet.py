@@ -1,19 +1,24 @@
-"""Sheet for the operator: the next circle to run, and how close the campaign is to its aims.
+"""Sheets for the operator: the next circle to run, or all circles of a plan.
 
-The aims are goals for uncertainties, decisions on tolerances, and the choice of a model.
+The sheet of the next circle also states how close the campaign is to its aims: goals for
+uncertainties, decisions on tolerances, and the choice of a model.
 """
 
 from __future__ import annotations
 
 from ldbb_bayes.analysis.design import NextCircle
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.next_circle_text import aims_passages
 from ldbb_bayes.report.passage_translation import passages_in_language
-from ldbb_bayes.results import Passage
+from ldbb_bayes.results import Passage, Table
 
-__all__ = ["page"]
+__all__ = ["page", "page_of_plan"]
+
+# Settings of a circle that the operator fills in, or that differ between circles by their nature.
+# They always have a column in the table of circles.
+_OF_EVERY_CIRCLE = ("Force", "Pressure", "File", "Time", "Temperature (°C)")
 
 
 def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
@@ -39,7 +44,7 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
         """Return tables and sentences in the language of the sheet."""
         return passages_in_language(passages, language, [campaign])
 
-    names, values = zip(*_settings(plan), strict=True)
+    names, values = zip(*_settings(plan, plan.tests[0]), strict=True)
     return template_of("operator.html.j2").render(
         language=language,
         in_language=in_language,
@@ -51,13 +56,58 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
     )
 
 
-def _settings(plan: Campaign) -> list[tuple[str, str]]:
-    """Return the settings of the plan's only circle as entries of the operator's sheet.
+def page_of_plan(plan: Campaign, language: str = "en") -> str:
+    """Return a sheet for the machine's operator, with all circles of a plan, as an HTML page.
+
+    Parameters
+    ----------
+    plan
+        Plan of tests, in the order in which to run them.
+    language
+        Code of the language of the sheet, ``en`` or ``de``.
+
+    Returns
+    -------
+    str
+        The page as HTML. Settings that are the same for all circles stand above the table of the
+        circles.
+    """
+    names = [plan.name, *(test.name for test in plan.tests)]
+
+    def in_language(*passages: Passage) -> tuple[Passage, ...]:
+        """Return tables and sentences in the language of the sheet."""
+        return passages_in_language(passages, language, names)
+
+    circles = [dict(_settings(plan, test)) for test in plan.tests]
+    common = {}
+    for name, value in circles[0].items():
+        if name not in _OF_EVERY_CIRCLE and all(circle[name] == value for circle in circles):
+            common[name] = value
+    heads = [name for name in circles[0] if name not in common]
+    rows = []
+    for number, circle in enumerate(circles, start=1):
+        rows.append((f"{number}", *(circle[name] for name in heads)))
+    table = Table.of("", ("Circle", *heads), rows, text=heads)
+    common_names, common_values = zip(*common.items(), strict=True)
+    return template_of("operator_plan.html.j2").render(
+        language=language,
+        title=in_language(f"Circles of {plan.name}")[0],
+        lead=in_language("Run the circles in this order.")[0],
+        common=zip(in_language(*common_names), in_language(*common_values), strict=True),
+        circles=in_language(table)[0],
+        closing=in_language(
+            "Write the readings of each circle into its file, and the files into the folder of the"
+            " plan."
+        )[0],
+    )
+
+
+def _settings(plan: Campaign, test: CircularTest) -> list[tuple[str, str]]:
+    """Return the settings of a circle of a plan as entries of the operator's sheet.
 
     Each entry is a tuple of name and text. The texts state the settings with their units. Entries
     that the operator fills in have an empty text.
     """
-    test = plan.tests[0]
     force = float(test.force_N or 0.0)
     feed = ""
     if plan.feed_mm_per_min is not None:

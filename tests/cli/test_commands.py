@@ -438,7 +438,7 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert record == json.loads((out / "design.json").read_text())
     tables = {"expected.csv", "sensitivity.csv"}
     figures = figure_files("expected_widths")
-    files = {"campaign.toml", "model.toml", "design.json", "pilot"}
+    files = {"campaign.toml", "model.toml", "design.json", "pilot", "sheet.html"}
     assert names_in(out) == files | tables | figures
     next_tests = lb.read_campaign(out)
     assert next_tests.pilot is not None

@@ -27,6 +27,8 @@ def test_a_goal_gives_a_plan_with_its_numbers_and_costs(tmp_path: Path, invoke: 
     assert len(lb.read_campaign(out).tests) == best["circles"]
     assert best["minutes"] == 4 * best["circles"] + 20 + 5
     assert best["price"] == pytest.approx(2 * best["minutes"])
+    sheet = (out / "sheet.html").read_text(encoding="utf-8")
+    assert all(f"{test.name}.csv" in sheet for test in lb.read_campaign(out).tests)
 
 
 def test_a_goal_that_is_not_reached_ends_with_code_1(
@@ -51,6 +53,7 @@ def test_a_goal_that_is_not_reached_ends_with_code_1(
         (("--goal", "C_XXX=5%", "--certificates", "bar"), "--certificates must be NAME=PRICE"),
         (("--goal", "C_XXX=5%", "--certificates", "bar=x"), "Write it like 'bar=150'"),
         (("--goal", "C_XXX=5%", "--directions", "up"), "--directions must be one of CW, CCW, both"),
+        (("--goal", "C_XXX=5%", "--language", "fr"), "--language must be one of"),
         (("--hours", 2), "--hours must go with --goal"),
         (("--certificates", "bar=150"), "--certificates must go with --goal"),
     ],

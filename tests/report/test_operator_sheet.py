@@ -97,3 +97,35 @@ def test_the_sheet_is_english_if_nothing_is_said(step: NextCircle) -> None:
     assert words.startswith("Circle 5 of Mill 7, spring Run next: ")
     assert '<html lang="en">' in page
     assert page == operator_sheet.page(step, step.plan(), "en")
+
+
+def planned() -> lb.Campaign:
+    """A plan of four circles; the first ball is turned in one of them."""
+    circles = plan().plan()
+    first = replace(circles.tests[0], work_ball_deg=45.0)
+    return replace(circles, name="Mill 7, autumn", tests=(first, *circles.tests[1:]))
+
+
+def test_the_sheet_of_a_plan_lists_every_circle_in_order() -> None:
+    page = operator_sheet.page_of_plan(planned())
+    rows = re.findall(r"<tr>.*?</tr>", page, flags=re.DOTALL)[1:]
+    assert len(rows) == len(planned().tests)
+    for number, (row, test) in enumerate(zip(rows, planned().tests, strict=True), start=1):
+        cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, flags=re.DOTALL)
+        assert cells[0] == f"{number}"
+        assert cells[1] == f"{test.force_N:.4g} N"
+        assert f"{test.work_ball_deg:g}°" in cells
+        assert f"{test.name}.csv" in cells
+        assert cells[-2:] == ["", ""]
+    common = re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", page)
+    assert ("Radius", "150 mm") in common
+    assert ("Tool ball turned", "0°") in common
+    assert "Work ball turned" not in dict(common)
+
+
+def test_the_sheet_of_a_plan_is_german() -> None:
+    words = words_of(operator_sheet.page_of_plan(planned(), "de"))
+    assert words.startswith("Kreise von Mill 7, autumn")
+    assert "Werkstückkugel gedreht" in words
+    english = {"force", "the", "with", "and", "of", "run", "circle", "circles", "file", "time"}
+    assert {word.lower() for word in re.findall(r"\w+", words)} & english == set()
