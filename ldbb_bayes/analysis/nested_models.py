@@ -185,6 +185,15 @@ class NestedModels:
             )
         return posteriors
 
+    def log_inside(self, model: int, coefficients: Coefficients) -> Array:
+        """Return ln P(T) under given distributions minus its prior value, shape (...).
+
+        T is the condition that no compliance is negative. ``model`` is the index of the model to
+        which the distributions of the coefficients belong.
+        """
+        inside = truncated_moments(self.bound, *self.parameters_of(coefficients))
+        return inside.log_probability - self._log_prior_inside[model]
+
     def parameters_of(self, coefficients: Coefficients) -> Coefficients:
         """Return distributions of the p parameters alone, in internal units (mm, N, rad)."""
         p = len(self.bound.names)

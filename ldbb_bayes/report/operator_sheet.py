@@ -96,8 +96,8 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         common=zip(in_language(*common_names), in_language(*common_values), strict=True),
         circles=in_language(table)[0],
         closing=in_language(
-            "Write the readings of each circle into its file, and the files into the folder of the"
-            " plan."
+            "Save the readings of each circle under its file name in the folder of the plan, and"
+            " enter this name as file in campaign.toml."
         )[0],
     )
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import plan, simulated
+from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.averaged_forecast import (
@@ -100,6 +101,31 @@ def test_circles_that_add_to_a_pilot_leave_no_more_than_the_pilot_does() -> None
     for name, entry in added.items():
         assert entry.sd < 1.03 * alone[name].sd, name
     assert added["C_XXX"].sd < 0.95 * alone["C_XXX"].sd
+
+
+def test_a_new_certificate_does_not_make_its_effect_more_probable() -> None:
+    """The curvature of the force law is as probable as without a certificate that narrows it."""
+    pilot = simulated(PLAN, seed=1)
+    certified = replace(
+        planned(pilot),
+        instrument=replace(pilot.instrument, force_linearity_percent=0.05),
+    )
+    analyses = simulate_analyses(LINEAR, certified, machines=256)
+    models = NestedModels.of(analyses.bound)
+    assert models is not None
+    known = _known_before(models, analyses)
+    machines = _draw_machines(models, known, np.random.default_rng(1))
+    curvature = machines.coefficients[:, -1]
+    assert (curvature != 0.0).mean() == pytest.approx(0.5, abs=0.1)
+    assert curvature[curvature != 0.0].std() == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_plan_of_other_planes_than_its_pilot_is_refused() -> None:
+    three_planes = plan_of_three_planes()
+    one_plane = [test.name for test in three_planes.tests if test.plane == "XY"]
+    other = replace(three_planes, pilot=simulated(three_planes.select(one_plane)))
+    with pytest.raises(lb.InputError, match="must have the parameters of its pilot"):
+        lb.identify(LINEAR, other)
 
 
 @pytest.mark.parametrize("model", [lb.HybridModel.default(0), lb.HybridModel.default(2)])

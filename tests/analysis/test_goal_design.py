@@ -16,7 +16,6 @@ from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.analysis.design.cheapest_search import (
     FoundCampaign,
     _judged_on_fresh_machines,
-    _Progress,
     _Search,
     judge_plan,
     shares_of_machines,
@@ -363,18 +362,6 @@ def test_a_near_miss_states_what_the_largest_campaign_leaves_and_what_holds_it(j
     text = " ".join(text_of(just_missed).split())
     assert "E_C(0Y)X: 40 circles leave U of up to" in text
     assert "holds the largest share of what still more circles would leave" in text
-
-
-def test_the_number_of_circles_grows_faster_after_forecasts_that_miss_the_goals(family):
-    search = _Search(goals_in(family.space.bound, GOALS), Costs(), 0.9)
-    progress = _Progress(family, circles=10, counts=np.zeros(8, int))
-    numbers = []
-    for forecasts in range(1, 9):
-        progress.forecasts = forecasts
-        search._skip_circles(progress)
-        progress.circles += 1
-        numbers.append(progress.circles)
-    assert numbers == [11, 12, 16, 21, 28, 37, 40, 41]
 
 
 @pytest.mark.slow

@@ -127,5 +127,5 @@ def test_the_sheet_of_a_plan_is_german() -> None:
     words = words_of(operator_sheet.page_of_plan(planned(), "de"))
     assert words.startswith("Kreise von Mill 7, autumn")
     assert "Werkstückkugel gedreht" in words
-    english = {"force", "the", "with", "and", "of", "run", "circle", "circles", "file", "time"}
+    english = {"force", "the", "with", "and", "of", "run", "circle", "circles", "save", "time"}
     assert {word.lower() for word in re.findall(r"\w+", words)} & english == set()

@@ -108,8 +108,14 @@ def _known_before(models: NestedModels, analyses: SimulatedAnalyses) -> Coeffici
     if of_pilot is None:
         return Coefficients(np.zeros((len(phi), q)), np.tile(np.eye(q), (len(phi), 1, 1)))
     mean, covariance = of_pilot.coefficients_given(phi)
+    # A coefficient may have a narrower prior in the plan than in the pilot, because of a new
+    # certificate. Its prior precision increases accordingly.
     ratio = of_pilot.prior_sd / models.prior_sd
-    return Coefficients(mean * ratio, covariance * np.outer(ratio, ratio))
+    precision = np.linalg.inv(covariance * np.outer(ratio, ratio))
+    shift = np.einsum("kij,kj->ki", precision, mean * ratio)
+    precision += np.diag(1.0 - ratio**-2.0)
+    known = np.linalg.inv(precision)
+    return Coefficients(np.einsum("kij,kj->ki", known, shift), known)
 
 
 def _draw_machines(
@@ -125,9 +131,12 @@ def _draw_machines(
     restricted = []
     for model in range(len(models.zeros)):
         log_ratio, given_zeros = models.restrict(model, known, np.ones(q))
-        log_ratios.append(log_ratio)
+        log_ratios.append(log_ratio + models.log_inside(model, given_zeros))
         restricted.append(given_zeros)
-    # The states are equally likely under the largest model. All pairs of a model and a state have
+    # The states are equally likely under the largest model, which is the first, if no compliance is
+    # negative.
+    log_ratios = [log_ratio - log_ratios[0] for log_ratio in log_ratios]
+    # All pairs of a model and a state have
     # the probabilities ``probability``; as many pairs as there are states are drawn, with equal
     # steps through their cumulative probabilities.
     probability = softmax(np.array(log_ratios)).ravel()

@@ -55,13 +55,10 @@ _HALVINGS = 10
 # the largest that the goal permits. The full forecast is made only if ln(u/u*) is at most this
 # number for all goals.
 _NEAR = 0.03
-# Largest number of full forecasts (with unknown hyper-parameters) for campaigns with the same pairs
-# of ball angles, radii and certificates.
+# Number of full forecasts (with unknown hyper-parameters) for campaigns with the same pairs of ball
+# angles, radii and certificates, each with one circle more. If all of them miss the goals, the
+# number of circles is searched by bisection.
 _MOST_FORECASTS = 8
-# From this number of full forecasts on, each forecast that misses the goals multiplies the number
-# of circles by `_GROWTH` instead of adding one circle.
-_FORECASTS_ONE_BY_ONE = 3
-_GROWTH = 1.3
 # After the search has found a campaign that reaches the goals for uncertainties, it tries to omit a
 # circle. A fast forecast with this number of possible machines shows whether the slower forecast
 # with all 64 possible machines is worthwhile.
@@ -111,9 +108,10 @@ class CheapestCampaigns:
     #: campaign that comes nearest to the goals for uncertainties: the one that meets all goals on
     #: the largest share of the possible machines (random draws of the parameters and
     #: hyper-parameters). Only campaigns for which a forecast with unknown hyper-parameters was made
-    #: are considered. None if there is no such campaign, if a campaign reaches the goals, or if
-    #: only the longest machine time prevents it.
+    #: are considered. None if there is no such campaign.
     nearest: FoundCampaign | None
+    #: whether campaigns were left out because they exceed the longest machine time allowed
+    is_too_long: bool = False
 
 
 def judge_plan(
@@ -288,7 +286,7 @@ def find_cheapest(
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
     found += _with_more_circles(found, number - len(found), costs, on_campaign)
     found.sort(key=lambda campaign: campaign.price(costs))
-    return CheapestCampaigns(tuple(found), search.nearest_without(found))
+    return CheapestCampaigns(tuple(found), search.nearest, search.is_too_long)
 
 
 def _buys_in_vain(progress: _Progress, cheaper: FoundCampaign, costs: Costs) -> bool:
@@ -367,9 +365,8 @@ class _Search:
         # hyper-parameters). The smallest coefficient of the families searched so far is stored
         # here. It is used for a family that has no full forecast yet.
         self._inflation = np.inf
-        #: whether all goals for uncertainties are reached in at least one family of campaigns (same
-        #: ball angles, radii and certificates) with the largest number of circles allowed
-        self.is_reachable = False
+        #: whether campaigns were left out because they exceed the longest machine time allowed
+        self.is_too_long = False
         #: campaign that comes nearest to the goals for uncertainties without reaching them: the one
         #: that meets all goals on the largest share of the possible machines
         self.nearest: FoundCampaign | None = None
@@ -387,9 +384,8 @@ class _Search:
         is tried: the best plan of 8 circles, with every circle repeated five times. If this plan is
         better than ``nearest``, it replaces ``nearest``.
 
-        If the result is true, `is_reachable` is set to true. The number of circles that is tried
-        first and ``lasting_inflation`` are then stored in ``progress``. In every case,
-        ``progress.started`` is set to true.
+        If the result is true, the number of circles that is tried first and ``lasting_inflation``
+        are stored in ``progress``. In every case, ``progress.started`` is set to true.
         """
         family = progress.family
         progress.started = True
@@ -401,7 +397,6 @@ class _Search:
         if not self._is_met(largest):
             self._keep_nearest(largest)
             return False
-        self.is_reachable = True
         progress.lasting_inflation = max(self._inflation_of(largest, many), 0.0)
         needed = _least_multiple(family, counts, -progress.lasting_inflation)
         begin = int(_BEGIN_SHARE * needed * _CIRCLES_OF_SHARES)
@@ -422,25 +417,18 @@ class _Search:
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
 
-    def nearest_without(self, found: Sequence[FoundCampaign]) -> FoundCampaign | None:
-        """Return the campaign ``nearest`` if no campaign was found that reaches the goals.
-
-        The result is None if campaigns were found (``found``), and if only the longest machine time
-        prevents it.
-        """
-        is_too_long = self.is_reachable and self._costs.hours is not None
-        if found or is_too_long:
-            return None
-        return self.nearest
-
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
         """Store a campaign as ``nearest`` if it is better than the campaign stored before.
 
         A campaign is better if it reaches all goals for uncertainties on a larger share of the
-        possible machines.
+        possible machines or, with equal shares, if it has more circles.
         """
-        if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
+        if self.nearest is None or self._rank(campaign) > self._rank(self.nearest):
             self.nearest = campaign
+
+    def _rank(self, campaign: FoundCampaign) -> tuple[float, int]:
+        """Return the share of machines on which a campaign reaches all goals, and its circles."""
+        return self._share_met(campaign), len(campaign.tests)
 
     def _share_met(self, campaign: FoundCampaign) -> float:
         """Return the share of machines on which a campaign reaches all uncertainty goals."""
@@ -473,32 +461,53 @@ class _Search:
         progress.counts = counts
         tests = family.tests_of(counts)
         if not self._costs.fits(family.minutes(self._costs, tests)):
+            self.is_too_long = True
             progress.circles = _MOST_CIRCLES
             return None
+        if progress.forecasts >= _MOST_FORECASTS or circles == _MOST_CIRCLES:
+            return self._found_by_bisection(progress)
         distance = family.quick.distance(counts)
         inflation = self._expected_inflation(progress)
         if distance + inflation > _NEAR or not family.uses_all(tests):
             return None
-        if progress.forecasts >= _MOST_FORECASTS:
-            progress.circles = _MOST_CIRCLES
-            return None
         campaign = self._confirmed(self._forecast_fully(progress, counts))
         if campaign is None:
             progress.last_failed = circles
-            self._skip_circles(progress)
             return None
         return self._with_fewer_circles(progress, campaign)
 
-    def _skip_circles(self, progress: _Progress) -> None:
-        """Make the number of circles grow faster after several full forecasts missed the goals.
+    def _found_by_bisection(self, progress: _Progress) -> FoundCampaign | None:
+        """Return a campaign of a family that narrowly misses the goals with fewer circles.
 
-        Otherwise, the forecasts that a family is allowed might end before the number of circles
-        that the goals need. If the next forecast reaches the goals, `_with_fewer_circles` tries the
-        numbers that were left out.
+        The largest campaign that fits the machine time is judged first. If it meets the goals, a
+        smaller one that meets them is searched by bisection of the numbers of circles that were not
+        tried yet. The result is None if the largest campaign misses the goals.
         """
-        if progress.forecasts >= _FORECASTS_ONE_BY_ONE and progress.circles < _MOST_CIRCLES:
-            next_circles = int(np.ceil(_GROWTH * progress.circles))
-            progress.circles = min(next_circles, _MOST_CIRCLES) - 1
+        family = progress.family
+        progress.circles = _MOST_CIRCLES
+        tests = family.tests_of(family.best_counts(_MOST_CIRCLES))
+        fitting = _MOST_CIRCLES
+        while not self._costs.fits(family.minutes(self._costs, tests)):
+            self.is_too_long = True
+            fitting -= 1
+            if fitting <= progress.last_failed:
+                return None
+            tests = family.tests_of(family.best_counts(fitting))
+        best = None
+        if family.uses_all(tests):
+            best = self._confirmed(judge_plan(family, tests))
+        missed = progress.last_failed
+        while best is not None and len(best.tests) - missed > 1:
+            circles = (len(best.tests) + missed) // 2
+            tests = family.tests_of(family.best_counts(circles))
+            shorter = None
+            if family.uses_all(tests):
+                shorter = self._confirmed(judge_plan(family, tests))
+            if shorter is None:
+                missed = circles
+            else:
+                best = shorter
+        return best
 
     def _confirmed(self, campaign: FoundCampaign) -> FoundCampaign | None:
         """Return a campaign judged on fresh machines too, or None if it misses the goals.

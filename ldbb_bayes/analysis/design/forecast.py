@@ -30,6 +30,7 @@ from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estima
 from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters, states_before
 from ldbb_bayes.analysis.truncated_moments import symmetric_root, truncated_moments
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import require
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -192,8 +193,21 @@ def simulate_analyses(
     run = 0
     if plan.pilot is not None and plan.adds_to_pilot:
         run = len(plan.pilot.tests)
+    bound = bind_plan(model, plan)
+    _check_parameters(bound)
     states = states_of(model, plan, machines, seed)
-    return _simulated_analyses(bind_plan(model, plan), states, run, seed)
+    return _simulated_analyses(bound, states, run, seed)
+
+
+def _check_parameters(bound: BoundModel) -> None:
+    """Raise an `InputError` if a plan has other parameters than the pilot from which it starts."""
+    pilot = bound.pilot or bound.campaign
+    names = bound.model.bind(pilot).names
+    require(
+        tuple(names) == tuple(bound.names),
+        f"plan must have the parameters of its pilot {pilot.name!r}, got other planes or set-ups."
+        " Leave its pilot out, or design the plan from a pilot with the same planes.",
+    )
 
 
 @one_blas_thread
@@ -260,6 +274,14 @@ class StatedByMachines:
     #: standard uncertainties that the analysis would give for the p parameters of each of the n
     #: machines, shape (n, p), in units composed of mm, N and rad
     u: Array
+
+    def likely_u(self, name: str) -> float:
+        """Return the standard uncertainty of a parameter that nine in ten machines do not exceed.
+
+        ``name`` is the name of the parameter. The probability is that of one more machine, as in
+        ``Expected.likely_sd``.
+        """
+        return float(np.quantile(self.u[:, self.names.index(name)], _LIKELY, method="weibull"))
 
 
 @one_blas_thread

@@ -39,7 +39,6 @@ from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY,
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
-    averaged_sds_now,
     present_estimates,
     sds_of_fit,
 )
@@ -391,8 +390,7 @@ def _stated_goals(
     else:
         nodes = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE).of(space.model)[0]
         value, sd = present_estimates(nodes)
-        sds = sds_of_fit(space.model, pilot, bound)
-        averaged = averaged_sds_now(nodes)
+        sds, averaged = sds_of_fit(space.model, pilot, nodes)
     stated = {}
     for name, goal in goals.items():
         k = bound.names.index(name)
@@ -494,34 +492,20 @@ def _search_reachable(
     if found.campaigns:
         plans = _plans_of(found.campaigns, goals, costs, steps)
         return _Searched(plans, _customary_plans(found.campaigns[0], goals, costs, steps))
-    if found.nearest is not None:
-        near_misses = _near_misses(found.nearest, goals, costs, probability)
-        others = {name: goal for name, goal in goals.items() if name not in near_misses}
-        if not others:
-            return _Searched(near_misses=near_misses)
-        searched = _search_reachable(space, sets, others, states, costs, probability, steps)
-        return searched._replace(near_misses={**near_misses, **searched.near_misses})
-    if costs.hours is None:
+    if found.is_too_long:
+        found = find_cheapest(
+            families, goals, replace(costs, hours=None), probability, 1, on_campaign=lambda: None
+        )
+        if found.campaigns:
+            return _Searched(without_limit=_plan_of(found.campaigns[0], goals, costs))
+    if found.nearest is None:
         return _Searched()
-    return _Searched(without_limit=_cheapest_without_limit(families, goals, costs, probability))
-
-
-def _cheapest_without_limit(
-    families: Sequence[CampaignFamily],
-    goals: Mapping[str, Goal],
-    costs: Costs,
-    probability: float,
-) -> GoalPlan | None:
-    """Return the cheapest campaign that reaches all goals, however long it takes; None if none.
-
-    ``families`` are the families of campaigns to search, ``costs`` are the times and prices of
-    circles and set-ups, and ``probability`` is the minimum share of the possible machines.
-    """
-    unlimited = replace(costs, hours=None)
-    found = find_cheapest(families, goals, unlimited, probability, 1, on_campaign=lambda: None)
-    if not found.campaigns:
-        return None
-    return _plan_of(found.campaigns[0], goals, unlimited)
+    near_misses = _near_misses(found.nearest, goals, probability)
+    others = {name: goal for name, goal in goals.items() if name not in near_misses}
+    if not others:
+        return _Searched(near_misses=near_misses)
+    searched = _search_reachable(space, sets, others, states, costs, probability, steps)
+    return searched._replace(near_misses={**near_misses, **searched.near_misses})
 
 
 def _reachable(
@@ -548,33 +532,32 @@ def _reachable(
 
 
 def _near_misses(
-    nearest: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, probability: float
+    nearest: FoundCampaign, goals: Mapping[str, Goal], probability: float
 ) -> dict[str, NearMiss]:
     """Return the reasons why the campaign ``nearest`` meets goals on too few machines.
 
-    Goals are upper limits of expanded uncertainties. Of all campaigns with the largest number of
-    circles allowed, ``nearest`` meets all goals on the largest share of the possible machines. The
-    result is a dict; its keys are the names of the goals' parameters. Each value gives the reason:
-    the source that would contribute most to the variance of the parameter if very many circles were
-    run, and the certificate that would reduce the uncertainty most. It also states the number of
-    circles of ``nearest``, the expanded uncertainty that is not exceeded on 90 % of the possible
-    machines, and the share of these machines on which the goal is met.
+    Goals are upper limits of expanded uncertainties. Of all campaigns that were judged, ``nearest``
+    meets all goals on the largest share of the possible machines. The result is a dict; its keys
+    are the names of the goals' parameters. Each value gives the reason: the source that would
+    contribute most to the variance of the parameter if very many circles were run, and the
+    certificate that would reduce the uncertainty most. It also states the number of circles of
+    ``nearest``, the expanded uncertainty that is not exceeded on 90 % of the possible machines, and
+    the share of these machines on which the goal is met.
 
     A goal is included if the share of the possible machines on which it is met is below
     ``probability``. If ``nearest`` meets each goal on enough machines, but not all goals together,
-    all goals are included. ``costs`` are needed for the forecast of the campaign, but do not change
-    the result.
+    all goals are included.
     """
-    forecasts = _plan_of(nearest, goals, costs).goals
-    missed = [name for name in goals if forecasts[name].probability < probability]
+    shares = shares_of_machines(nearest.stated, goals)
+    missed = [name for name in goals if shares[name] < probability]
     near_misses = {}
     for name in missed or goals:
         near_misses[name] = near_miss_of(
             nearest.family,
             name,
             circles=len(nearest.tests),
-            likely_U=forecasts[name].likely_U,
-            probability=forecasts[name].probability,
+            likely_U=COVERAGE_FACTOR * nearest.stated.likely_u(name),
+            probability=shares[name],
         )
     return near_misses
 

@@ -44,7 +44,7 @@ from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
-    averaged_sds_now,
+    FittedSds,
     sds_of_fit,
 )
 from ldbb_bayes.analysis.design.space import Space
@@ -267,8 +267,7 @@ def next_circle(
     circles = CandidateCovariances(objective)
     of_goals = goal_states(read_goals, known, circles.before, confidence)
     if of_goals:
-        of_fit = sds_of_fit(model, campaign, space.bound)
-        of_goals = _with_other_uncertainties(of_goals, of_fit, averaged_sds_now(nodes))
+        of_goals = _with_other_uncertainties(of_goals, sds_of_fit(model, campaign, nodes))
     of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
@@ -351,21 +350,21 @@ def _states_of_tolerances(
 
 
 def _with_other_uncertainties(
-    goals: Mapping[str, GoalState], of_fit: Mapping[str, float], averaged: Mapping[str, float]
+    goals: Mapping[str, GoalState], stated: FittedSds
 ) -> dict[str, GoalState]:
-    """Return the goals, each with the U (k = 2) that other analyses of the same circles state.
+    """Return the goals, each with the U (k = 2) that analyses of the circles run so far state.
 
-    ``of_fit`` are the standard uncertainties of a fit of the circles run so far, and ``averaged``
-    those that are averaged over constant and linear compliance. Their keys, and those of ``goals``,
-    are the names of the parameters. A parameter may be missing from either.
+    The keys of ``goals`` are the names of the parameters.
     """
     completed = {}
     for name, state in goals.items():
         completed[name] = state
-        if name in of_fit:
-            completed[name] = replace(completed[name], U_of_fit=COVERAGE_FACTOR * of_fit[name])
-        if name in averaged:
-            completed[name] = replace(completed[name], averaged_U=COVERAGE_FACTOR * averaged[name])
+        if name in stated.of_fit:
+            of_fit = COVERAGE_FACTOR * stated.of_fit[name]
+            completed[name] = replace(completed[name], U_of_fit=of_fit)
+        if name in stated.averaged:
+            averaged = COVERAGE_FACTOR * stated.averaged[name]
+            completed[name] = replace(completed[name], averaged_U=averaged)
     return completed
 
 

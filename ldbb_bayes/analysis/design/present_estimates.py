@@ -22,6 +22,7 @@ from ldbb_bayes.results import Array
 
 __all__ = [
     "EVIDENCE_TOLERANCE",
+    "FittedSds",
     "PresentEstimates",
     "averaged_sds_now",
     "present_estimates",
@@ -56,6 +57,34 @@ def present_estimates(nodes: Nodes) -> PresentEstimates:
     return PresentEstimates(mean, sd)
 
 
+class FittedSds(NamedTuple):
+    """Standard uncertainties that analyses of the circles run so far state, without any others.
+
+    The keys of both dictionaries are names of parameters.
+    """
+
+    #: those of a fit; empty if a design of further circles states the same
+    of_fit: dict[str, float]
+    #: those of the average over constant and linear compliance, as the sheets of a report state
+    #: them; empty if there is nothing to average
+    averaged: dict[str, float]
+
+
+def sds_of_fit(model: HybridModel, campaign: Campaign, nodes: Nodes) -> FittedSds:
+    """Return the standard uncertainties that analyses of the circles run so far state.
+
+    ``model`` is the model, and ``campaign`` holds the circles run so far. ``nodes`` represent the
+    posterior under the model that a design uses for the same circles. This model may have further
+    effects, such as hysteresis if further circles may run in both directions.
+    """
+    if _effects(model.bind(campaign)) == _effects(nodes.bound):
+        return FittedSds({}, averaged_sds_now(nodes))
+    nodes_of_fit = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE).of(model)[0]
+    sds = present_estimates(nodes_of_fit).sd.tolist()
+    of_fit = dict(zip(nodes_of_fit.bound.names, sds, strict=True))
+    return FittedSds(of_fit, averaged_sds_now(nodes_of_fit))
+
+
 def averaged_sds_now(nodes: Nodes) -> dict[str, float]:
     """Return standard uncertainties that are averaged over constant and linear compliance.
 
@@ -66,20 +95,6 @@ def averaged_sds_now(nodes: Nodes) -> dict[str, float]:
     free = nodes.integral.resample(_AVERAGED_VALUES, np.random.default_rng(_SEED))
     phi = bound.hyper_prior.phi(free)
     return averaged_sds(bound, phi, truncated=bound.truncation.active)
-
-
-def sds_of_fit(model: HybridModel, campaign: Campaign, bound: BoundModel) -> dict[str, float]:
-    """Return the standard uncertainties that a fit of the circles run so far states.
-
-    The keys are the names of the parameters. The result is empty if ``bound``, the model that a
-    design uses for the same circles, has no other effects than the model of the fit. Both then give
-    the same uncertainties. ``model`` is the model, and ``campaign`` holds the circles run so far.
-    """
-    if _effects(model.bind(campaign)) == _effects(bound):
-        return {}
-    nodes = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE).of(model)[0]
-    sds = present_estimates(nodes).sd.tolist()
-    return dict(zip(nodes.bound.names, sds, strict=True))
 
 
 def _effects(bound: BoundModel) -> list[str]:
