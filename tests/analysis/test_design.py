@@ -702,10 +702,11 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
     for seed in range(150):
         campaign = model.simulate(planned, seed=seed, parameters=truth, hyper_um=PHI_UM).campaign
         _, posterior = model.bind(campaign).given(PHI[None])
-        shift, inside, axes = posterior.orthant.moments()
-        along = posterior.spread() @ np.swapaxes(axes, 1, 2)
+        moments = posterior.orthant.moments()
+        along = posterior.spread() @ np.swapaxes(moments.axes, 1, 2)
+        change = moments.covariance - np.eye(moments.mean.shape[1])
         variance = (posterior.spread() ** 2).sum(axis=2) + np.einsum(
-            "wpd,wde,wpe->wp", along, inside - np.eye(shift.shape[1]), along
+            "wpd,wde,wpe->wp", along, change, along
         )
         variances.append(variance[0])
     information = information_of(bound, PHI)
