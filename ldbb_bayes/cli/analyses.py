@@ -265,17 +265,15 @@ def _design_for_goals(
     output.check(*GOAL_FILES, *pilot_of_plan(output.out))
     with counting_progress(output.quiet, "steps of the search") as progress:
         result = find_for_goals(model, source.campaign, settings, progress)
-    files = files_of_goal_design(result, settings["seed"])
+    files = files_of_goal_design(result, settings["seed"], language=language)
     passages = [*_assumptions_of(source), *_with_remarks(parts_of(result), source.campaign)]
-    contents = dict(files.contents)
     note = "/goals.json; there is no plan"
     if result.plans:
-        plan = result.plan()
-        passages.append(f"Run in this order: {running_order(plan)}")
+        passages.append(f"Run in this order: {running_order(result.plan())}")
         note = _NOTE_ON_PLAN
-        if output.out is not None:
-            contents[SHEET] = sheet_of_plan(plan, language)
-    output.deliver(files.record, tuple(passages), contents, write_more=files.write_more, note=note)
+    output.deliver(
+        files.record, tuple(passages), files.contents, write_more=files.write_more, note=note
+    )
     if not result.all_reached:
         raise typer.Exit(EXIT_MISSED)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import write_campaign_into
 from ldbb_bayes.cli.design_options import COST_OPTIONS
+from ldbb_bayes.cli.operator_sheets import SHEET, sheet_of_plan
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.design import GoalDesign
@@ -27,7 +28,7 @@ __all__ = [
 
 # Names of the files that are written for a campaign that reaches the user's goals for
 # uncertainties. A folder with the campaign from which the search starts may be written too.
-GOAL_FILES = ("campaign.toml", "model.toml", "goals.json", "sheet.html")
+GOAL_FILES = ("campaign.toml", "model.toml", "goals.json", SHEET)
 
 
 class GoalDesignFiles(NamedTuple):
@@ -81,7 +82,9 @@ def find_for_goals(
     return lb.design(model, pilot, costs=Costs(**costs), progress=progress, **others)
 
 
-def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> GoalDesignFiles:
+def files_of_goal_design(
+    result: GoalDesign, seed: int, number: int = 1, language: str = "en"
+) -> GoalDesignFiles:
     """Return the contents of the files for the folder of a campaign that reaches the goals.
 
     Parameters
@@ -92,6 +95,8 @@ def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> Goal
         Seed of the random numbers that the search for the campaigns used.
     number
         Number of the campaign: 1 for the cheapest, 2 and 3 for the next best.
+    language
+        Code of the language of the operator's sheet.
 
     Returns
     -------
@@ -109,6 +114,7 @@ def files_of_goal_design(result: GoalDesign, seed: int, number: int = 1) -> Goal
     if result.plans:
         chosen = result.plans[number - 1]
         contents["model.toml"] = model_to_toml(chosen.model)
+        contents[SHEET] = sheet_of_plan(chosen.plan(), language)
         write_more = partial(write_campaign_into, chosen.plan())
     return GoalDesignFiles(record, contents, write_more)
 
