@@ -29,7 +29,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ldbb_bayes.analysis.rival_explanations import subsets
-from ldbb_bayes.analysis.truncated_moments import truncated_moments
+from ldbb_bayes.analysis.truncated_moments import TruncatedMoments, truncated_moments
 from ldbb_bayes.inference.coefficients import shared_terms
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.rivals import RIVALS
@@ -178,11 +178,9 @@ class NestedModels:
             is_largest = not self.zeros[k]
             if not is_largest and np.max(log_ratio - most_probable) < -_NEGLIGIBLE:
                 continue
-            inside = truncated_moments(self.bound, *self.parameters_of(given_zeros))
-            log_inside = inside.log_probability - self._log_prior_inside[k]
-            posteriors.append(
-                _PosteriorOfModel(log_ratio + log_inside, inside.mean, inside.variance)
-            )
+            inside = self._inside(k, given_zeros)
+            log_ratio_inside = log_ratio + inside.log_probability
+            posteriors.append(_PosteriorOfModel(log_ratio_inside, inside.mean, inside.variance))
         return posteriors
 
     def log_inside(self, model: int, coefficients: Coefficients) -> Array:
@@ -191,8 +189,13 @@ class NestedModels:
         T is the condition that no compliance is negative. ``model`` is the index of the model to
         which the distributions of the coefficients belong.
         """
+        return self._inside(model, coefficients).log_probability
+
+    def _inside(self, model: int, coefficients: Coefficients) -> TruncatedMoments:
+        """Return moments under condition T, with ln P(T) minus its prior value."""
         inside = truncated_moments(self.bound, *self.parameters_of(coefficients))
-        return inside.log_probability - self._log_prior_inside[model]
+        log_ratio = inside.log_probability - self._log_prior_inside[model]
+        return inside._replace(log_probability=log_ratio)
 
     def parameters_of(self, coefficients: Coefficients) -> Coefficients:
         """Return distributions of the p parameters alone, in internal units (mm, N, rad)."""

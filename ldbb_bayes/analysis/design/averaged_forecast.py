@@ -21,6 +21,7 @@ import numpy as np
 from scipy.special import softmax
 
 from ldbb_bayes.analysis.design.forecast import (
+    LIKELY,
     SimulatedAnalyses,
     precision_added_by_slope_priors,
 )
@@ -32,10 +33,6 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Result
 
 __all__ = ["AveragedUncertainty", "averaged_uncertainties"]
-
-# Share of the possible machines on which the averaged standard uncertainty of a parameter is at
-# most `AveragedUncertainty.likely_sd`.
-_LIKELY = 0.9
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ def averaged_uncertainties(analyses: SimulatedAnalyses) -> dict[str, AveragedUnc
         uncertainties[name] = AveragedUncertainty(
             unit=models.bound.parameters[k].unit,
             sd=float(np.median(sd[:, k])),
-            likely_sd=float(np.quantile(sd[:, k], _LIKELY, method="weibull")),
+            likely_sd=float(np.quantile(sd[:, k], LIKELY, method="weibull")),
         )
     return uncertainties
 
@@ -136,9 +133,8 @@ def _draw_machines(
     # The states are equally likely under the largest model, which is the first, if no compliance is
     # negative.
     log_ratios = [log_ratio - log_ratios[0] for log_ratio in log_ratios]
-    # All pairs of a model and a state have
-    # the probabilities ``probability``; as many pairs as there are states are drawn, with equal
-    # steps through their cumulative probabilities.
+    # The pairs of a model and a state have the probabilities ``probability``. As many pairs as
+    # there are states are drawn, with equal steps through the cumulative probabilities.
     probability = softmax(np.array(log_ratios)).ravel()
     steps = (np.arange(states) + rng.random()) / states
     pairs = np.searchsorted(np.cumsum(probability), steps)

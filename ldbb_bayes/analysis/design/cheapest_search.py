@@ -481,7 +481,8 @@ class _Search:
 
         The largest campaign that fits the machine time is judged first. If it meets the goals, a
         smaller one that meets them is searched by bisection of the numbers of circles that were not
-        tried yet. The result is None if the largest campaign misses the goals.
+        tried yet. The result is None if the largest campaign misses the goals. The search in the
+        family then ends, so that ``progress.circles`` is set to the largest number allowed.
         """
         family = progress.family
         progress.circles = _MOST_CIRCLES

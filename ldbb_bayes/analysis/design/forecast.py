@@ -38,6 +38,7 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Finite, Result
 
 __all__ = [
+    "LIKELY",
     "Expected",
     "Forecast",
     "SimulatedAnalyses",
@@ -66,7 +67,7 @@ _BELIEFS = 4
 _MEANS_PER_STATE = 4
 # Probability that the standard uncertainty of a parameter is at most the forecast value
 # `Expected.likely_sd`, on one more machine like the possible machines.
-_LIKELY = 0.9
+LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
 _ERROR_OF_MEDIAN = 1.2533
@@ -281,7 +282,7 @@ class StatedByMachines:
         ``name`` is the name of the parameter. The probability is that of one more machine, as in
         ``Expected.likely_sd``.
         """
-        return float(np.quantile(self.u[:, self.names.index(name)], _LIKELY, method="weibull"))
+        return float(np.quantile(self.u[:, self.names.index(name)], LIKELY, method="weibull"))
 
 
 @one_blas_thread
@@ -559,7 +560,7 @@ def expected_uncertainties(
     scale = bound.scale
     variances = stated_variances(bound, states, believed * np.outer(scale, scale))
     sd = np.sqrt(np.median(variances, axis=0))
-    likely_variance = np.quantile(variances, _LIKELY, axis=0, method="weibull")
+    likely_variance = np.quantile(variances, LIKELY, axis=0, method="weibull")
     likely_sd = np.sqrt(likely_variance)
     untruncated = stated_variances(
         bound, states, believed * np.outer(scale, scale), truncated=False
