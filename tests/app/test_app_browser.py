@@ -267,4 +267,5 @@ def test_everything_by_keyboard(page: Any) -> None:
     reach("#plan-circles")
     page.keyboard.press("End")
     page.wait_for_selector("#forecast p:has-text('Circles: 60')")
+    page.wait_for_selector("#status:has-text('Circles: 60')")  # drawn from all states of the machine
     reach("a[href='result/plan.html']")

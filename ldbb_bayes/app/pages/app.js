@@ -236,6 +236,7 @@ async function plan(best, fine) {
 
 async function drawPlan() {
   const place = at("forecast");
+  const focused = place.contains(document.activeElement) ? document.activeElement.getAttribute("href") : null;
   place.inert = true;  // its links are of the plan before
   try {
     while (wanted) {
@@ -247,6 +248,7 @@ async function drawPlan() {
     }
   } finally {
     place.inert = false;
+    if (focused && document.activeElement === document.body) place.querySelector(`a[href="${focused}"]`)?.focus();
   }
 }
 
