@@ -36,7 +36,7 @@ from ldbb_bayes.analysis import (
 from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_tests
 from ldbb_bayes.analysis.rival_explanations import Explanations
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
-from ldbb_bayes.analysis.varying_slopes import Curve, SlopeSubset, VaryingSlope
+from ldbb_bayes.analysis.varying_slopes import AveragedSlopes, Curve, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
@@ -61,6 +61,7 @@ __all__ = [
     "ComparedTest",
     "Comparison",
     "Sign",
+    "begin_comparison",
     "compare",
     "interpolate_crossings",
     "read_comparison",
@@ -576,69 +577,140 @@ def compare(
     >>> round(log_bayes_factor)
     -6
     """
+    finish = begin_comparison(
+        models,
+        campaign,
+        evidence_only=evidence_only,
+        tolerance=tolerance,
+        prob=prob,
+        seed=seed,
+        progress=progress,
+        evidences=evidences,
+        executor=executor,
+    )
+    return finish()
+
+
+@dataclass(frozen=True, eq=False)
+class _BegunComparison:
+    """Comparison of models of which some parts may be computed in another process.
+
+    Fields that are functions wait for a part of the comparison, and return it.
+    """
+
+    plan: _ComparisonPlan
+    #: evidences of the campaign, to which those that the comparison needs are added
+    evidences: Evidences
+    #: nodes (weighted values of the hyper-parameters) of each model; the keys are their names
+    nodes_by_model: Mapping[str, Nodes]
+    prob: float  #: probability of the credible intervals
+    seed: int  #: seed of the random draws
+    #: function that returns the table of the fits to the tests at neighbouring forces
+    local_fits: Callable[[], pd.DataFrame]
+    #: function that returns the log Bayes factors under other assumptions, and the evidences that
+    #: were computed for them
+    by_assumption: Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]
+    #: function that returns the average over models in which only some compliances change with
+    #: force, and the evidences that were computed for it
+    slope_subsets: Callable[[], tuple[AveragedSlopes, list[Evidence]]]
+
+    @one_blas_thread
+    def finish(self) -> Comparison:
+        """Compute what is missing, wait for all parts, and return the comparison."""
+        plan = self.plan
+        evidences = self.evidences
+        first, second = plan.pair
+        left_out_nodes: dict[str, dict[str, Nodes]] = {}
+        if plan.leaves_tests_out:
+            left_out_nodes = leave_one_out(
+                self.nodes_by_model, tolerance=evidences.tolerance, progress=evidences.progress
+            )
+        scaled = sensitivity.compare_under(plan.pair, plan.by_slope_scale, evidences.of)
+        unchanged = sensitivity.compare_under(plan.pair, plan.unchanged, evidences.of)
+        explanations = None
+        if plan.has_rival_explanations:
+            explanations = rival_explanations.compare_explanations(plan.pair, evidences)
+            unchanged += (explanations.averaged, explanations.alone)
+        averaged_slopes, subset_evidences = self.slope_subsets()
+        log_densities = left_out_log_densities(self.nodes_by_model, left_out_nodes)
+        compared_models = _compare_models(self.nodes_by_model, log_densities, self.seed, self.prob)
+        compared_tests = _compare_tests(
+            self.nodes_by_model, left_out_nodes, log_densities, self.seed, evidences.tolerance
+        )
+        assumptions, assumption_evidences = self.by_assumption()
+        evidences.progress = _report_nothing
+        all_evidences = [
+            *evidences.every,
+            *subset_evidences,
+            *assumption_evidences,
+            *_evidences_of(left_out_nodes),
+        ]
+        factors = _log_bayes_factors(self.nodes_by_model)
+        campaign = evidences.campaign
+        return Comparison(
+            campaign=ComparedCampaign(campaign.name, campaign.sha256),
+            models=compared_models,
+            log_bayes_factor={ratio: value for ratio, (value, _) in factors.items()},
+            log_bayes_factor_error={ratio: error for ratio, (_, error) in factors.items()},
+            elpd_difference=_elpd_differences(log_densities),
+            sensitivity_of=f"{second}/{first}",
+            prior_sensitivity=_scaled_slopes(plan.slope_scales, scaled),
+            prior_sensitivity_crossings=_crossings(plan.slope_scales, scaled),
+            discrepancy_sensitivity=unchanged + assumptions,
+            slopes=averaged_slopes.slopes,
+            slope_subsets=averaged_slopes.subsets,
+            compliance_against_force=averaged_slopes.curves,
+            tests=compared_tests,
+            local_fits=self.local_fits(),
+            tolerance=evidences.tolerance,
+            largest_error=max(evidence.error for evidence in all_evidences),
+            by_emcee=sum(not evidence.trusted for evidence in all_evidences),
+            explanations=explanations,
+        )
+
+
+@one_blas_thread
+def begin_comparison(
+    models: Mapping[str, HybridModel],
+    campaign: Campaign,
+    *,
+    evidence_only: bool = False,
+    tolerance: float = 1e-2,
+    prob: float = 0.95,
+    seed: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+    evidences: Evidences | None = None,
+    executor: Executor | None = None,
+) -> Callable[[], Comparison]:
+    """Begin a comparison of models, and return a function that finishes and returns it.
+
+    The evidences of the models are computed at once. ``executor`` then computes other parts of the
+    comparison until the returned function needs them. `compare` explains all arguments and errors.
+    """
     check_probability(prob)
     if evidences is None:
         evidences = Evidences(campaign, tolerance=tolerance)
     _check_models(models, campaign, evidences)
     evidences = evidences.of_campaign(campaign)
     plan = _plan_comparison(models, campaign, evidence_only=evidence_only)
-    first, second = plan.pair
     local_fits = _begin_local_fits(plan, campaign, prob, executor)
     if progress is not None:
         total = _count_steps(plan, len(models), campaign)
         if executor is None:
-            total += 2 * len(plan.by_assumption)
+            total += _count_steps_for_executor(plan, campaign)
         evidences.progress = _StepCounter(progress, total)
-
     nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
-    assumed_elsewhere = _begin_assumptions(plan, nodes_by_model, evidences, executor)
-    left_out_nodes: dict[str, dict[str, Nodes]] = {}
-    if plan.leaves_tests_out:
-        left_out_nodes = leave_one_out(
-            nodes_by_model, tolerance=evidences.tolerance, progress=evidences.progress
-        )
-    scaled = sensitivity.compare_under(plan.pair, plan.by_slope_scale, evidences.of)
-    unchanged = sensitivity.compare_under(plan.pair, plan.unchanged, evidences.of)
-    explanations = None
-    if plan.has_rival_explanations:
-        explanations = rival_explanations.compare_explanations(plan.pair, evidences)
-        unchanged += (explanations.averaged, explanations.alone)
-    slopes: dict[str, VaryingSlope] = {}
-    slope_subsets: tuple[SlopeSubset, ...] = ()
-    curves: dict[str, Curve] = {}
-    if plan.has_slope_subsets:
-        slopes, slope_subsets, curves = varying_slopes.slope_subsets(
-            plan.linear, evidences, seed=seed, prob=prob
-        )
-    log_densities = left_out_log_densities(nodes_by_model, left_out_nodes)
-    compared_models = _compare_models(nodes_by_model, log_densities, seed, prob)
-    compared_tests = _compare_tests(
-        nodes_by_model, left_out_nodes, log_densities, seed, evidences.tolerance
+    begun = _BegunComparison(
+        plan,
+        evidences,
+        nodes_by_model,
+        prob,
+        seed,
+        local_fits,
+        _begin_assumptions(plan, nodes_by_model, evidences, executor),
+        _begin_slope_subsets(plan, evidences, executor, seed, prob),
     )
-    assumptions, assumption_evidences = assumed_elsewhere()
-    evidences.progress = _report_nothing
-    all_evidences = [*evidences.every, *assumption_evidences, *_evidences_of(left_out_nodes)]
-    factors = _log_bayes_factors(nodes_by_model)
-    return Comparison(
-        campaign=ComparedCampaign(campaign.name, campaign.sha256),
-        models=compared_models,
-        log_bayes_factor={ratio: value for ratio, (value, _) in factors.items()},
-        log_bayes_factor_error={ratio: error for ratio, (_, error) in factors.items()},
-        elpd_difference=_elpd_differences(log_densities),
-        sensitivity_of=f"{second}/{first}",
-        prior_sensitivity=_scaled_slopes(plan.slope_scales, scaled),
-        prior_sensitivity_crossings=_crossings(plan.slope_scales, scaled),
-        discrepancy_sensitivity=unchanged + assumptions,
-        slopes=slopes,
-        slope_subsets=slope_subsets,
-        compliance_against_force=curves,
-        tests=compared_tests,
-        local_fits=local_fits(),
-        tolerance=evidences.tolerance,
-        largest_error=max(evidence.error for evidence in all_evidences),
-        by_emcee=sum(not evidence.trusted for evidence in all_evidences),
-        explanations=explanations,
-    )
+    return begun.finish
 
 
 def _check_models(
@@ -749,12 +821,11 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 
 
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
-    """Return the number of evidences that `compare` computes in its own process.
+    """Return the number of evidences that `compare` always computes in its own process.
 
     ``plan`` says which results are computed, and ``models`` is the number of models that the caller
     gave. If every test of ``campaign`` is left out once, this adds one evidence for each model and
-    each test. Evidences under other assumptions about the random differences between circles are
-    not included, because another process may compute them.
+    each test.
     """
     steps = models
     if plan.leaves_tests_out:
@@ -763,6 +834,16 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
     if plan.has_rival_explanations:
         _, with_slopes = plan.pair.values()
         steps += 2 ** (1 + len(with_slopes.rivals))
+    return steps
+
+
+def _count_steps_for_executor(plan: _ComparisonPlan, campaign: Campaign) -> int:
+    """Return the number of evidences that an executor computes in another process, if there is one.
+
+    They are the evidences under other assumptions about the random differences between circles, and
+    those of the models in which only some compliances change with force.
+    """
+    steps = 2 * len(plan.by_assumption)
     if plan.has_slope_subsets:
         steps += varying_slopes.count_subsets(plan.linear, campaign)
     return steps
@@ -808,6 +889,49 @@ def _begin_assumptions(
         best - _FAR_REJECTED,
     )
     return start_early(weigh, executor)
+
+
+def _begin_slope_subsets(
+    plan: _ComparisonPlan,
+    evidences: Evidences,
+    executor: Executor | None,
+    seed: int,
+    prob: float,
+) -> Callable[[], tuple[AveragedSlopes, list[Evidence]]]:
+    """Start to compute the evidences of models in which only some compliances change with force.
+
+    Return a function that waits for the average over these models and for the new evidences, and
+    returns them. The average is empty if ``plan`` does not include it. ``evidences`` are those
+    known so far. ``executor`` runs the computation in parallel; if it is None, this process runs
+    it. ``seed`` is the seed of the random draws, and ``prob`` the probability of the credible
+    intervals.
+    """
+    if not plan.has_slope_subsets:
+        return _no_slope_subsets
+    separate = evidences.copy()
+    if executor is None:
+        separate.progress = evidences.progress
+    weigh = partial(_weigh_slope_subsets, plan.linear, separate, seed=seed, prob=prob)
+    return start_early(weigh, executor)
+
+
+def _no_slope_subsets() -> tuple[AveragedSlopes, list[Evidence]]:
+    """Return an empty average over models with different slopes, and no evidences."""
+    return AveragedSlopes({}, (), {}), []
+
+
+def _weigh_slope_subsets(
+    linear: HybridModel, evidences: Evidences, *, seed: int, prob: float
+) -> tuple[AveragedSlopes, list[Evidence]]:
+    """Return the average over models with different slopes, and the evidences computed for it.
+
+    ``linear`` is the model in which every compliance changes with force. ``evidences`` are those
+    known before; they are not in the second result. `_begin_slope_subsets` explains the other
+    arguments.
+    """
+    known = len(evidences.every)
+    averaged = varying_slopes.slope_subsets(linear, evidences, seed=seed, prob=prob)
+    return averaged, evidences.every[known:]
 
 
 def _weigh_assumptions(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.comparison import begin_comparison
 from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
 from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
@@ -120,13 +121,8 @@ def report_files(
     check_force(campaign, settings.get("force_N"))
     campaign = with_tolerances(campaign, model, settings.get("tolerances", {}))
     source_campaign = SourceCampaign(campaign, imported)
-    analyse = _analyse
-    other_process: AbstractContextManager[Executor | None] = nullcontext()
-    if settings["sheets_only"]:
-        analyse = _analyse_for_sheets
-    else:
-        other_process = second_process()
-    with steps as begin_step, other_process as executor:
+    analyse = _analyse_for_sheets if settings["sheets_only"] else _analyse
+    with steps as begin_step, second_process() as executor:
         fit, analyses = analyse(campaign, model, begin_step, settings, executor)
         stated_posterior = fit if analyses.averaged is None else analyses.averaged
         fit_result = fit_tables.full_result(fit, settings["prob"])
@@ -209,7 +205,8 @@ def _analyse(
 
     In the fitted model, compliance changes linearly with force. The further analyses are a
     comparison with a model of constant compliance, an average over these two models, and the choice
-    of the next tests. This choice is computed in the background.
+    of the next tests. The fit, parts of the comparison and the choice of the next tests are
+    computed in the background.
 
     Parameters
     ----------
@@ -228,14 +225,14 @@ def _analyse(
     """
     seed = settings["seed"]
     models = _averaged_models(model)
-    _import_in_worker(executor)
     begin_step("fit")
-    fit = lb.sample(model, campaign, sampler="independent", seed=seed)
+    draw_posterior = partial(lb.sample, model, campaign, sampler="independent", seed=seed)
+    fit = start_early(draw_posterior, executor)
 
     evidences = Evidences(campaign, tolerance=_TOLERANCE)
-    comparison = _result_or_reason(
+    finish_comparison = _result_or_reason(
         partial(
-            lb.compare,
+            begin_comparison,
             models,
             campaign,
             prob=settings["prob"],
@@ -247,12 +244,16 @@ def _analyse(
     )
     choose_tests = partial(lb.design, model, pilot=campaign, tests=settings.get("tests"), seed=seed)
     design = start_early(partial(_result_or_reason, choose_tests), executor)
+    comparison = finish_comparison
+    if not isinstance(comparison, str):
+        comparison = _result_or_reason(finish_comparison)
 
     begin_step("average")
     averaged = _average_or_none(models, evidences, seed)
+    fitted = fit()
     # The design (choice of the next tests) is shown on the page, in files and at the terminal, but
     # is computed only once.
-    return fit, _Analyses(comparison, averaged, cache(design))
+    return fitted, _Analyses(comparison, averaged, cache(design))
 
 
 def _analyse_for_sheets(
@@ -260,7 +261,7 @@ def _analyse_for_sheets(
     model: lb.HybridModel,
     begin_step: Begin,
     settings: dict[str, Any],
-    executor: Executor | None = None,
+    executor: Executor | None,
 ) -> tuple[xr.DataTree, _Analyses]:
     """Return a fit with compliance linear in force, and an average over two models.
 
@@ -271,11 +272,12 @@ def _analyse_for_sheets(
     """
     seed = settings["seed"]
     begin_step("fit")
-    fit = lb.sample(model, campaign, sampler="independent", seed=seed)
+    draw_posterior = partial(lb.sample, model, campaign, sampler="independent", seed=seed)
+    fit = start_early(draw_posterior, executor)
     begin_step("average")
     evidences = Evidences(campaign, tolerance=_TOLERANCE)
     averaged = _average_or_none(_averaged_models(model), evidences, seed)
-    return fit, _Analyses(wording.NO_ANNEX, averaged, _no_design)
+    return fit(), _Analyses(wording.NO_ANNEX, averaged, _no_design)
 
 
 def _no_design() -> str:
@@ -303,14 +305,6 @@ def _average_or_none(
         return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)
     except InputError:
         return None
-
-
-def _import_in_worker(executor: Executor | None) -> None:
-    """Make a second process import this package while the first process computes the fit.
-
-    ``executor`` runs tasks in the second process. If ``executor`` is None, nothing is done.
-    """
-    start_early(partial(callable, lb.compare), executor)
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:

@@ -192,6 +192,18 @@ class Evidences(Shown):
         """
         return self._with_modes(tolerance or self.tolerance, self._keep_tests, self._modes)
 
+    def copy(self) -> Evidences:
+        """Return an object with the same evidences, to which new evidences are added separately.
+
+        The copy can be sent to another process: it has no function that is called when an evidence
+        is ready.
+        """
+        copied = self._with_modes(self.tolerance, self._keep_tests, self._modes)
+        copied._nodes = dict(self._nodes)
+        copied._related_models = dict(self._related_models)
+        copied._posteriors = dict(self._posteriors)
+        return copied
+
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:

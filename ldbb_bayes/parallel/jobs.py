@@ -148,8 +148,9 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
 
     Returns
     -------
-    A function without arguments that returns the result of the call. If the call failed in the
-    other process, the function repeats the call in this process.
+    A function without arguments that returns the result of the call. If the other process is still
+    busy with earlier calls and has not begun this one, or if the call failed there, the function
+    makes the call in this process.
     """
     if executor is None:
         return call
@@ -158,8 +159,11 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     def result() -> R:
         """Return the result of the call that another process is making or has made.
 
-        If the call failed in the other process, it is repeated in this process.
+        If the other process has not begun the call, or if the call failed there, this process makes
+        the call.
         """
+        if future.cancel():
+            return call()
         with suppress(Exception):
             return future.result()
         return call()

@@ -12,7 +12,7 @@ from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.figure_translation import translate_ticks
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.pdf import fit_to_page
+from ldbb_bayes.report.pdf import fit_to_pages
 from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.plain_findings import plain_words
 from ldbb_bayes.report.sheet_fields import (
@@ -75,7 +75,7 @@ def sheets(
         words("sheet.of", number="2", name=name),
         tuple(_second_sheet(numbers)),
     )
-    return fit_to_page(first), fit_to_page(second)
+    return fit_to_pages((first, second))
 
 
 # ---- sheet 1 of the test certificate: fields, findings and main results

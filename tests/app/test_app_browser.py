@@ -267,5 +267,6 @@ def test_everything_by_keyboard(page: Any) -> None:
     reach("#plan-circles")
     page.keyboard.press("End")
     page.wait_for_selector("#forecast p:has-text('Circles: 60')")
-    page.wait_for_selector("#status:has-text('Circles: 60')")  # drawn from all states of the machine
+    # Drawn from all states of the machine, after which its links are not replaced any more.
+    page.wait_for_selector("#status:has-text('Circles: 60')")
     reach("a[href='result/plan.html']")

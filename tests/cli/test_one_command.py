@@ -267,7 +267,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     few_draws = partial(lb.sample, rule=lb.inference.StoppingRule(ess=400.0))
     monkeypatch.setattr(lb, "sample", few_draws)
     monkeypatch.setattr(file_reports, "second_process", nullcontext)
-    for name in ("compare", "average", "design"):
+    monkeypatch.setattr(file_reports, "begin_comparison", failing(lb.InputError(NOT_COMPARED)))
+    for name in ("average", "design"):
         monkeypatch.setattr(lb, name, failing(lb.InputError(NOT_COMPARED)))
 
 

@@ -161,9 +161,8 @@ def test_command_from_files(
     tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     campaign = lb.write_campaign(simulated(plan()), tmp_path / "campaign")
-    for name in ("compare", "design"):
-        monkeypatch.setattr(lb, name, never)
-    monkeypatch.setattr(file_reports, "second_process", never)
+    monkeypatch.setattr(lb, "design", never)
+    monkeypatch.setattr(file_reports, "begin_comparison", never)
     asked = ("--preset", "first", "--sheets-only", "--yes")
     code, stdout, stderr = invoke("report", campaign, "--out", tmp_path / "out", *asked)
     assert (code, stderr) == (0, "")

@@ -7,7 +7,7 @@ once or several times. The criterion measures how good a design is.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -111,6 +111,14 @@ class Space:
         # Check the parameters of interest last. The check applies the model to the pilot, whose
         # field ``foreseen`` must already contain the added tests.
         self._check_interest()
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return the fields for a pickled copy, without the results that were computed from them.
+
+        The derivatives of the readings of all candidate tests, for example, fill hundreds of
+        megabytes for three planes. The copy computes such results again if it needs them.
+        """
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def _store(self, name: str, value: object) -> None:
         """Set the attribute ``name``; the class is frozen and does not allow a plain assignment."""
