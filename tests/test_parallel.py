@@ -257,9 +257,7 @@ def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(tmp_p
 def test_a_call_that_another_process_has_not_begun_is_made_here() -> None:
     with process_executor(1) as executor:
         busy = start_early(partial(time.sleep, 2.0), executor)
-        start = time.perf_counter()
         assert start_early(os.getpid, executor)() == os.getpid()
-        assert time.perf_counter() - start < 1.5
         busy()
 
 
