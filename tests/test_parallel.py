@@ -245,12 +245,18 @@ def test_a_result_that_cannot_be_pickled_is_told(error: Exception) -> None:
 
 @pytest.mark.slow
 def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(tmp_path: Path) -> None:
+    def result_of_begun(call: Callable[[], Any], executor: Executor | None) -> Any:
+        result = start_early(call, executor)
+        time.sleep(0.5)  # the other process has begun the call
+        return result()
+
     with process_executor(1) as executor:
-        assert start_early(os.getpid, executor)() != os.getpid() == start_early(os.getpid, None)()
-        assert start_early(partial(dies, tmp_path, 1, 5), executor)() == 25
+        assert result_of_begun(os.getpid, executor) != os.getpid()
+        assert result_of_begun(os.getpid, None) == os.getpid()
+        assert result_of_begun(partial(dies, tmp_path, 1, 5), executor) == 25
         assert len(list(tmp_path.iterdir())) == 1
         with pytest.raises(ZeroDivisionError):
-            start_early(partial(reciprocal, 3), executor)()
+            result_of_begun(partial(reciprocal, 3), executor)
 
 
 @pytest.mark.slow
