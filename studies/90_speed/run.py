@@ -565,6 +565,7 @@ def main() -> None:
     target.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     if not missing or options.restate:
         results["aims"] = aims(results)
+        results["commands"] = json.loads((HERE / "whole_commands.json").read_text("utf-8"))
         target.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         (options.out / "README.md").write_text(page(HERE, "README.md", results), encoding="utf-8")
     for name, row in results["race"].items():

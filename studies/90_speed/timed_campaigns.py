@@ -73,15 +73,15 @@ class Kind:
             for setting in settings
         ]
 
-    def campaign(self) -> lb.Campaign:
-        """Return a simulated campaign."""
+    def campaign(self, seed: int = 2) -> lb.Campaign:
+        """Return a simulated campaign; ``seed`` is the seed of its readings."""
         plan = lb.Campaign(self.tests())
         if len(self.planes) > 1:
             plan = lb.Campaign(self.tests(), topology="wXFYZt", frames_mm=FRAMES_MM)
         hyper_um = QUIET_UM if self.quiet else USUAL_UM
         known = MODEL.bind(plan).names
         truth = {name: value for name, value in TRUTH.items() if name in known}
-        return MODEL.simulate(plan, seed=2, parameters=truth, hyper_um=hyper_um).campaign
+        return MODEL.simulate(plan, seed=seed, parameters=truth, hyper_um=hyper_um).campaign
 
 
 def kinds(most: int) -> dict[str, Kind]:
