@@ -94,7 +94,6 @@ def commands(folder: Path) -> list[Command]:
         ),
         Command("`report` of forty circles", ["report", forty, "--out", "OUT"], 30.0),
         Command("`compare`, recovered experiment", ["compare", recovered], 5.0, "CPU s"),
-        Command("`identify`, recovered experiment", ["identify", recovered], 5.0),
         Command("`design` in three planes", ["design", planes, "--tests", "9"], 30.0),
         Command("`design` for two goals", ["design", recovered, *GOALS], 20.0),
         Command("`next`, two goals", ["next", recovered, *GOALS], 2.0),
