@@ -28,7 +28,7 @@ from ldbb_bayes.cli.progress import counting_progress
 from ldbb_bayes.cli.values import pairs_in
 from ldbb_bayes.errors import require
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
-from ldbb_bayes.parallel import executor_named
+from ldbb_bayes.parallel import executor_named, second_process
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, parts_of
 
@@ -165,8 +165,8 @@ def compare(
         models[name] = lb.read_model(file, degree=model.degree)
 
     output.check("comparison.json", "local_fits.csv", figures=_COMPARISON_FIGURES)
-    with counting_progress(output.quiet, "models weighed") as progress:
-        result = lb.compare(models, campaign, **settings, progress=progress)
+    with counting_progress(output.quiet, "models weighed") as progress, second_process() as other:
+        result = lb.compare(models, campaign, **settings, progress=progress, executor=other)
     record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
     output.deliver(
         record,

@@ -200,7 +200,8 @@ class Evidences(Shown):
         """
         copied = self._with_modes(self.tolerance, self._keep_tests, self._modes)
         copied._nodes = dict(self._nodes)
-        copied._related_models = dict(self._related_models)
+        for key, related_models in self._related_models.items():
+            copied._related_models[key] = related_models.copy()
         copied._posteriors = dict(self._posteriors)
         return copied
 

@@ -10,6 +10,7 @@ the posterior of another model if their weights are changed.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -66,6 +67,12 @@ class RelatedModels:
         self._may_be_refined = untruncated.error > _LARGEST_SHARE * tolerance
         # Samplers of density ratios at the nodes of models for which new nodes had to be computed.
         self._further_ratios: list[RatioSampler] = []
+
+    def copy(self) -> RelatedModels:
+        """Return an object that holds the same nodes, and does not change with this object."""
+        copied = copy.copy(self)
+        copied._further_ratios = list(self._further_ratios)
+        return copied
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
         """Return nodes (weighted values of the hyper-parameters) that represent a posterior.

@@ -27,7 +27,7 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from timed_campaigns import ALL_PLANES, Kind  # noqa: E402
+from timed_campaigns import ALL_PLANES, Kind
 
 RECOVERED = HERE.parents[1] / "data" / "recovered_experiment"
 CAMPAIGNS = {"six": Kind(6), "three planes": Kind(3, ALL_PLANES), "forty": Kind(40)}

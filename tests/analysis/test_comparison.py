@@ -27,6 +27,7 @@ from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.terms import SetupShift
+from ldbb_bayes.parallel import process_executor
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import comparison_sentences, strength_words, with_words
 from ldbb_bayes.results import json_text
@@ -55,6 +56,30 @@ def comparison() -> Comparison:
         comparison = lb.compare(PAIR, CAMPAIGN, tolerance=0.02, progress=record_step)
     assert steps == [(k + 1, len(steps)) for k in range(len(steps))], "as many as were counted"
     return comparison
+
+
+@pytest.mark.slow
+def test_a_second_process_changes_no_number(recovered: lb.Campaign) -> None:
+    """Its parts start from what is known when they begin, wherever they are computed."""
+    model = lb.HybridModel(1)
+    models = {"constant": model.with_degree(0), "linear": model}
+    with process_executor(1) as executor:
+        shared = lb.compare(models, recovered, tolerance=0.05, executor=executor)
+    alone = lb.compare(models, recovered, tolerance=0.05)
+    assert json_text(shared.as_dict()) == json_text(alone.as_dict())
+
+
+def test_copied_evidences_keep_what_was_known(recovered: lb.Campaign) -> None:
+    evidences = Evidences(recovered, tolerance=0.3)
+    (nodes,) = evidences.of(LINEAR)
+    copied = evidences.copy()
+    evidences.of(LINEAR.with_degree(0))
+    assert len(copied.every) == 1
+    assert copied.of(LINEAR) == [nodes]
+    (related,) = evidences._related_models.values()
+    related._refine()
+    (related_of_copy,) = copied._related_models.values()
+    assert related_of_copy._untruncated is not related._untruncated
 
 
 def log_bayes_factor(model: lb.HybridModel, campaign: lb.Campaign) -> float:
