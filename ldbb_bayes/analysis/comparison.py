@@ -23,6 +23,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -66,6 +67,8 @@ __all__ = [
     "interpolate_crossings",
     "read_comparison",
 ]
+
+R = TypeVar("R")
 
 # Scales of the prior of the slopes at which the Bayes factor is computed. A slope is the change of
 # a compliance with force. The scale is the prior standard deviation of this change over the range
@@ -553,9 +556,9 @@ def compare(
         which can then be passed to `average`. If evidences are given, their tolerance replaces
         ``tolerance``.
     executor : Executor, optional
-        Executor of ``concurrent.futures`` that computes local fits, and evidences under other
-        assumptions, in parallel. Default: this process computes them. The result does not depend on
-        the executor.
+        Executor of ``concurrent.futures`` that computes three parts in parallel: local fits,
+        evidences under other assumptions, and models with only some of the slopes. Default: this
+        process computes them. The result does not depend on the executor.
 
     Returns
     -------
@@ -684,8 +687,9 @@ def begin_comparison(
 ) -> Callable[[], Comparison]:
     """Begin a comparison of models, and return a function that finishes and returns it.
 
-    The evidences of the models are computed at once. ``executor`` then computes other parts of the
-    comparison until the returned function needs them. `compare` explains all arguments and errors.
+    The evidences of the models are computed at once. ``executor`` computes other parts of the
+    comparison before the returned function needs them; parts that it has not begun by then are
+    computed in this process. `compare` explains all arguments and errors.
     """
     check_probability(prob)
     if evidences is None:
@@ -696,8 +700,6 @@ def begin_comparison(
     local_fits = _begin_local_fits(plan, campaign, prob, executor)
     if progress is not None:
         total = _count_steps(plan, len(models), campaign)
-        if executor is None:
-            total += _count_steps_for_executor(plan, campaign)
         evidences.progress = _StepCounter(progress, total)
     nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
     begun = _BegunComparison(
@@ -821,7 +823,7 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 
 
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
-    """Return the number of evidences that `compare` always computes in its own process.
+    """Return the number of evidences that `compare` computes.
 
     ``plan`` says which results are computed, and ``models`` is the number of models that the caller
     gave. If every test of ``campaign`` is left out once, this adds one evidence for each model and
@@ -834,16 +836,7 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
     if plan.has_rival_explanations:
         _, with_slopes = plan.pair.values()
         steps += 2 ** (1 + len(with_slopes.rivals))
-    return steps
-
-
-def _count_steps_for_executor(plan: _ComparisonPlan, campaign: Campaign) -> int:
-    """Return the number of evidences that an executor computes in another process, if there is one.
-
-    They are the evidences under other assumptions about the random differences between circles, and
-    those of the models in which only some compliances change with force.
-    """
-    steps = 2 * len(plan.by_assumption)
+    steps += 2 * len(plan.by_assumption)
     if plan.has_slope_subsets:
         steps += varying_slopes.count_subsets(plan.linear, campaign)
     return steps
@@ -888,7 +881,30 @@ def _begin_assumptions(
         separate,
         best - _FAR_REJECTED,
     )
-    return start_early(weigh, executor)
+    steps = 2 * len(plan.by_assumption)
+    return _counted(start_early(weigh, executor), executor, evidences, steps)
+
+
+def _counted(
+    wait: Callable[[], R], executor: Executor | None, evidences: Evidences, steps: int
+) -> Callable[[], R]:
+    """Return a function that waits for a part of a comparison, and counts its steps as done.
+
+    ``wait`` waits for the part, whose ``steps`` are evidences. If there is no executor, ``wait``
+    itself counts them while they are computed, and is returned unchanged. ``evidences`` holds the
+    function that counts.
+    """
+    if executor is None:
+        return wait
+
+    def wait_and_count() -> R:
+        """Return the part of the comparison, after its steps have been counted."""
+        part = wait()
+        for _ in range(steps):
+            evidences.progress()
+        return part
+
+    return wait_and_count
 
 
 def _begin_slope_subsets(
@@ -912,7 +928,8 @@ def _begin_slope_subsets(
     if executor is None:
         separate.progress = evidences.progress
     weigh = partial(_weigh_slope_subsets, plan.linear, separate, seed=seed, prob=prob)
-    return start_early(weigh, executor)
+    steps = varying_slopes.count_subsets(plan.linear, evidences.campaign)
+    return _counted(start_early(weigh, executor), executor, evidences, steps)
 
 
 def _no_slope_subsets() -> tuple[AveragedSlopes, list[Evidence]]:

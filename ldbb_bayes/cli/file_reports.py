@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -121,8 +121,14 @@ def report_files(
     check_force(campaign, settings.get("force_N"))
     campaign = with_tolerances(campaign, model, settings.get("tolerances", {}))
     source_campaign = SourceCampaign(campaign, imported)
-    analyse = _analyse_for_sheets if settings["sheets_only"] else _analyse
-    with steps as begin_step, second_process() as executor:
+    analyse = _analyse
+    other_process: AbstractContextManager[Executor | None] = second_process()
+    if settings["sheets_only"]:
+        analyse = _analyse_for_sheets
+        if len({test.plane for test in campaign.tests}) == 1:
+            # The fit takes less time than a second process takes to start.
+            other_process = nullcontext()
+    with steps as begin_step, other_process as executor:
         fit, analyses = analyse(campaign, model, begin_step, settings, executor)
         stated_posterior = fit if analyses.averaged is None else analyses.averaged
         fit_result = fit_tables.full_result(fit, settings["prob"])
@@ -205,8 +211,8 @@ def _analyse(
 
     In the fitted model, compliance changes linearly with force. The further analyses are a
     comparison with a model of constant compliance, an average over these two models, and the choice
-    of the next tests. The fit, parts of the comparison and the choice of the next tests are
-    computed in the background.
+    of the next tests. If there is a second process, it may compute the fit, parts of the comparison
+    and the choice of the next tests.
 
     Parameters
     ----------
@@ -226,8 +232,7 @@ def _analyse(
     seed = settings["seed"]
     models = _averaged_models(model)
     begin_step("fit")
-    draw_posterior = partial(lb.sample, model, campaign, sampler="independent", seed=seed)
-    fit = start_early(draw_posterior, executor)
+    fit = _begin_fit(model, campaign, seed, executor)
 
     evidences = Evidences(campaign, tolerance=_TOLERANCE)
     finish_comparison = _result_or_reason(
@@ -272,12 +277,28 @@ def _analyse_for_sheets(
     """
     seed = settings["seed"]
     begin_step("fit")
-    draw_posterior = partial(lb.sample, model, campaign, sampler="independent", seed=seed)
-    fit = start_early(draw_posterior, executor)
+    fit = _begin_fit(model, campaign, seed, executor)
     begin_step("average")
     evidences = Evidences(campaign, tolerance=_TOLERANCE)
     averaged = _average_or_none(_averaged_models(model), evidences, seed)
     return fit(), _Analyses(wording.NO_ANNEX, averaged, _no_design)
+
+
+def _begin_fit(
+    model: lb.HybridModel, campaign: lb.Campaign, seed: int, executor: Executor | None
+) -> Callable[[], xr.DataTree]:
+    """Begin the fit of a model in a second process, and return a function that waits for it.
+
+    If ``executor`` is None, there is no second process, and the fit is computed at once. ``seed``
+    is the seed of the random draws.
+    """
+    fit = start_early(
+        partial(lb.sample, model, campaign, sampler="independent", seed=seed), executor
+    )
+    if executor is not None:
+        return fit
+    posterior = fit()
+    return lambda: posterior
 
 
 def _no_design() -> str:

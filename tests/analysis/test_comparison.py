@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -63,7 +64,8 @@ def test_a_second_process_changes_no_number(recovered: lb.Campaign) -> None:
     """Its parts start from what is known when they begin, wherever they are computed."""
     model = lb.HybridModel(1)
     models = {"constant": model.with_degree(0), "linear": model}
-    with process_executor(1) as executor:
+    with process_executor(3) as executor:
+        list(executor.map(time.sleep, [2.0] * 3))  # three are at work, so that each takes a part
         shared = lb.compare(models, recovered, tolerance=0.05, executor=executor)
     alone = lb.compare(models, recovered, tolerance=0.05)
     assert json_text(shared.as_dict()) == json_text(alone.as_dict())
