@@ -25,7 +25,7 @@ def run() -> None:
 
         main()
     except KeyboardInterrupt:
-        message = "ldbb-bayes: interrupted; nothing was written."
+        message = "ldbb-bayes: interrupted; nothing is half-written."
         print(message, file=sys.stderr)  # noqa: T201, a message for the user
         sys.exit(130)
 

@@ -52,7 +52,7 @@ def test_interruption_while_modules_are_loaded(module: str, folder: Path) -> Non
         process.send_signal(signal.SIGINT)
         messages = [line for line in process.stderr if not line.startswith("import time:")]
     assert (messages, process.returncode) == (
-        ["ldbb-bayes: interrupted; nothing was written.\n"],
+        ["ldbb-bayes: interrupted; nothing is half-written.\n"],
         130,
     )
 
@@ -87,7 +87,7 @@ def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
         assert process.stdout.read() == ""
     os.close(terminal)
     assert process.returncode == 130
-    assert output.decode().rstrip().endswith("ldbb-bayes: interrupted; nothing was written.")
+    assert output.decode().rstrip().endswith("ldbb-bayes: interrupted; nothing is half-written.")
     assert list(tmp_path.iterdir()) == []
 
 
