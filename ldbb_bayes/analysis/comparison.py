@@ -580,15 +580,16 @@ def compare(
     >>> round(log_bayes_factor)
     -6
     """
+    require_campaign(campaign)
+    if evidences is None:
+        evidences = Evidences(campaign, tolerance=tolerance)
     finish = begin_comparison(
         models,
-        campaign,
+        evidences.of_campaign(campaign),
         evidence_only=evidence_only,
-        tolerance=tolerance,
         prob=prob,
         seed=seed,
         progress=progress,
-        evidences=evidences,
         executor=executor,
     )
     return finish()
@@ -675,27 +676,24 @@ class _BegunComparison:
 @one_blas_thread
 def begin_comparison(
     models: Mapping[str, HybridModel],
-    campaign: Campaign,
+    evidences: Evidences,
     *,
+    prob: float,
+    seed: int,
+    progress: Callable[[int, int], None] | None,
+    executor: Executor | None,
     evidence_only: bool = False,
-    tolerance: float = 1e-2,
-    prob: float = 0.95,
-    seed: int = 1,
-    progress: Callable[[int, int], None] | None = None,
-    evidences: Evidences | None = None,
-    executor: Executor | None = None,
 ) -> Callable[[], Comparison]:
     """Begin a comparison of models, and return a function that finishes and returns it.
 
     The evidences of the models are computed at once. ``executor`` computes other parts of the
     comparison before the returned function needs them; parts that it has not begun by then are
-    computed in this process. `compare` explains all arguments and errors.
+    computed in this process. ``evidences`` are those of the campaign that are known already.
+    `compare` explains the other arguments and the errors.
     """
     check_probability(prob)
-    if evidences is None:
-        evidences = Evidences(campaign, tolerance=tolerance)
+    campaign = evidences.campaign
     _check_models(models, campaign, evidences)
-    evidences = evidences.of_campaign(campaign)
     plan = _plan_comparison(models, campaign, evidence_only=evidence_only)
     local_fits = _begin_local_fits(plan, campaign, prob, executor)
     if progress is not None:

@@ -239,12 +239,11 @@ def _analyse(
         partial(
             begin_comparison,
             models,
-            campaign,
+            evidences,
             prob=settings["prob"],
+            seed=seed,
             progress=begin_step("compare"),
             executor=executor,
-            evidences=evidences,
-            seed=seed,
         )
     )
     choose_tests = partial(lb.design, model, pilot=campaign, tests=settings.get("tests"), seed=seed)

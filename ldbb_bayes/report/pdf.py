@@ -16,7 +16,7 @@ from typing import Any
 
 import matplotlib as mpl
 from fpdf import FPDF
-from fpdf.fonts import TTFFont
+from fpdf.fonts import FontFace, TTFFont
 
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pictures import Picture
@@ -38,8 +38,6 @@ _PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [m
 _PAIRED_HEIGHT = 88.0
 # Largest height allowed for a figure that has no list of sentences beside or below it [mm].
 _PICTURE_HEIGHT = 100.0
-# Distance between the text of a cell of a table and the lines above and below it [mm].
-_CELL_PADDING = 0.55
 _ROW_GAP = 4.0  # distance between two figures side by side on a page [mm]
 _BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list on a page [mm]
 _DPI = 300.0
@@ -206,20 +204,18 @@ def _write(
     width: float = _WIDTH,
     bold: bool = False,
     grey: int = _INK,
-    align: str = "L",
     **options: Any,
 ) -> None:
     """Write a paragraph in the PDF, and move the writing position to the line below it.
 
     ``size`` is the font size [points], ``width`` the width of the paragraph [mm], and ``grey`` the
     grey level of the text from 0 (black) to 255 (white). If ``bold`` is true, the text is bold.
-    ``align`` is L for text that begins at the left edge, and R for text that ends at the right one.
     ``options`` are passed to ``FPDF.multi_cell``.
     """
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)
     height = _LINE_HEIGHT * size
-    pdf.multi_cell(width, height, text, align=align, new_x="LEFT", new_y="NEXT", **options)
+    pdf.multi_cell(width, height, text, align="L", new_x="LEFT", new_y="NEXT", **options)
 
 
 def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
@@ -331,39 +327,21 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
         pdf.set_y(pdf.y + 0.8 * scale)
     size = 7.8 * scale
     pdf.set_font("DejaVu", "", size)
+    pdf.set_text_color(_INK)
     pdf.set_draw_color(_RULE)
     rows = [table.heads, *table.shown()]
-    widths = _column_widths(pdf, rows)
-    alignment = ["R" if is_number else "L" for is_number in table.numeric]
-    for k, row in enumerate(rows):
-        if k > 0:
-            pdf.line(_LEFT, pdf.y, _LEFT + _WIDTH, pdf.y)
-        _draw_row_of_table(pdf, row, widths, alignment, scale, bold=k == 0)
-
-
-def _draw_row_of_table(
-    pdf: FPDF,
-    row: Sequence[str],
-    widths: Sequence[float],
-    alignment: Sequence[str],
-    scale: float,
-    *,
-    bold: bool,
-) -> None:
-    """Draw the cells of one row of a table, and move the writing position below the row.
-
-    ``widths`` holds the width of every column [mm], and ``alignment`` the letter L or R for each.
-    ``scale`` is the relative font size. If ``bold`` is true, the text is bold.
-    """
-    top = pdf.y + _CELL_PADDING * scale
-    bottom = top
-    left = _LEFT
-    for text, width, align in zip(row, widths, alignment, strict=True):
-        pdf.set_xy(left, top)
-        _write(pdf, text or " ", 7.8 * scale, width=width, bold=bold, align=align)
-        bottom = max(bottom, pdf.y)
-        left += width
-    pdf.set_xy(_LEFT, bottom + _CELL_PADDING * scale)
+    alignment = ["RIGHT" if is_number else "LEFT" for is_number in table.numeric]
+    with pdf.table(
+        rows,
+        col_widths=_column_widths(pdf, rows),
+        width=_WIDTH,
+        text_align=alignment,
+        headings_style=FontFace(emphasis="BOLD"),
+        borders_layout="HORIZONTAL_LINES",
+        line_height=_LINE_HEIGHT * size,
+        padding=(0.55 * scale, 1.0),
+    ):
+        pass
 
 
 def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
