@@ -23,7 +23,7 @@ import jinja2
 
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark, TestPreview
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
-from ldbb_bayes.model.terms import Term
+from ldbb_bayes.model.terms import Hysteresis, Term
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.results import registered_function
@@ -1220,6 +1220,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "floor": f"{floor} {unit}",
                 "limit": f"{limit} {unit}",
                 "held_by": _holder_in_words(obstacle.held_by),
+                "is_hysteresis": obstacle.held_by == Hysteresis.__name__,
                 "share": f"{100.0 * obstacle.share:.0f} %",
                 "certificate": obstacle.certificate,
                 "with_certificate": f"{with_certificate} {unit}",
@@ -1239,6 +1240,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "limit": f"{limit} {unit}",
                 "probability": f"{100.0 * near_miss.probability:.0f} %",
                 "held_by": _holder_in_words(near_miss.held_by),
+                "is_hysteresis": near_miss.held_by == Hysteresis.__name__,
                 "share": f"{100.0 * near_miss.share:.0f} %",
                 "certificate": near_miss.certificate,
             }

@@ -262,6 +262,27 @@ def test_a_design_states_the_u_that_the_next_circle_states():
     assert of_design.U_of_fit == of_next.U_of_fit
 
 
+def test_next_and_design_state_one_floor():
+    """Very many circles leave the same U, whether they are planned at once or one by one."""
+    options = {"forces_N": FORCES, "clockings_deg": ((0.0, 0.0), (45.0, 45.0))}
+    options |= {"directions": ("CW", "CCW"), "goals": {"C_XXX": "4 nm/N"}}
+    stated = lb.design(MODEL, PILOT, augment=True, **options)
+    step = lb.analysis.next_circle(MODEL, PILOT, **options)
+    assert step.more_circles is None
+    floor = stated.obstacles["C_XXX"].U_floor
+    assert step.goals["C_XXX"].U_floor == pytest.approx(floor, rel=0.05)
+
+
+@pytest.mark.parametrize("directed", [True, False])
+def test_where_hysteresis_holds_a_goal_both_directions_are_named(directed):
+    pilot = PILOT
+    if not directed:
+        pilot = replace(pilot, tests=tuple(replace(test, direction=None) for test in pilot.tests))
+    found = lb.design(MODEL, pilot, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)
+    is_named = "--directions both" in " ".join(text_of(found).split())
+    assert is_named == (found.obstacles["E_C0YX"].held_by == "Hysteresis") == (not directed)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

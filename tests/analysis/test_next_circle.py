@@ -235,6 +235,20 @@ def test_a_goal_that_circles_cannot_reach_is_said_to_be_out_of_reach(recovered: 
     assert step.goals["E_C0YX"].U_floor > step.goals["E_C0YX"].limit
 
 
+def test_circles_to_go_are_of_any_kind_allowed(recovered: Campaign) -> None:
+    """The best next circle is at a large force; what comes after it needs small forces too."""
+    step = next_circle(
+        MODEL,
+        recovered,
+        goals={"C_XXX": "6.5 nm/N"},
+        directions=("CW", "CCW"),
+        clockings_deg=((0.0, 0.0), (45.0, 45.0)),
+        tolerances={},
+    )
+    assert step.more_circles is not None
+    assert step.goals["C_XXX"].U_floor < 5.5e-6
+
+
 def test_constant_compliance_has_no_decision_between_models(recovered: Campaign) -> None:
     step = next_circle(MODEL.with_degree(0), recovered, goals={"C_XXX": "20 %"}, tolerances={})
     assert step.model is None

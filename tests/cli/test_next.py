@@ -71,7 +71,7 @@ def test_a_goal_out_of_reach_is_said_first_and_the_best_circle_last(
     folder: Path, invoke: Invoke
 ) -> None:
     stdout = invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad")[1]
-    assert stdout.startswith("Out of reach: up to 20 more circles")
+    assert stdout.startswith("Out of reach: up to 40 more circles")
     assert "The circle that helps most: " in stdout
     assert "Run next" not in stdout
 

@@ -48,6 +48,8 @@ SENTENCES = [
     " (64 % of what remains).",
     "With all certificates together it would be 4.0 nm/N, which is enough.",
     "Prior of E_C(0Y)X holds it (64 % of what remains).",
+    "Circles run in both directions measure hysteresis: --directions both, with the direction"
+    " stated of every test.",
 ]
 
 

@@ -61,14 +61,11 @@ from ldbb_bayes.results import Array, Records, Result
 
 __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 
-# Number of best candidates for the next circle from which further circles are chosen, when the
-# number of circles that a campaign still needs is estimated. Circles are then added one by one, at
-# most ``_MOST_CIRCLES``, until all aims are expected to be reached. A candidate may be chosen
-# several times.
-_CONTINUED = 12
-_MOST_CIRCLES = 20
-# The uncertainty after very many circles is computed as if each of the best next circles were run
-# this number of times.
+# Largest number of further circles that is tried when the number of circles that a campaign still
+# needs is estimated.
+_MOST_CIRCLES = 40
+# The uncertainty after very many circles is computed as if each possible circle were run this
+# number of times.
 _VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5
@@ -143,7 +140,7 @@ class NextCircle(Result):
     #: campaign may then stop
     finished: bool
     #: number of further circles after which every aim of the campaign is expected to be reached;
-    #: None if 20 circles are not enough
+    #: None if 40 circles are not enough
     more_circles: int | None
     #: direction of travel of the best next circle; None if the circles run so far state none
     direction: Direction | None
@@ -278,13 +275,12 @@ def next_circle(
     distances = total_distance(aims, covariances)
     order = np.argsort(distances, kind="stable")
     after = covariances[:, order[0]]
-    continued = objective.among(order[:_CONTINUED])
-    after_very_many = _covariances_after_very_many(continued)
+    after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
     more_circles: int | None = 0
     if not finished:
-        more_circles = _circles_to_go(aims, continued, after_very_many)
+        more_circles = _circles_to_go(aims, objective, after_very_many)
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
@@ -486,10 +482,10 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> i
     """Return the number of further circles after which a campaign should reach all its aims.
 
     The circles are chosen one after another from the candidates of ``objective``. Each circle is
-    the best choice after the circles chosen before. Return None if the aims are not reached after
-    20 circles. ``floor``, shape (K, p, p), are the covariances of the p parameters after very many
-    circles, at K values of the hyper-parameters. An aim that they do not reach is not reached after
-    20 circles either.
+    the best choice after the circles chosen before; a candidate may be chosen several times. Return
+    None if the aims are not reached after 40 circles. ``floor``, shape (K, p, p), are the
+    covariances of the p parameters after very many circles, at K values of the hyper-parameters. An
+    aim that they do not reach is not reached after 40 circles either.
     """
     if not all(aim.is_reached or aim.is_expected(floor) for aim in aims):
         return None

@@ -100,7 +100,9 @@ class Space:
         radii_mm = self.radii_mm or _radii_of(self.pilot)
         self._store("forces_N", tuple(dict.fromkeys(self.forces_N)))
         self._store("radii_mm", tuple(dict.fromkeys(radii_mm)))
-        self._store("directions", tuple(dict.fromkeys(self.directions)))
+        # CW comes first, so that no result depends on the order in which directions are given.
+        directions = sorted(set(self.directions), key=str, reverse=True)
+        self._store("directions", tuple(directions))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
         # The candidate tests are derived from the pilot (the campaign or plan that the design
