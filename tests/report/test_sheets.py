@@ -552,6 +552,14 @@ def test_plain_words_say_where_the_machine_yields_most(english: Sheets) -> None:
     assert f"stiffness of {stiffness[2]} ± {stiffness[3]} N/µm" in sentence
 
 
+def test_a_sentence_says_that_the_readings_do_not_determine_the_direction() -> None:
+    words = words_of("en")
+    note = words("remarks.no_direction")
+    stiffness = StatedQuantity("", "k_min", 18e3, 1e3, (16e3, 20e3), "N/mm", note=note)
+    text = plain_findings._direction_in_sentence(stiffness, words)
+    assert text == "in a direction that the readings do not determine"
+
+
 def test_plain_words_name_the_softer_axis_with_its_probability(findings: Findings) -> None:
     numbers = SheetNumbers(findings, words_of("en"), 389.0)
     (soft,) = [finding for finding in findings_of_sheet(numbers) if finding.kind == "soft-axis"]
