@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from scipy import special
-from scipy.linalg import solve_triangular
 
 from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
@@ -61,6 +60,8 @@ _MORE_REPLICATES = 2
 # from many draws, because replicates from the same draw are correlated. Few replicates are
 # therefore taken from each of many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
+# Number of iterations of Tyler's estimator. After five of them, p-values change by less than 0.01.
+_SCATTER_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -329,9 +330,10 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     """Return the comparison of one test's circle with its replicates (simulated circles).
 
     The p-value is the probability that another circle of the same machine would deviate from the
-    mean of the replicates at least as much as the test, in any Fourier order. The p-value is not
-    adjusted for the number of tests: in the result, the family-wise p-value is 1, and the flag is
-    false.
+    mean of the replicates at least as much as the test, in any Fourier order. It is an estimate
+    from simulated circles; with 20 000 of them its standard error is about 0.01 or less. The
+    p-value is not adjusted for the number of tests: in the result, the family-wise p-value is 1,
+    and the flag is false.
 
     Parameters
     ----------
@@ -342,22 +344,20 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     """
     n = len(replicates)
     centre = replicates.mean(axis=0)
-    scatter = replicates - centre
-    deviation = observed - centre
+    scatter = np.ascontiguousarray((replicates - centre).T)
+    deviation = (observed - centre)[:, None]
     nearer_counts = []
     replicate_distances = []
     tails = []
     for order in range(MAX_ORDER + 1):
         in_order = order == ORDERS
-        harmonics = scatter[:, in_order]
-        components = harmonics.shape[1]
-        covariance = np.cov(harmonics, rowvar=False).reshape(components, -1)
-        root = np.linalg.cholesky(covariance)
-        distances = _squared_distance(harmonics, root)
-        distance = _squared_distance(deviation[None, in_order], root)[0]
+        harmonics = scatter[in_order]
+        precision = np.linalg.inv(_scatter_matrix(harmonics))
+        distances = _squared_distances(harmonics, precision)
+        distance = _squared_distances(deviation[in_order], precision)[0]
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
-        tails.append(_minus_log_tail(float(distance), components))
+        tails.append(_minus_log_tail(float(distance), len(harmonics)))
     # Replicates are simulated circles. For each Fourier order, ``nearer_counts`` is the number of
     # replicates that deviate less than the observed circle. Let m be the largest of these numbers.
     # In each order, all replicates except the m with the smallest deviations count as strongly
@@ -377,14 +377,36 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     )
 
 
-def _squared_distance(harmonics: Array, root: Array) -> Array:
+def _scatter_matrix(harmonics: Array) -> Array:
+    """Return the scatter matrix of k Fourier coefficients, shape (k, k), by Tyler's M-estimator.
+
+    For normally distributed coefficients the scatter matrix is the covariance. Replicates come from
+    posterior draws with different standard deviations of the noise, so that a few replicates are
+    very large. A covariance would depend on these few replicates. In Tyler's estimator (Tyler,
+    Ann. Statist. 15, 1987), every replicate has the same weight, however large it is. The result is
+    scaled so that the median of the squared distances is the median of a χ² distribution with k
+    degrees of freedom.
+
+    ``harmonics``, shape (k, n), are the coefficients of n replicates minus their means.
+    """
+    components, n = harmonics.shape
+    scatter = np.cov(harmonics).reshape(components, components)
+    for _ in range(_SCATTER_STEPS):
+        distances = _squared_distances(harmonics, np.linalg.inv(scatter))
+        # A replicate exactly at the mean has no direction, and gets no weight.
+        weights = np.divide(1.0, distances, out=np.zeros(n), where=distances > 0.0)
+        scatter = components / n * (harmonics * weights) @ harmonics.T
+    distances = _squared_distances(harmonics, np.linalg.inv(scatter))
+    return scatter * float(np.median(distances) / special.chdtri(components, 0.5))
+
+
+def _squared_distances(harmonics: Array, precision: Array) -> Array:
     """Return squared Mahalanobis distances of n circles from their mean, shape (n,).
 
-    ``harmonics``, shape (n, k), are k Fourier coefficients of each circle minus the means of these
-    coefficients. ``root``, shape (k, k), is the Cholesky factor of the coefficients' covariance.
+    ``harmonics``, shape (k, n), are k Fourier coefficients of each circle minus the means of these
+    coefficients. ``precision``, shape (k, k), is the inverse of the coefficients' scatter matrix.
     """
-    white = solve_triangular(root, harmonics.T, lower=True, check_finite=False)
-    return np.asarray((white**2).sum(axis=0))
+    return np.asarray((precision @ harmonics * harmonics).sum(axis=0))
 
 
 def _minus_log_tail(squared_distance: float, components: int) -> float:

@@ -10,7 +10,7 @@ from campaigns import HYPER_UM, TRUTH, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_circle
+from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, _scatter_matrix, judge_circle
 
 CONSTANT = lb.HybridModel.first(0).without("truncation")
 MODELS = {"constant": CONSTANT, "linear": CONSTANT.with_degree(1)}
@@ -81,6 +81,20 @@ def test_p_values_of_replicates_are_uniform(rng: np.random.Generator) -> None:
     assert distant.p_value == pytest.approx(1.0 / 1501.0)
     assert np.isfinite(distant.distance)
     assert distant.distance > max(circle.distance for circle in judged)
+
+
+def test_a_scatter_matrix_does_not_depend_on_a_few_very_large_replicates(
+    rng: np.random.Generator,
+) -> None:
+    """Replicates of Student t₂ have no covariance, and the known scatter matrix."""
+    scatter = np.array([[4.0, 1.9], [1.9, 1.0]])
+    normal = np.linalg.cholesky(scatter) @ rng.standard_normal((2, 40_000))
+    heavy = normal / np.sqrt(rng.chisquare(2.0, 40_000) / 2.0)
+    np.testing.assert_allclose(_scatter_matrix(normal), scatter, rtol=0.05)
+    shape = _scatter_matrix(heavy)
+    np.testing.assert_allclose(shape / shape[1, 1], scatter, rtol=0.05)
+    covariance = np.cov(heavy)
+    assert np.abs(covariance / covariance[1, 1] - scatter).max() > 0.2
 
 
 def test_the_worst_order_is_the_farthest_beyond_all_replicates(rng: np.random.Generator) -> None:
