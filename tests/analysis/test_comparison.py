@@ -23,6 +23,7 @@ from ldbb_bayes.analysis.comparison import (
     Sign,
     interpolate_crossings,
 )
+from ldbb_bayes.analysis.rival_explanations import Explained, Explanations
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -337,6 +338,25 @@ def test_an_assumption_that_the_readings_prefer(firm: Comparison) -> None:
     assert comparison.preferred_assumption() == better
     text = " ".join(comparison_sentences(comparison))
     assert f"The readings prefer '{better.assumption}' by 20.0 nats" in text
+
+
+def test_models_that_tie_within_their_errors_are_all_named(compared: Comparison) -> None:
+    """Which of them is ahead depends on the tolerance alone."""
+    models = (
+        Explained(("slopes", "joint load"), 100.0, 0.01, 0.4),
+        Explained(("joint load",), 99.985, 0.01, 0.39),
+        Explained(("slopes",), 99.4, 0.01, 0.21),
+    )
+    shares = {"slopes": 0.61, "joint load": 0.79}
+    odds = Assumed("averaged", 0.4, 0.02, {"constant": 99.6, "linear": 100.0})
+    tied = replace(compared, explanations=Explanations(shares, models, odds, odds))
+    text = " ".join(comparison_sentences(tied))
+    assert "most probable: slopes and joint load (0.400)" in text
+    assert "Equally probable within the numerical error: joint load." in text
+    parted = replace(models[1], log_evidence=99.97)
+    apart = replace(tied.explanations, models=(models[0], parted, models[2]))
+    text = " ".join(comparison_sentences(replace(tied, explanations=apart)))
+    assert "Equally probable" not in text
 
 
 def test_sentences_follow_the_order_of_the_models(compared: Comparison) -> None:
