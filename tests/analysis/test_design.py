@@ -27,6 +27,7 @@ from ldbb_bayes.analysis.design.candidates import (
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.forecast import (
     forecast_tests,
+    posteriors,
     precision_added_by_slope_priors,
     stated_variances,
 )
@@ -154,6 +155,21 @@ def dense_sd(
     k = information.names.index(name)
     covariance = np.linalg.inv(times * rows.T @ rows + np.eye(rows.shape[1]))
     return float(np.sqrt(covariance[k, k]) * information.scale[k])
+
+
+def test_very_many_planned_circles_do_not_repeat_those_already_run(clockwise: lb.Campaign) -> None:
+    """Floors by inverting the whole precision matrix, each circle already run counted once."""
+    tests = clockwise.plan().tests[:2]
+    bound = bind_tests(LINEAR.without("truncation"), clockwise, tests, keep_pilot_tests=True)
+    run = len(clockwise.tests)
+    _, floor = posteriors(bound, PHI[None], run)
+    information = information_of(bound, extend_hyper_parameters(bound, PHI[None], run)[0])
+    precision = np.eye(len(information.names))
+    for k, rows in enumerate(information.blocks()):
+        times = 1.0 if k < run else 1e6
+        precision += times * rows.T @ rows
+    dense = np.sqrt(np.diag(np.linalg.inv(precision)))[information.interest]
+    np.testing.assert_allclose(floor, dense, rtol=1e-3)
 
 
 @pytest.mark.slow

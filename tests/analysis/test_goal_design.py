@@ -273,6 +273,14 @@ def test_next_and_design_state_one_floor():
     assert step.goals["C_XXX"].U_floor == pytest.approx(floor, rel=0.05)
 
 
+def test_forty_circles_do_not_beat_what_no_number_of_circles_is_said_to_beat():
+    """That C_CCY is not negative narrows it, which the quick forecast leaves out."""
+    options = {"forces_N": FORCES, "directions": ("CW",), "augment": True}
+    forty = lb.design(MODEL, PILOT, tests=40, parameters=["C_CCY"], **options)
+    found = lb.design(MODEL, PILOT, goals={"C_CCY": "0.01 µrad/(N m)"}, **options)
+    assert found.obstacles["C_CCY"].U_floor < 2.0 * forty.expected["C_CCY"].sd
+
+
 @pytest.mark.parametrize("directed", [True, False])
 def test_where_hysteresis_holds_a_goal_both_directions_are_named(directed):
     pilot = PILOT

@@ -299,8 +299,8 @@ class Design(Forecast):
             standard deviation. ``sd_error`` is the standard error of ``sd``, computed from the
             scatter of the result over the simulated machines. Three columns are for comparison:
             ``prior_sd`` is the prior standard deviation, ``floor_sd`` is the standard deviation
-            that would remain if every test were run very many times, and ``baseline_sd`` is the
-            standard deviation that is expected for a simple design, in which the forces of the
+            that would remain if every planned test were run very many times, and ``baseline_sd`` is
+            the standard deviation that is expected for a simple design, in which the forces of the
             tests are evenly spaced.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]

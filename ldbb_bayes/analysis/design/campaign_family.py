@@ -10,7 +10,7 @@ possible circle is computed only once for a family.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, product
 from typing import Any
@@ -53,6 +53,10 @@ class CampaignFamily:
     #: possible states of the machine (values of parameters and hyper-parameters) before the
     #: campaign
     states: States
+    #: for goals whose uncertainty is reduced by the condition that no compliance is negative: the
+    #: ratio of the standard uncertainties with and without this condition; the keys are the names
+    #: of the parameters. Other goals have the ratio 1.
+    truncation: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def certificates_price(self) -> float:
@@ -86,7 +90,10 @@ class CampaignFamily:
         objective = objective_of(bound, run, self.states.phi[chosen], names, size)
         limits = limits_of_goals(self.goals, self.states, bound.names)[chosen]
         scale = bound.scale[[bound.names.index(name) for name in names]]
-        return QuickForecast(objective, limits / scale)
+        # In the quick forecast compliances may be negative. Its uncertainties are too large where
+        # a full forecast is truncated. Larger limits have the same effect as smaller uncertainties.
+        truncation = np.array([self.truncation.get(name, 1.0) for name in names])
+        return QuickForecast(objective, limits / (truncation * scale))
 
     def lowest_price(self, costs: Costs, circles: int) -> float:
         """Return the lowest price that a campaign of this family can have with ``circles`` circles.
@@ -221,6 +228,7 @@ def families_of(
     sets_of_certificates: Sequence[tuple[CertificateOffer, ...]],
     goals: Mapping[str, Goal],
     states: States,
+    truncation: Mapping[str, float],
 ) -> Iterator[CampaignFamily]:
     """Yield the families of campaigns among which the cheapest campaign is sought.
 
@@ -229,8 +237,8 @@ def families_of(
     three choices: a subset of the clockings that contains the first clocking, a non-empty subset of
     the radii, and one of the sets in ``sets_of_certificates`` (certificates that could be bought).
     ``space`` holds the clockings and radii to choose from. ``goals`` are the goals for
-    uncertainties, and ``states`` are the possible states of the machine; both are the same for all
-    families.
+    uncertainties, ``states`` are the possible states of the machine, and ``truncation`` are the
+    ratios of `CampaignFamily.truncation`; all are the same for all families.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]
@@ -238,7 +246,7 @@ def families_of(
     radius_sets = [chosen for chosen in _subsets(space.radii_mm) if chosen]
     for clockings, radii, offers in product(clocking_sets, radius_sets, sets_of_certificates):
         narrowed = replace(space, clockings_deg=clockings, radii_mm=radii)
-        yield CampaignFamily(narrowed, offers, goals, states)
+        yield CampaignFamily(narrowed, offers, goals, states, truncation)
 
 
 def _subsets(values: Sequence[Clocking] | Sequence[float]) -> list[tuple[Any, ...]]:

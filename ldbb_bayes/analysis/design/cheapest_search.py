@@ -22,6 +22,7 @@ from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.forecast import (
     SimulatedAnalyses,
     StatedByMachines,
+    forecast_plan,
     simulate_analyses,
     stated_by_machines,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "find_cheapest",
     "judge_plan",
     "shares_of_machines",
+    "truncation_ratios",
 ]
 
 # Largest number of circles that a campaign may have in the search for the cheapest campaign.
@@ -126,6 +128,26 @@ def judge_plan(
     plan = family.plan_of(tests)
     analyses = simulate_analyses(family.space.model, plan, machines=machines)
     return FoundCampaign(family, tuple(tests), plan, analyses, stated_by_machines(analyses))
+
+
+def truncation_ratios(family: CampaignFamily) -> dict[str, float]:
+    """Return how much the condition that no compliance is negative reduces uncertainties.
+
+    The result holds, for every goal, the ratio of the standard uncertainties with and without this
+    condition; the keys are the names of the parameters. The ratios are those of the best campaign
+    of 8 circles with every circle repeated five times, which is the largest campaign that a search
+    tries first. The result is empty if the model allows negative compliances.
+    """
+    if not family.bound.truncation.active:
+        return {}
+    counts = (_MOST_CIRCLES // _CIRCLES_OF_SHARES) * family.best_counts(_CIRCLES_OF_SHARES)
+    largest = judge_plan(family, family.tests_of(counts))
+    forecast = forecast_plan(family.space.model, largest.plan, analyses=largest.analyses)
+    ratios = {}
+    for name in family.goals:
+        expected = forecast.expected[name]
+        ratios[name] = min(1.0, expected.sd / expected.untruncated_sd)
+    return ratios
 
 
 def _judged_on_fresh_machines(campaign: FoundCampaign) -> FoundCampaign:

@@ -19,6 +19,7 @@ negative. The expected uncertainty is the median of the stated uncertainties ove
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,7 +73,7 @@ LIKELY = 0.9
 # their mean.
 _ERROR_OF_MEDIAN = 1.2533
 # The lower limit ("floor") of a parameter's uncertainty is the standard deviation that would remain
-# if every test were run this number of times.
+# if every planned test were run this number of times.
 _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix below this number are treated as zero in the decision whether
 # the tests determine every parameter.
@@ -94,9 +95,10 @@ class Expected(Result):
     It is somewhat too large, because the machines are spread more evenly than independent random
     machines would be.
 
-    ``floor_sd`` is the standard deviation that would remain if every test were run a million times.
-    It comes from nuisance effects (modelled, but not of interest) that are the same in all tests.
-    The condition that no compliance is negative reduces ``floor_sd`` in the same ratio as ``sd``.
+    ``floor_sd`` is the standard deviation that would remain if every planned test were run a
+    million times. It comes from nuisance effects (modelled, but not of interest) that are the same
+    in all tests. The condition that no compliance is negative reduces ``floor_sd`` in the same
+    ratio as ``sd``.
 
     ``prior_sd`` is infinite for a flat prior. If priors are flat and the tests do not determine all
     parameters, all values are infinite.
@@ -719,29 +721,32 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         Posterior in which compliances may be negative; None if priors are flat and the tests do not
         determine all parameters.
     floor : Array
-        Standard deviation that each parameter would have if every test were run a million times,
-        shape (p,). It is the root mean square over the K sets of φ. The array is empty if
+        Standard deviation that each parameter would have if every planned test were run a million
+        times, shape (p,). It is the root mean square over the K sets of φ. The array is empty if
         ``posterior`` is None.
     """
     phi = extend_hyper_parameters(bound, phi, run)
     first = information_of(bound, phi[0])
     interest = first.interest
     size = len(first.names)
-    # The matrix of derivatives of the readings has one row for each reading. A QR factorisation
-    # reduces the number of rows to the number of coefficients of the model, without loss of
-    # information.
-    row_list = []
+    rows_run = []
+    rows_planned = []
     for information in informations_of(bound, phi):
-        row_list.append(np.linalg.qr(information.rows(), mode="r"))
-    rows = np.array(row_list)
+        blocks = information.blocks()
+        rows_run.append(_compressed_rows(blocks[:run], size))
+        rows_planned.append(_compressed_rows(blocks[run:], size))
+    already_run = np.array(rows_run)
+    planned = np.array(rows_planned)
+    once = np.concatenate([already_run, planned], axis=1)
     if first.flat:
-        rank = np.linalg.matrix_rank(rows[..., interest], tol=_RANK_TOLERANCE).min()
+        rank = np.linalg.matrix_rank(once[..., interest], tol=_RANK_TOLERANCE).min()
         if rank < len(interest):
             return None, np.zeros(0)
-    # The uncertainties are computed for one run of every test, and for a million runs of every
-    # test. N runs give N times the information of one run. The derivatives of the readings with
-    # respect to the parameters are therefore multiplied by √N.
-    once_and_often = np.array([1.0, np.sqrt(_REPETITIONS_OF_FLOOR)])[:, None, None, None] * rows
+    # The uncertainties are computed for one run of every planned test, and for a million runs. N
+    # runs give N times the information of one run. The derivatives of the readings with respect to
+    # the parameters are therefore multiplied by √N. Tests already run are not repeated.
+    often = np.concatenate([already_run, np.sqrt(_REPETITIONS_OF_FLOOR) * planned], axis=1)
+    once_and_often = np.stack([once, often])
     no_reading = np.zeros(once_and_often.shape[:-1])
     if first.flat:
         both = Gaussian.from_rows(once_and_often, no_reading)
@@ -751,3 +756,13 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     posterior = Gaussian.factored(both.mean[0], both.root[0], both.scale[0])
     floor = np.sqrt((both.sd[1] ** 2).mean(axis=0))
     return posterior, floor
+
+
+def _compressed_rows(blocks: Sequence[Array], size: int) -> Array:
+    """Return as few rows as hold the information of several tests, shape (rows, size).
+
+    ``blocks`` holds one matrix for each test: the derivatives of its readings with respect to the
+    ``size`` coefficients of the model. The QR factorisation of all of them has at most ``size``
+    rows, and loses no information.
+    """
+    return np.linalg.qr(np.concatenate([np.zeros((0, size)), *blocks]), mode="r")

@@ -31,6 +31,7 @@ from ldbb_bayes.analysis.design.cheapest_search import (
     find_cheapest,
     judge_plan,
     shares_of_machines,
+    truncation_ratios,
 )
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_forces
@@ -43,7 +44,6 @@ from ldbb_bayes.analysis.design.present_estimates import (
     sds_of_fit,
 )
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.analysis.design.states import States
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_probability, require
 from ldbb_bayes.inference.evidences import Evidences
@@ -440,13 +440,17 @@ def _search_campaigns(
         plan = space.plan_of(space.tests[:1], seed=space.seed)
         states = states_of(space.model, plan)
         sets = sets_of_offers(offers, space.pilot.instrument)
-        widest = replace(space, parameters=tuple(needed))
+        widest = CampaignFamily(replace(space, parameters=tuple(needed)), (), needed, states)
+        if widest.quick.floor().max() > 0.0:
+            # A goal may be out of reach only because the quick forecast allows negative
+            # compliances.
+            widest = replace(widest, truncation=truncation_ratios(widest))
         limits = {name: known[name].limit_U for name in needed}
-        obstacles = obstacles_of(CampaignFamily(widest, (), needed, states), limits)
-        reachable = _reachable(widest, sets, needed, states)
+        obstacles = obstacles_of(widest, limits)
+        reachable = _reachable(widest, sets)
         unreachable = tuple(name for name in needed if name not in reachable)
         if reachable:
-            searched = _search_reachable(space, sets, reachable, states, costs, probability, steps)
+            searched = _search_reachable(widest, sets, reachable, costs, probability, steps)
     return GoalDesign(
         goals=known,
         probability=probability,
@@ -472,10 +476,9 @@ class _Searched(NamedTuple):
 
 
 def _search_reachable(
-    space: Space,
+    widest: CampaignFamily,
     sets: Sequence[tuple[CertificateOffer, ...]],
     goals: Mapping[str, Goal],
-    states: States,
     costs: Costs,
     probability: float,
     steps: _Steps,
@@ -483,11 +486,11 @@ def _search_reachable(
     """Return the cheapest campaigns for goals that very many circles would reach.
 
     A goal that 40 circles do not reach is a near miss; the campaigns are then for the other goals.
-    ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
-    of the machine. For the other arguments see `_search_campaigns`.
+    ``widest`` is the family of campaigns with all clockings and radii, and ``sets`` are the sets of
+    certificates that could be bought. For the other arguments see `_search_campaigns`.
     """
-    narrowed = replace(space, parameters=tuple(goals))
-    families = tuple(families_of(narrowed, sets, goals, states))
+    narrowed = replace(widest.space, parameters=tuple(goals))
+    families = tuple(families_of(narrowed, sets, goals, widest.states, widest.truncation))
     found = find_cheapest(families, goals, costs, probability, _SHOWN, on_campaign=steps.finish_one)
     if found.campaigns:
         plans = _plans_of(found.campaigns, goals, costs, steps)
@@ -504,25 +507,23 @@ def _search_reachable(
     others = {name: goal for name, goal in goals.items() if name not in near_misses}
     if not others:
         return _Searched(near_misses=near_misses)
-    searched = _search_reachable(space, sets, others, states, costs, probability, steps)
+    searched = _search_reachable(widest, sets, others, costs, probability, steps)
     return searched._replace(near_misses={**near_misses, **searched.near_misses})
 
 
 def _reachable(
-    space: Space,
-    sets: Sequence[tuple[CertificateOffer, ...]],
-    goals: Mapping[str, Goal],
-    states: States,
+    widest: CampaignFamily, sets: Sequence[tuple[CertificateOffer, ...]]
 ) -> dict[str, Goal]:
     """Return the goals that are reached after very many circles, with some set of certificates.
 
-    ``sets`` are the sets of certificates that could be bought, and ``states`` are possible states
-    of the machine, over which the logarithms of the uncertainties are averaged. ``space`` holds the
-    circles to choose from. The result is a dict; its keys are the names of the goals' parameters.
+    ``widest`` is the family of campaigns with all clockings and radii, and ``sets`` are the sets of
+    certificates that could be bought. The result is a dict; its keys are the names of the goals'
+    parameters.
     """
+    goals = widest.goals
     reachable: dict[str, Goal] = {}
     for offers in sets:
-        floor = CampaignFamily(space, offers, goals, states).quick.floor()
+        floor = replace(widest, offers=offers).quick.floor()
         for name, distance in zip(goals, floor.tolist(), strict=True):
             if distance <= 0.0:
                 reachable[name] = goals[name]

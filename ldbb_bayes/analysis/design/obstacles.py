@@ -170,7 +170,7 @@ def _floors_with_certificate(
     """
     offer = CertificateOffer(name, 0.0, statements)
     offers = (*family.offers, offer)
-    certified = CampaignFamily(family.space, offers, family.goals, family.states)
+    certified = replace(family, offers=offers)
     return dict(zip(family.goals, certified.quick.floor().tolist(), strict=True))
 
 
@@ -222,7 +222,7 @@ def _largest_remaining_sources(family: CampaignFamily) -> dict[str, _LargestSour
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
     phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, run) ** 2).mean(axis=0))
-    sources = sources_of(bound, _as_if_run_very_often(information_of(bound, phi)))
+    sources = sources_of(bound, _as_if_run_very_often(information_of(bound, phi), run))
     holders = {}
     for name in family.goals:
         largest = sources[name].sources[0]
@@ -230,16 +230,17 @@ def _largest_remaining_sources(family: CampaignFamily) -> dict[str, _LargestSour
     return holders
 
 
-def _as_if_run_very_often(information: Information) -> Information:
-    """Return the linear model of the readings as if each circle were run very many times.
+def _as_if_run_very_often(information: Information, run: int) -> Information:
+    """Return the linear model of the readings as if each planned circle were run very many times.
 
     The random errors that differ from circle to circle then average out; effects that are the same
-    in all circles remain.
+    in all circles remain. The first ``run`` circles have already been run, and are not repeated.
     """
     # ``information.noise`` holds a dictionary for each test: the covariances of the test's noise.
     # If several tests have the same noise, their entries are one and the same dictionary. In the
     # result, too, their entries are one and the same dictionary.
     averaged: dict[int, dict[str, Array]] = {}
-    for noises in information.noise:
+    for noises in information.noise[run:]:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}
-    return replace(information, noise=tuple(averaged[id(item)] for item in information.noise))
+    planned = tuple(averaged[id(noises)] for noises in information.noise[run:])
+    return replace(information, noise=(*information.noise[:run], *planned))
