@@ -43,7 +43,7 @@ def aims_passages(step: NextCircle) -> list[Passage]:
     if step.goals:
         passages += [_goals_table(step), *wording.next_circle_goals(step)]
     if step.tolerances:
-        passages.append(_tolerances_table(step))
+        passages += [_tolerances_table(step), *wording.next_circle_tolerances(step)]
     return [*passages, *wording.next_circle_model(step)]
 
 

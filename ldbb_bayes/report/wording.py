@@ -1344,6 +1344,16 @@ def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
     return _goal_notes(step.goals, shares, units, {}, measured=True)
 
 
+def next_circle_tolerances(step: NextCircle) -> tuple[str, ...]:
+    """Return a tuple with a sentence on the model with which tolerances are decided.
+
+    The tuple is empty if there are no tolerances, or if compliance is constant in the model.
+    """
+    if not step.tolerances or step.model is None:
+        return ()
+    return _sentences("next_circle_tolerances")
+
+
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:
     """Return a tuple with a sentence on the choice between constant and linear compliance.
 

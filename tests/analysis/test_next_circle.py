@@ -146,10 +146,24 @@ def test_the_log_bayes_factor_is_that_of_compare(recovered: Campaign, step: Next
 
 
 @pytest.mark.slow
-def test_a_decision_on_a_tolerance_is_that_of_a_fit(recovered: Campaign) -> None:
+def test_a_decision_on_a_tolerance_is_that_of_the_sheets(recovered: Campaign) -> None:
+    """It is made from the average over constant and linear compliance, not from linear alone."""
+    tolerances = {"C_XXX": "61.5 nm/N", "stiffness_X": "17 N/µm"}
+    states = next_circle(MODEL, recovered, tolerances=tolerances).tolerances
+    models = {"constant": MODEL.with_degree(0), "linear": MODEL}
+    averaged = lb.assess_conformity(lb.average(models, recovered, seed=3), tolerances)
+    linear = lb.assess_conformity(lb.sample(MODEL, recovered, seed=3), tolerances)
+    for name, state in states.items():
+        assert state.now.probability == pytest.approx(averaged[name].probability, abs=0.02)
+    assert states["C_XXX"].now.probability < linear["C_XXX"].probability - 0.03
+
+
+@pytest.mark.slow
+def test_a_decision_with_constant_compliance_is_that_of_a_fit(recovered: Campaign) -> None:
     tolerances = {"stiffness_X": "17 N/µm"}
-    state = next_circle(MODEL, recovered, tolerances=tolerances).tolerances["stiffness_X"]
-    posterior = lb.sample(MODEL, recovered, sampler="independent", seed=1)
+    constant = MODEL.with_degree(0)
+    state = next_circle(constant, recovered, tolerances=tolerances).tolerances["stiffness_X"]
+    posterior = lb.sample(constant, recovered, sampler="independent", seed=1)
     decision = lb.assess_conformity(posterior, tolerances)["stiffness_X"]
     assert state.now.probability == pytest.approx(decision.probability, abs=0.01)
 

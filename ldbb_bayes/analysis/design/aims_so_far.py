@@ -307,7 +307,7 @@ def tolerance_states(
         values = draws[name]
         # The quantity that has the tolerance may have been computed for only some of the posterior
         # draws. Use the same draws of the parameters.
-        scaled_parameters = (parameters - known.mean) / known.bound.scale
+        scaled_parameters = (parameters - parameters.mean(axis=0)) / known.bound.scale
         same_draws = scaled_parameters[evenly_spaced(len(scaled_parameters), len(values))]
         weights = np.linalg.lstsq(same_draws, values - values.mean())[0]
         limits = [limit for limit in now.limits if np.isfinite(limit)]

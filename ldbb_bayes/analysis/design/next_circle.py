@@ -24,6 +24,7 @@ import pandas as pd
 from pydantic import Field
 from scipy.special import expit
 
+from ldbb_bayes.analysis.averaging import average
 from ldbb_bayes.analysis.design.aims import Aim, SlopesAim, total_distance
 from ldbb_bayes.analysis.design.aims_so_far import (
     GoalSoFar,
@@ -265,7 +266,9 @@ def next_circle(
     of_goals = goal_states(read_goals, known, circles.before, confidence)
     if of_goals:
         of_goals = _with_other_uncertainties(of_goals, sds_of_fit(model, campaign, nodes))
-    of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
+    of_tolerances = _states_of_tolerances(
+        tolerances, space, known, evidences, circles.before, confidence
+    )
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
     aims = _aims_of(of_goals, of_tolerances, odds if model_is_aim else None)
@@ -328,20 +331,29 @@ def _states_of_tolerances(
     tolerances: Mapping[str, str | Tolerance],
     space: Space,
     known: Known,
+    evidences: Evidences,
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
     """Return, for each tolerance, the present decision and the uncertainty needed to decide.
 
-    The decision is whether a quantity conforms with its tolerance. The result is a dict; its keys
-    are the names of the quantities with tolerances. ``space`` holds the model and the campaign, and
-    ``known`` is the posterior given the circles run so far. ``before`` are the covariances of the
-    parameters before the next circle. ``confidence`` is the minimum probability at which a decision
-    is made. If there are no tolerances, no posterior draws are made, because they take time.
+    The decision is whether a quantity conforms with its tolerance. It is made from the average over
+    constant and linear compliance, as on the sheets of a report. If compliance is constant in the
+    model, there is nothing to average. The result is a dict; its keys are the names of the
+    quantities with tolerances. ``space`` holds the model and the campaign, ``evidences`` computes
+    evidences of the campaign, and ``known`` is the posterior given the circles run so far.
+    ``before`` are the covariances of the parameters before the next circle. ``confidence`` is the
+    minimum probability at which a decision is made. If there are no tolerances, no posterior draws
+    are made, because they take time.
     """
     if not tolerances:
         return {}
-    posterior = sample(space.model, space.pilot, sampler="independent", seed=space.seed)
+    model = space.model
+    if model.degree == 0:
+        posterior = sample(model, space.pilot, sampler="independent", seed=space.seed)
+    else:
+        models = {"constant": model.with_degree(0), "linear": model}
+        posterior = average(models, space.pilot, evidences=evidences, seed=space.seed)
     return tolerance_states(posterior, tolerances, known, before, confidence)
 
 
