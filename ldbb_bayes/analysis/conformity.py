@@ -11,7 +11,7 @@ from it.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -55,6 +55,8 @@ __all__ = [
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
+# Number of batches of posterior draws from which the numerical error of a probability is computed.
+_BATCHES = 20
 # Smallest standard deviation by which values are divided. A smaller posterior standard deviation is
 # replaced by this number, to avoid a division by zero.
 _LEAST_SD = 1e-300
@@ -106,6 +108,9 @@ class Conformity(Result):
     confidence: float
     #: decision on conformity of the quantity with its tolerance, by the rules of ISO 14253-1
     decision: Decision
+    #: numerical standard error of the probability of conformance, which is a share of posterior
+    #: draws; zero if the probability is computed from a normal distribution
+    probability_error: float = 0.0
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -320,7 +325,20 @@ def _decide_by_draws(
     below = _tail_probability(draws < low, (low - mean) / max(sd, _LEAST_SD))
     above = _tail_probability(draws > high, (mean - high) / max(sd, _LEAST_SD))
     probability = min(max(1.0 - below - above, 0.0), 1.0)
-    return _decide(unit, mean, sd, tolerance, probability, confidence, stated.force_N)
+    decision = _decide(unit, mean, sd, tolerance, probability, confidence, stated.force_N)
+    return replace(decision, probability_error=_error_of_share((draws >= low) & (draws <= high)))
+
+
+def _error_of_share(is_inside: Array) -> float:
+    """Return the standard error of a share of posterior draws, from the means of 20 batches.
+
+    ``is_inside``, shape (draws,), is true for the draws that count. Draws that stand side by side
+    may be correlated, because emcee makes each from the one before. Each batch therefore consists
+    of draws that stand side by side.
+    """
+    batches = np.array_split(is_inside, _BATCHES)
+    shares = np.array([batch.mean() for batch in batches])
+    return float(shares.std(ddof=1) / np.sqrt(_BATCHES))
 
 
 def _tail_probability(outside: Array, score: float) -> float:

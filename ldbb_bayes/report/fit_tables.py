@@ -58,6 +58,9 @@ __all__ = [
 # large for a circle that does not agree with the others. The table of a fit's parameters shows λ
 # only if its posterior median is at least this value.
 _ODD_CIRCLE = 2.5
+# A decision on conformity is close if the probability is less than this number of its numerical
+# standard errors away from the probability at which the decision changes.
+_CLOSE_DECISION = 2.0
 # A report on a fit leaves out the remarks on the campaign that have one of these kinds, because
 # other sentences of the report state the same facts.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
@@ -248,7 +251,8 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
 def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     """Return a table of decisions on conformity, one row for each quantity with a tolerance.
 
-    The columns include the tolerance, the probability of conformity and the guard band.
+    The columns include the tolerance, the probability of conformity and the guard band. The
+    numerical error of the probability is stated if the decision depends on it.
 
     Parameters
     ----------
@@ -267,7 +271,7 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
             (
                 display_name(name),
                 wording.limit_words(decision["lower"], decision["upper"], factor),
-                wording.probability_words(decision["probability"]),
+                _probability_of_conformance(decision),
                 round_uncertainty(decision["guard_band"] * factor)[0],
                 label,
                 decision["decision"],
@@ -279,6 +283,22 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     for force in sorted(forces_N):
         caption += f", at {force:g} N"
     return Table.of(caption, heads, rows, text=("unit", "decision"))
+
+
+def _probability_of_conformance(decision: Mapping[str, Any]) -> str:
+    """Return the probability of conformance, such as "0.948 ± 0.006" if the decision is close.
+
+    A decision is close if other posterior draws might well lead to another one.
+    """
+    probability = wording.probability_words(decision["probability"])
+    error = decision.get("probability_error", 0.0)
+    nearest = min(
+        abs(decision["probability"] - decision["confidence"]),
+        abs(1.0 - decision["probability"] - decision["confidence"]),
+    )
+    if nearest >= _CLOSE_DECISION * error:
+        return probability
+    return f"{probability} ± {error:.1g}"
 
 
 def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:

@@ -27,6 +27,8 @@ from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, curves_of, fit_of
+from ldbb_bayes.report.fit_tables import conformity_table
+from ldbb_bayes.results import lines_of
 
 CAMPAIGN = simulated(plan((36,) * 4), seed=1)
 MODEL = lb.HybridModel.default(1)
@@ -104,6 +106,31 @@ def test_a_side_with_few_draws_has_at_most_the_share_of_ten() -> None:
         "mm", _StatedDraws(draws, None), lb.analysis.Tolerance(upper=limit), 0.95
     )
     assert 1.0 - conformity.probability == pytest.approx(10 / 2000, abs=1e-12)
+
+
+def test_the_error_of_a_probability_is_that_of_independent_draws(
+    rng: np.random.Generator,
+) -> None:
+    """√(p(1 − p)/n), on average over many sets of draws; larger if draws are correlated."""
+    tolerance = lb.analysis.Tolerance(upper=1.2)
+    p = stats.norm.cdf(1.2)
+    errors = {1: [], 8: []}
+    for copies, listed in errors.items():
+        for _ in range(200):
+            draws = np.repeat(rng.standard_normal(4000 // copies), copies)
+            decision = _decide_by_draws("mm", _StatedDraws(draws, None), tolerance, 0.95)
+            listed.append(decision.probability_error)
+    expected = np.sqrt(p * (1.0 - p) / 4000)
+    assert np.mean(errors[1]) == pytest.approx(expected, rel=0.05)
+    assert np.mean(errors[8]) == pytest.approx(expected * np.sqrt(8.0), rel=0.05)
+
+
+def test_a_close_decision_states_the_error_of_its_probability() -> None:
+    record = {"unit": "mm/N", "force_N": 389.0, "lower": None, "upper": 6e-5, "guard_band": 4e-6}
+    record |= {"confidence": 0.95, "decision": "not decided", "probability_error": 0.006}
+    for probability, shown in ((0.948, "0.948 ± 0.006"), (0.92, "0.920"), (0.055, "0.055 ± 0.006")):
+        table = conformity_table({"C_XXX": record | {"probability": probability}})
+        assert shown in [cell.strip() for cell in lines_of([table]).split("  ")]
 
 
 def test_decisions_by_the_guard_band() -> None:
