@@ -29,6 +29,9 @@ _SLOPES = "slopes"
 # The readings support slopes (changes of compliance with force) if the log Bayes factor of the
 # model with slopes over the model without slopes is above this number [nat].
 _ASKING = 1.0
+# Posterior probability from which on an alternative explanation counts as supported by the
+# readings. Before the readings it is 0.5.
+_SUPPORTED = 0.75
 # A model hardly counts in an average if its log evidence is below that of another model by at least
 # this number [nat].
 _NEGLIGIBLE = 10.0
@@ -77,11 +80,15 @@ class Explanations:
         if two conditions are met: in a comparison without alternative explanations, the readings
         support slopes; on average over all combinations of alternative explanations, they do not.
         The result names the alternative explanations in the most probable combination without
-        slopes.
+        slopes. Those that are hardly more probable than before the readings are left out, unless
+        this is so for all of them.
         """
-        if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
-            return next(model.by for model in self.models if _SLOPES not in model.by)
-        return ()
+        if not self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
+            return ()
+        combination = next(model.by for model in self.models if _SLOPES not in model.by)
+        probability = self.inclusion_probability
+        supported = tuple(name for name in combination if probability[name] >= _SUPPORTED)
+        return supported or combination
 
 
 def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:

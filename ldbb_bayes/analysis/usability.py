@@ -42,6 +42,7 @@ class ReasonKind(StrEnum):
     ROUGH_EVIDENCE = "rough-evidence"
     NOT_DETERMINED = "not-determined"
     PRIOR_SENSITIVE = "prior-sensitive"
+    ZERO = "zero"
     HYPER = "hyper"
     FORCES = "forces"
     OPEN_SIGN = "open-sign"
@@ -179,6 +180,8 @@ def _reservations(
     the parameters on the certificate.
     """
     reasons = []
+    if _has_concern(fit, ConcernKind.ZERO):
+        reasons.append(Reason(ReasonKind.ZERO))
     undetermined = []
     hardly_determined = undetermined_parameters(verdicts)
     for name, entry in verdicts.items():

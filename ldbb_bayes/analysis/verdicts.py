@@ -315,6 +315,9 @@ class Identifiability(Result):
     #: account for the condition that no compliance is negative. The keys are names of parameters.
     #: Empty if compliance is not linear in the model, or if priors are flat.
     averaged_sd: dict[str, float] = field(default_factory=dict)
+    #: whether the hyper-parameters of a plan are those that the readings of its pilot leave likely;
+    #: false for a plan without a measured pilot, and for a campaign with readings
+    scales_from_pilot: bool = False
 
 
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
@@ -512,7 +515,13 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         hyper_um=bound.hyper_prior.named(phi),
         measured=not campaign.is_plan,
         averaged_sd=averaged_sd,
+        scales_from_pilot=_has_measured_pilot(campaign),
     )
+
+
+def _has_measured_pilot(campaign: Campaign) -> bool:
+    """Return whether a campaign is a plan that was designed from a campaign with readings."""
+    return campaign.is_plan and campaign.pilot is not None and not campaign.pilot.is_plan
 
 
 def _with_averaged_certificates(

@@ -25,10 +25,17 @@ from ldbb_bayes.inference.checks import (
     effects_of_failures,
     failing_checks,
 )
-from ldbb_bayes.inference.coefficients import ModelDraws, mean_shared_coefficients, pool_draws
+from ldbb_bayes.inference.coefficients import (
+    ModelDraws,
+    mean_shared_coefficients,
+    pool_draws,
+    shared_terms,
+)
 from ldbb_bayes.inference.diagnostics import power_sensitivity
 from ldbb_bayes.inference.residuals import FitQuality, quality_of
+from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.results import Array, Finite, Result
 from ldbb_bayes.units import ranked
 
@@ -72,6 +79,11 @@ _LARGEST_PRIOR_DISTANCE = 3.0
 # the compliance lies with the probability ``_PROBABILITY_OF_UPPER``.
 _EXPANSION = 2.0
 _PROBABILITY_OF_UPPER = 0.95
+# Largest number of posterior draws from which a constant in all readings is estimated.
+_ZERO_DRAWS = 1000
+# The readings tell nothing of the bar's length if they reduce its prior variance by less than this
+# share. No constant is then estimated from them.
+_SMALLEST_KNOWN_SHARE = 1e-6
 # The distance between the prior mean and the posterior mean of a parameter is divided by the
 # standard deviation that this distance has if the prior is right. To avoid a division by zero, the
 # variance of the distance is taken to be at least this fraction of the prior variance.
@@ -98,6 +110,7 @@ class ConcernKind(StrEnum):
     HYPER = "hyper"
     CENTRE = "centre"
     PRIOR = "prior"
+    ZERO = "zero"
     NEAR_ZERO = "near-zero"
 
 
@@ -122,6 +135,10 @@ class Concern(Result):
     - PRIOR: ``value`` is the distance of the posterior mean of the parameter ``name`` from the
       prior mean that the user stated, ``limit`` the largest distance expected. Both are in units of
       the standard deviation that this distance has if the prior is right.
+    - ZERO: ``value`` is a constant that the readings of all circles of one radius seem to have in
+      common [mm]: the error of the bar's length if nothing were known of it beforehand. ``limit``
+      is the largest size of this constant to be expected of the bar and of the machine [mm], and
+      ``name`` the coefficient of the bar's length.
     - NEAR_ZERO: ``value`` is the posterior mean of the compliance ``name``, which cannot be
       negative and is not larger than two standard deviations. ``limit`` is the value below which it
       lies with a probability of 95 %. Both are in the internal unit ``unit``, such as mm/N.
@@ -412,7 +429,7 @@ def _check_posterior(
 
     There is a warning for each assumption that the posterior contradicts, and a warning if there
     are too few different forces to check an assumption. `Concern` describes the kinds of warnings:
-    TRUNCATION, FORCES, HYPER, PRIOR, CENTRE and NEAR_ZERO.
+    TRUNCATION, FORCES, HYPER, PRIOR, ZERO, CENTRE and NEAR_ZERO.
 
     Parameters
     ----------
@@ -434,6 +451,7 @@ def _check_posterior(
         yield Concern(ConcernKind.FORCES, levels, needed)
     yield from _large_hyper_parameters(bound, phi)
     yield from _distant_means(bound, beta)
+    yield from _distant_zeros(bound, phi, beta)
     for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
         yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
     yield from _compliances_near_zero(bound, beta)
@@ -475,6 +493,43 @@ def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     for name, z in zip(bound.names, distance, strict=True):
         if z > _LARGEST_PRIOR_DISTANCE and name in stated:
             yield Concern(ConcernKind.PRIOR, float(z), _LARGEST_PRIOR_DISTANCE, name)
+
+
+def _distant_zeros(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Concern]:
+    """Yield a warning for each radius whose readings have too large a constant in common.
+
+    An error of the bar's length adds a constant to all readings, and so does a zero that was not
+    set. Scale errors of the axes have a constant part, and would take up most of a wrong zero. Let
+    m₀ and σ be the prior mean and standard deviation of the bar's length error, m its posterior
+    mean and v its posterior variance. Without this prior, the readings would give the error
+    m₀ + (m − m₀) / (1 − v/σ²). If the model is right, this estimate is normally distributed about
+    m₀ with the standard deviation σ / √(1 − v/σ²).
+
+    ``phi``, shape (n, h), and ``beta``, shape (n, p), are posterior draws of the hyper-parameters
+    and of the parameters, in mm, N and rad. ``bound`` is the model of the campaign.
+    """
+    information = information_of(bound, phi.mean(axis=0))
+    if information.flat or BarLength not in bound.columns_of:
+        return
+    shared_names: list[str] = []
+    for term in shared_terms(bound.nuisance_columns):
+        shared_names += term.names
+    (columns,) = bound.columns_of[BarLength]
+    draws = ModelDraws(bound, phi, beta).thinned(_ZERO_DRAWS)
+    _, conditional = bound.given_interest.conditional(draws.phi, draws.beta - bound.centre)
+    posterior_mean = conditional.mean.mean(axis=0)
+    remaining_share = np.diag(information.covariance())
+    prior_mean = np.zeros(len(columns.names)) if columns.mean is None else columns.mean
+    for k, name in enumerate(columns.names):
+        if name not in shared_names:
+            continue
+        j = information.names.index(name)
+        known_share = max(1.0 - float(remaining_share[j]), _SMALLEST_KNOWN_SHARE)
+        shift = float(posterior_mean[shared_names.index(name)] - prior_mean[k])
+        zero = float(prior_mean[k]) + shift / known_share
+        expected = _LARGEST_PRIOR_DISTANCE * float(information.scale[j]) / np.sqrt(known_share)
+        if abs(shift) / known_share > expected:
+            yield Concern(ConcernKind.ZERO, zero, float(expected), name)
 
 
 def _compliances_near_zero(bound: BoundModel, beta: Array) -> Iterator[Concern]:

@@ -11,6 +11,8 @@ from scipy.special import ndtri
 import ldbb_bayes as lb
 from ldbb_bayes.inference.checks import TestChecks
 from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State, _compliances_near_zero
+from ldbb_bayes.inference.posterior import draws_of, fit_of
+from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.report.wording import check_notes, concern_sentences, fit_verdict
 
 CHECKS = TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)
@@ -106,3 +108,39 @@ def test_a_compliance_that_may_be_zero_has_an_upper_limit(recovered: lb.Campaign
     assert "read it as 0 to 0.59 µrad/(N m) (95 %)" in sentence
     untruncated = lb.HybridModel.default(0).without("truncation")
     assert not list(_compliances_near_zero(untruncated.bind(recovered), beta))
+
+
+def zero_concerns(campaign: lb.Campaign, constant_um: float) -> list[Concern]:
+    """Return the warnings of a common constant, after one was added to all readings."""
+    tests = []
+    for test in campaign.tests:
+        reading_um = np.asarray(test.reading_um) + constant_um
+        tests.append(replace(test, reading_um=reading_um))
+    shifted = replace(campaign, tests=tuple(tests))
+    model = lb.HybridModel.default(1)
+    fit = fit_of(lb.sample(model, shifted, sampler="independent", seed=1))
+    return [concern for concern in fit.concerns if concern.kind == "zero"]
+
+
+def test_a_zero_that_was_not_set_is_told(recovered: lb.Campaign) -> None:
+    """The limit is three times the sd of the constant by generalised least squares (dense)."""
+    assert zero_concerns(recovered, 0.0) == []
+    (first,) = zero_concerns(recovered, 150.0)
+    (second,) = zero_concerns(recovered, 250.0)
+    assert second.value - first.value == pytest.approx(0.1, rel=0.05)
+    bound = lb.HybridModel.default(1).bind(recovered)
+    posterior = lb.sample(bound.model, recovered, sampler="independent", seed=1)
+    information = information_of(bound, draws_of(posterior, bound)[1].mean(axis=0))
+    design = np.concatenate(information.design) * information.scale
+    covariance = design @ design.T
+    start = 0
+    for sources in information.noise:
+        noise = np.sum(list(sources.values()), axis=0)
+        end = start + len(noise)
+        covariance[start:end, start:end] += noise
+        start = end
+    constant = np.concatenate(information.design)[:, information.names.index("bar_length")]
+    sd = 1.0 / np.sqrt(constant @ np.linalg.solve(covariance, constant))
+    assert first.limit == pytest.approx(3.0 * sd, rel=0.1)
+    (sentence,) = concern_sentences((first,), {})
+    assert sentence.startswith("All circles have a constant of 13")

@@ -203,8 +203,11 @@ def test_sheet_2_states_the_change_over_the_tested_forces(
 @pytest.mark.parametrize(
     ("language", "sentence"),
     [
-        ("en", "Whether compliance changes with force: probability that it does 60 %"),
-        ("de", "Ob sich die Nachgiebigkeit mit der Kraft ändert: Wahrscheinlichkeit dafür 60 %"),
+        ("en", "Whether compliance changes linearly with force: probability that it does 60 %"),
+        (
+            "de",
+            "Ob sich die Nachgiebigkeit linear mit der Kraft ändert: Wahrscheinlichkeit dafür 60 %",
+        ),
     ],
 )
 def test_an_uncertain_change_with_force_is_stated_with_its_probability(

@@ -677,12 +677,20 @@ def test_at_what_an_identifiability_holds() -> None:
     identifiability = SimpleNamespace(
         hyper_um={"sigma": 0.3},
         measured=False,
+        scales_from_pilot=False,
         effective_parameters=1.5,
         parameters=("a", "b"),
         changes={"a": SimpleNamespace(smallest_force_N=36.0, largest_force_N=742.0)},
     )
     sentences = wording.identifiability_sentences(identifiability)
     assert "at sigma = 0.3 µm (prior median; no readings)." in sentences[0]
+    assert "no compliance being negative" in sentences[0]
+    identifiability.scales_from_pilot = True
+    from_pilot = wording.identifiability_sentences(identifiability)
+    assert "at sigma = 0.3 µm (mean of what the pilot leaves likely)." in from_pilot[0]
+    identifiability.measured = True
+    measured = wording.identifiability_sentences(identifiability)
+    assert measured[0].startswith("Sign free: u without the condition")
     assert sentences[1].startswith("Effective number of parameters 1.5 of 2 (")
 
 
