@@ -398,9 +398,14 @@ class Comparison(Result):
 
         The assumptions are about the random differences between circles. The assumption with the
         largest log evidence is returned if its log evidence exceeds that of the models' own
-        assumption by more than 5 nat. Otherwise, None is returned.
+        assumption by more than 5 nat. Otherwise, None is returned. White noise alone is left out:
+        it also drops all effects of the instrument, which act whether the readings show them or
+        not.
         """
-        best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
+        candidates = [
+            assumed for assumed in self.discrepancy_sensitivity if assumed.assumption != WHITE_NOISE
+        ]
+        best = ranked(candidates, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
 
 

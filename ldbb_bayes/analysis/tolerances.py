@@ -255,6 +255,10 @@ def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
         number = text[sign.end() :]
     value = to_inside(number, quantity.unit, subject)
     if sides == _BOTH:
+        require(
+            value != 0.0,
+            f"{subject} must leave room about 0, got {text!r}. Write for example ± 20 µrad.",
+        )
         return Tolerance(-abs(value), abs(value))
     if sides == _LOWER:
         return Tolerance(lower=value)

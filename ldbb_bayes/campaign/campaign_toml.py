@@ -249,9 +249,12 @@ def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> Mo
         " of them.",
     )
     deflection_um_per_bar = file.mount.deflection_um_per_bar
+    key = "deflection_um_per_bar"
     if file.mount.stiffness_N_per_um:
+        key = "stiffness_N_per_um"
         deflection_um_per_bar = file.force_law.slope_N_per_bar / file.mount.stiffness_N_per_um
-    return MountCompensation(deflection_um_per_bar, file.mount.compensated)
+    with placed(f"{path}: {key} of [mount]"):
+        return MountCompensation(deflection_um_per_bar, file.mount.compensated)
 
 
 def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:

@@ -18,6 +18,7 @@ from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.folder import IMPORT_NAME, TRUTH_NAME, files_of, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields, campaign_from
+from ldbb_bayes.cli.fit_results import with_tolerances
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, require
@@ -96,9 +97,10 @@ def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.
 
     The command fits nothing and writes no files.
     """
-    # Raise an error if only some tests of a plane state a direction of travel. A fit raises the
-    # same error.
+    # Raise an error if only some tests of a plane state a direction of travel, or if a tolerance
+    # cannot be used. A fit raises the same errors.
     planes_run_both_ways(campaign)
+    with_tolerances(campaign, lb.HybridModel.default(1), {})
     preview = lb.check_campaign(campaign)
     uncertainties = lb.terms.uncertainties(campaign)
     record = lb.report.with_words(preview) | {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
 from ldbb_bayes.cli.output import write_files
+from ldbb_bayes.errors import placed
 from ldbb_bayes.inference.posterior import record_of
 from ldbb_bayes.units import inside_name
 
@@ -55,11 +56,14 @@ def with_tolerances(
     InputError
         If a limit cannot be read, or the model has no such quantity.
     """
+    if not campaign.tolerances and not tolerances:
+        return campaign
+    known = quantities_of(model.bind(campaign))
+    with placed("campaign.toml, [tolerance]"):
+        tolerances_in(known, campaign.tolerances)
+    tolerances_in(known, tolerances)
     stated = {inside_name(name): limit for name, limit in tolerances.items()}
-    campaign = replace(campaign, tolerances={**campaign.tolerances, **stated})
-    if campaign.tolerances:
-        tolerances_in(quantities_of(model.bind(campaign)), campaign.tolerances)
-    return campaign
+    return replace(campaign, tolerances={**campaign.tolerances, **stated})
 
 
 def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path) -> None:

@@ -155,8 +155,8 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     )
     require(
         any(np.any(test.reading_um) for test in campaign.tests),
-        "readings must not all be zero to give an evidence, got none other. Check the column of"
-        " readings.",
+        "readings must not all be zero to give an evidence, got nothing but zeros. Check the column"
+        " of readings.",
     )
 
 

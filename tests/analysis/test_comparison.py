@@ -340,6 +340,19 @@ def test_an_assumption_that_the_readings_prefer(firm: Comparison) -> None:
     assert f"The readings prefer '{better.assumption}' by 20.0 nats" in text
 
 
+def test_white_noise_alone_is_never_recommended(firm: Comparison) -> None:
+    """It drops bar length, mount and force errors, which a few quiet circles cannot show."""
+    comparison = with_assumption(firm, log_bayes_factor=-2.0, gain=20.0)
+    label = comparison.discrepancy_sensitivity[1].assumption
+    renamed = [
+        replace(assumed, assumption=WHITE_NOISE) if assumed.assumption == label else assumed
+        for assumed in comparison.discrepancy_sensitivity
+    ]
+    noisy = replace(comparison, discrepancy_sensitivity=tuple(renamed))
+    assert comparison.preferred_assumption() is not None
+    assert noisy.preferred_assumption() is None
+
+
 def test_models_that_tie_within_their_errors_are_all_named(compared: Comparison) -> None:
     """Which of them is ahead depends on the tolerance alone."""
     models = (

@@ -37,6 +37,36 @@ def test_a_misspelt_column(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert sorted(tmp_path.rglob("*")) == paths
 
 
+def changed(folder: Path, target: Path, text: str, other: str) -> Path:
+    """Copy a campaign, and replace a text in its campaign.toml."""
+    shutil.copytree(folder, target)
+    toml = target / "campaign.toml"
+    content = toml.read_text(encoding="utf-8")
+    toml.write_text(content.replace(text, other, 1), encoding="utf-8")
+    return target
+
+
+@pytest.mark.parametrize("command", ["check", "fit"])
+def test_a_tolerance_that_cannot_be_used(
+    command: str, folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    stated = '[tolerance]\nC_XXX = "60"\n\n[[test]]'
+    message = refused(invoke, command, changed(folder, tmp_path / "c", "[[test]]", stated))
+    assert (
+        "campaign.toml, [tolerance]: tolerance of C_XXX must be a number with its unit" in message
+    )
+
+
+def test_a_mount_that_yields_too_much_names_the_key_that_was_written(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    campaign = changed(
+        folder, tmp_path / "c", "deflection_um_per_bar = 2.33", "stiffness_N_per_um = 0.05"
+    )
+    message = refused(invoke, "check", campaign)
+    assert "campaign.toml: stiffness_N_per_um of [mount]: " in message
+
+
 def test_a_workbook_is_to_be_imported(tmp_path: Path, invoke: Invoke) -> None:
     book = tmp_path / "mine.xlsx"
     book.write_bytes(b"PK\x03\x04" + bytes(range(256)))
