@@ -108,6 +108,8 @@ class RemarkKind(StrEnum):
     SIGN = "sign"
     ONE_WAY = "one way"
     PLACES = "places of one set-up"
+    ONE_BAR = "one bar certificate"
+    ONE_TRACE = "one trace of a ball"
     MACHINE = "machine"
     FRAMES = "frames"
     SETUPS = "set-ups"
@@ -674,7 +676,25 @@ def _campaign_remarks(campaign: Campaign) -> tuple[Remark, ...]:
     circles_by_setup = Counter(setup or 1 for setup, _, _ in circles)
     for setup, number in sorted(circles_by_setup.items()):
         remarks.add(kinds.PLACES, number > 1, setup=setup)
+    _remark_on_certificates(campaign, remarks)
     return remarks.as_tuple()
+
+
+def _remark_on_certificates(campaign: Campaign, remarks: _Remarks) -> None:
+    """Add remarks on certificates that the model uses beyond what they usually certify.
+
+    The bar has another length at each radius, but the campaign states one certificate. A ball
+    touches along another great circle in each plane, but its harmonics are those of one trace.
+    """
+    instrument = campaign.instrument
+    is_bar_stated = instrument.bar_U_um is not None
+    radii = [f"{radius:g}" for radius in _radii(campaign)]
+    remarks.add(RemarkKind.ONE_BAR, is_bar_stated and len(radii) > 1, radii=" and ".join(radii))
+    planes = list(campaign.machine().planes)
+    balls = {"work ball": instrument.work, "tool ball": instrument.tool}
+    for name, ball in balls.items():
+        is_trace_shared = bool(ball.harmonics_um) and len(planes) > 1
+        remarks.add(RemarkKind.ONE_TRACE, is_trace_shared, ball=name, planes=" and ".join(planes))
 
 
 def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:

@@ -145,6 +145,30 @@ def test_several_readings_at_each_angle_leave_no_gaps(offsets_deg: tuple[float, 
     assert not {RemarkKind.GAP, RemarkKind.ARC} & {r.kind for r in preview.tests[0].remarks}
 
 
+def test_preview_notices_certificates_of_one_radius_or_one_plane() -> None:
+    """The bar has a length at each radius, a ball another great circle in each plane."""
+    angle = np.arange(0.0, 360.0, 4.0)
+    radii = [lb.CircularTest(300.0, angle, radius_mm=radius) for radius in (150.0, 100.0)]
+    planes = [lb.CircularTest(300.0, angle, plane=plane) for plane in ("XY", "YZ")]
+    trace = lb.Ball(harmonics_um=[(2, 2.0, 0.0)], U_um=0.04)
+    one_bar = lb.Campaign(radii, instrument=lb.Instrument(bar_U_um=1.0))
+    frames = {"X": (0.0, 0.0, 0.0), "Y": (0.0, 0.0, 0.0)}
+    of_planes = {"topology": "wXFYZt", "frames_mm": frames}
+    one_trace = lb.Campaign(planes, instrument=lb.Instrument(tool=trace), **of_planes)
+    kinds = (RemarkKind.ONE_BAR, RemarkKind.ONE_TRACE)
+    shown = []
+    for campaign in (one_bar, one_trace):
+        remarks = lb.check_campaign(campaign).remarks
+        shown += [remark_words(remark) for remark in remarks if remark.kind in kinds]
+    assert len(shown) == 2
+    assert shown[0].startswith("The bar's certificate is used at R = 100 and 150 mm")
+    assert shown[1].startswith(
+        "The harmonics stated for the tool ball are used in planes XY and YZ"
+    )
+    plain = lb.Campaign(radii)
+    assert not {remark.kind for remark in lb.check_campaign(plain).remarks} & set(kinds)
+
+
 def test_preview_notices_spikes_copies_and_units() -> None:
     campaign = simulated(plan((720,) * 4))
     reading = campaign.tests[1].reading_um.copy()
