@@ -568,6 +568,12 @@ def expected_uncertainties(
         bound, states, believed * np.outer(scale, scale), truncated=False
     )
     untruncated_sd = np.sqrt(np.median(untruncated, axis=0))
+    # Further tests cannot make a parameter less well known, but the forecast is made from few
+    # machines. It is limited to what is known before the tests.
+    if not bound.model.prior.flat:
+        excess = np.maximum(untruncated_sd / _sd_before(states), 1.0)
+        untruncated_sd = untruncated_sd / excess
+        sd = sd / excess
     sd_error = np.sqrt(variances).std(axis=0) * _ERROR_OF_MEDIAN / np.sqrt(len(states.phi))
     typical_sd = np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
     floor_sd = floor * np.minimum(scale, sd / typical_sd)
@@ -583,6 +589,17 @@ def expected_uncertainties(
             floor_sd=float(floor_sd[k]),
         )
     return expected
+
+
+def _sd_before(states: States) -> Array:
+    """Return the standard deviations of the p parameters before the tests, shape (p,).
+
+    The variance is the mean of the variances given the hyper-parameters, plus the variance of the
+    means. ``states`` are the possible states of the machine. Compliances may be negative. The
+    priors must not be flat.
+    """
+    before = states.before
+    return np.asarray(np.sqrt((before.sd**2).mean(axis=0) + before.mean.var(axis=0)))
 
 
 def stated_variances(
