@@ -157,15 +157,15 @@ def dense_sd(
     return float(np.sqrt(covariance[k, k]) * information.scale[k])
 
 
-def test_planned_circles_never_make_a_parameter_less_well_known(clockwise: lb.Campaign) -> None:
-    """Six more circles of a campaign with a prior-limited parameter: U expected is not above U."""
+def test_planned_circles_never_make_a_parameter_less_well_known(recovered: lb.Campaign) -> None:
+    """By the exact marginals; a forecast of 64 machines alone is up to 8 % above them."""
     model = lb.HybridModel.default(1)
-    known = lb.inference.marginalize(model.without("truncation"), clockwise)["sd"]
-    planned = replace(clockwise.plan(), pilot=clockwise, adds_to_pilot=True)
-    expected = lb.analysis.forecast_plan(model, planned, machines=16).expected
+    known = lb.inference.marginalize(model.without("truncation"), recovered)["sd"]
+    found = lb.design(model, recovered, tests=6, forces_N=(36.0, 742.0), augment=True)
+    expected = lb.analysis.forecast_plan(model, found.plan(), machines=64).expected
     for name, entry in expected.items():
-        assert entry.untruncated_sd <= 1.05 * known[name], name
-        assert entry.sd <= 1.05 * known[name], name
+        assert entry.untruncated_sd <= 1.01 * known[name], name
+        assert entry.sd <= 1.01 * known[name], name
 
 
 def test_very_many_planned_circles_do_not_repeat_those_already_run(clockwise: lb.Campaign) -> None:
