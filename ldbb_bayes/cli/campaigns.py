@@ -18,7 +18,6 @@ from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.folder import IMPORT_NAME, TRUTH_NAME, files_of, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields, campaign_from
-from ldbb_bayes.cli.fit_results import with_tolerances
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, require
@@ -100,7 +99,8 @@ def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.
     # Raise an error if only some tests of a plane state a direction of travel, or if a tolerance
     # cannot be used. A fit raises the same errors.
     planes_run_both_ways(campaign)
-    with_tolerances(campaign, lb.HybridModel.default(1), {})
+    if campaign.tolerances:
+        _check_tolerances(campaign)
     preview = lb.check_campaign(campaign)
     uncertainties = lb.terms.uncertainties(campaign)
     record = lb.report.with_words(preview) | {
@@ -108,6 +108,15 @@ def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.
         "certificates": dict(uncertainties.certificates),
     }
     Output(as_json=as_json).deliver(record, (*parts_of(preview), *parts_of(uncertainties)))
+
+
+def _check_tolerances(campaign: lb.Campaign) -> None:
+    """Raise an `InputError` if a tolerance of a campaign cannot be used."""
+    # The module for the results of fits is imported here, and not at the top of the file, because
+    # it takes a long time to load.
+    from ldbb_bayes.cli.fit_results import with_tolerances
+
+    with_tolerances(campaign, lb.HybridModel.default(1), {})
 
 
 @command
