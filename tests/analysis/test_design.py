@@ -157,6 +157,7 @@ def dense_sd(
     return float(np.sqrt(covariance[k, k]) * information.scale[k])
 
 
+@pytest.mark.slow
 def test_planned_circles_never_make_a_parameter_less_well_known(recovered: lb.Campaign) -> None:
     """By the exact marginals; a forecast of 64 machines alone is up to 8 % above them."""
     model = lb.HybridModel.default(1)

@@ -273,6 +273,7 @@ def test_next_and_design_state_one_floor():
     assert step.goals["C_XXX"].U_floor == pytest.approx(floor, rel=0.05)
 
 
+@pytest.mark.slow
 def test_forty_circles_do_not_beat_what_no_number_of_circles_is_said_to_beat():
     """That C_CCY is not negative narrows it, which the quick forecast leaves out."""
     options = {"forces_N": FORCES, "directions": ("CW",), "augment": True}
