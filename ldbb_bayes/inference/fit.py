@@ -509,27 +509,28 @@ def _distant_zeros(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Conce
     and of the parameters, in mm, N and rad. ``bound`` is the model of the campaign.
     """
     information = information_of(bound, phi.mean(axis=0))
-    if information.flat or BarLength not in bound.columns_of:
+    bar_lengths = shared_terms(bound.columns_of.get(BarLength, ()))
+    if information.flat or not bar_lengths:
         return
+    (bar_length,) = bar_lengths
+    prior_means = bar_length.mean
+    if prior_means is None:
+        prior_means = np.zeros(len(bar_length.names))
     shared_names: list[str] = []
     for term in shared_terms(bound.nuisance_columns):
         shared_names += term.names
-    (columns,) = bound.columns_of[BarLength]
     draws = ModelDraws(bound, phi, beta).thinned(_ZERO_DRAWS)
     _, conditional = bound.given_interest.conditional(draws.phi, draws.beta - bound.centre)
-    posterior_mean = conditional.mean.mean(axis=0)
-    remaining_share = np.diag(information.covariance())
-    prior_mean = np.zeros(len(columns.names)) if columns.mean is None else columns.mean
-    for k, name in enumerate(columns.names):
-        if name not in shared_names:
-            continue
-        j = information.names.index(name)
-        known_share = max(1.0 - float(remaining_share[j]), _SMALLEST_KNOWN_SHARE)
-        shift = float(posterior_mean[shared_names.index(name)] - prior_mean[k])
-        zero = float(prior_mean[k]) + shift / known_share
-        expected = _LARGEST_PRIOR_DISTANCE * float(information.scale[j]) / np.sqrt(known_share)
-        if abs(shift) / known_share > expected:
-            yield Concern(ConcernKind.ZERO, zero, float(expected), name)
+    posterior_means = conditional.mean.mean(axis=0)
+    remaining_shares = np.diag(information.covariance())
+    for name, prior_mean in zip(bar_length.names, prior_means.tolist(), strict=True):
+        k = information.names.index(name)
+        known_share = max(1.0 - float(remaining_shares[k]), _SMALLEST_KNOWN_SHARE)
+        posterior_mean = float(posterior_means[shared_names.index(name)])
+        distance = (posterior_mean - prior_mean) / known_share
+        expected = _LARGEST_PRIOR_DISTANCE * float(information.scale[k]) / np.sqrt(known_share)
+        if abs(distance) > expected:
+            yield Concern(ConcernKind.ZERO, prior_mean + distance, float(expected), name)
 
 
 def _compliances_near_zero(bound: BoundModel, beta: Array) -> Iterator[Concern]:

@@ -782,4 +782,4 @@ def _compressed_rows(blocks: Sequence[Array], size: int) -> Array:
     ``size`` coefficients of the model. The QR factorisation of all of them has at most ``size``
     rows, and loses no information.
     """
-    return np.linalg.qr(np.concatenate([np.zeros((0, size)), *blocks]), mode="r")
+    return np.asarray(np.linalg.qr(np.concatenate([np.zeros((0, size)), *blocks]), mode="r"))
