@@ -135,10 +135,11 @@ class Concern(Result):
     - PRIOR: ``value`` is the distance of the posterior mean of the parameter ``name`` from the
       prior mean that the user stated, ``limit`` the largest distance expected. Both are in units of
       the standard deviation that this distance has if the prior is right.
-    - ZERO: ``value`` is a constant that the readings of all circles of one radius seem to have in
-      common [mm]: the error of the bar's length if nothing were known of it beforehand. ``limit``
-      is the largest size of this constant to be expected of the bar and of the machine [mm], and
-      ``name`` the coefficient of the bar's length.
+    - ZERO: ``value`` is the constant by which the readings of all circles of one radius lie away
+      from what is expected [mm]: the error of the bar's length if nothing were known of it
+      beforehand, minus the error that is stated. ``limit`` is the largest size of this constant to
+      be expected of the bar and of the machine [mm], and ``name`` the coefficient of the bar's
+      length.
     - NEAR_ZERO: ``value`` is the posterior mean of the compliance ``name``, which cannot be
       negative and is not larger than two standard deviations. ``limit`` is the value below which it
       lies with a probability of 95 %. Both are in the internal unit ``unit``, such as mm/N.
@@ -530,7 +531,7 @@ def _distant_zeros(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Conce
         distance = (posterior_mean - prior_mean) / known_share
         expected = _LARGEST_PRIOR_DISTANCE * float(information.scale[k]) / np.sqrt(known_share)
         if abs(distance) > expected:
-            yield Concern(ConcernKind.ZERO, prior_mean + distance, float(expected), name)
+            yield Concern(ConcernKind.ZERO, distance, float(expected), name)
 
 
 def _compliances_near_zero(bound: BoundModel, beta: Array) -> Iterator[Concern]:

@@ -127,6 +127,9 @@ def test_a_zero_that_was_not_set_is_told(recovered: lb.Campaign) -> None:
     assert zero_concerns(recovered, 0.0) == []
     (first,) = zero_concerns(recovered, 150.0)
     (second,) = zero_concerns(recovered, 250.0)
+    stated = lb.Instrument(bar_length_error_um=-100.0, bar_U_um=10.0)
+    (third,) = zero_concerns(replace(recovered, instrument=stated), 150.0)
+    assert third.value - first.value == pytest.approx(0.1, rel=0.05)
     assert second.value - first.value == pytest.approx(0.1, rel=0.05)
     bound = lb.HybridModel.default(1).bind(recovered)
     posterior = lb.sample(bound.model, recovered, sampler="independent", seed=1)
@@ -143,4 +146,4 @@ def test_a_zero_that_was_not_set_is_told(recovered: lb.Campaign) -> None:
     sd = 1.0 / np.sqrt(constant @ np.linalg.solve(covariance, constant))
     assert first.limit == pytest.approx(3.0 * sd, rel=0.1)
     (sentence,) = concern_sentences((first,), {})
-    assert sentence.startswith("All circles have a constant of 13")
+    assert sentence.startswith("All readings lie about +13")
