@@ -330,15 +330,15 @@ def _decide_by_draws(
 
 
 def _error_of_share(is_inside: Array) -> float:
-    """Return the standard error of a share of posterior draws, from the means of 20 batches.
+    """Return the standard error of a share of posterior draws, from the means of batches.
 
     ``is_inside``, shape (draws,), is true for the draws that count. Draws that stand side by side
     may be correlated, because emcee makes each from the one before. Each batch therefore consists
-    of draws that stand side by side.
+    of draws that stand side by side. There are 20 batches, or as many as draws.
     """
-    batches = np.array_split(is_inside, _BATCHES)
-    shares = np.array([batch.mean() for batch in batches])
-    return float(shares.std(ddof=1) / np.sqrt(_BATCHES))
+    number = min(_BATCHES, len(is_inside))
+    shares = np.array([batch.mean() for batch in np.array_split(is_inside, number)])
+    return float(shares.std(ddof=1) / np.sqrt(number))
 
 
 def _tail_probability(outside: Array, score: float) -> float:

@@ -111,12 +111,15 @@ def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.
 
 
 def _check_tolerances(campaign: lb.Campaign) -> None:
-    """Raise an `InputError` if a tolerance of a campaign cannot be used."""
+    """Raise an `InputError` if a tolerance of a campaign cannot be used in any fit.
+
+    The model is that with the most quantities: compliances that are quadratic in force.
+    """
     # The module for the results of fits is imported here, and not at the top of the file, because
     # it takes a long time to load.
     from ldbb_bayes.cli.fit_results import with_tolerances
 
-    with_tolerances(campaign, lb.HybridModel.default(1), {})
+    with_tolerances(campaign, lb.HybridModel.default(2), {})
 
 
 @command

@@ -81,8 +81,8 @@ _EXPANSION = 2.0
 _PROBABILITY_OF_UPPER = 0.95
 # Largest number of posterior draws from which a constant in all readings is estimated.
 _ZERO_DRAWS = 1000
-# The readings tell nothing of the bar's length if they reduce its prior variance by less than this
-# share. No constant is then estimated from them.
+# Smallest share of the prior variance of the bar's length by which the readings reduce it. A
+# smaller share is replaced by this number, to avoid a division by zero.
 _SMALLEST_KNOWN_SHARE = 1e-6
 # The distance between the prior mean and the posterior mean of a parameter is divided by the
 # standard deviation that this distance has if the prior is right. To avoid a division by zero, the

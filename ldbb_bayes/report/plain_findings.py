@@ -98,9 +98,9 @@ def _sentences_under_load(numbers: SheetNumbers) -> Iterator[str]:
             plane=plane,
             force=force,
             least=_with_U(least, words),
-            where=_direction_in_sentence(least, words),
+            where=least.where,
             greatest=_with_U(greatest, words),
-            there=_direction_in_sentence(greatest, words),
+            there=greatest.where,
             load=words.number(f"{_LOAD_N:g}"),
             deflection=_deflection_with_U(least, words),
         )
@@ -114,16 +114,6 @@ def _sentences_under_load(numbers: SheetNumbers) -> Iterator[str]:
             unloaded=_with_U(unloaded, words),
             apart=_inseparable(circle, words),
         )
-
-
-def _direction_in_sentence(stiffness: StatedQuantity, words: Words) -> str:
-    """Return the direction of the least or greatest stiffness in the words of a sentence.
-
-    The remark on the stiffness names the direction, unless the readings do not determine it.
-    """
-    if stiffness.note == words("remarks.no_direction"):
-        return words("plain.no_direction")
-    return stiffness.note
 
 
 def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:

@@ -58,6 +58,9 @@ class StatedQuantity:
         model and not from an average over models.
     note
         First remark on the quantity, in the language of the sheets. Empty if there is none.
+    where
+        For the least or greatest stiffness in a plane: its direction as a part of a sentence, such
+        as "at 2° ± 17° from X". An empty string for all other quantities.
     limit_near_zero
         For a compliance that cannot be negative and may be zero: the value in ``unit`` below which
         it lies with a probability of 95 %. None for all other quantities.
@@ -78,6 +81,7 @@ class StatedQuantity:
     change_entry: ChangeIdentifiability | None = None
     no_change: float = 0.0
     note: str = ""
+    where: str = ""
     limit_near_zero: float | None = None
     is_undetermined: bool = False
 

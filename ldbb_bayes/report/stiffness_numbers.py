@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ldbb_bayes.analysis.tolerances import name_in_plane
@@ -80,7 +81,8 @@ def _quantities_of_plane(
     for name, (value, direction) in ends.items():
         note = _direction_words(direction, axis, words)
         title = words(f"quantities.{name}", plane=where)
-        stated[name] = _stated_stiffness(title, name, value, note, words)
+        stiffness = _stated_stiffness(title, name, value, note, words)
+        stated[name] = replace(stiffness, where=_direction_in_sentence(direction, axis, words))
     ratio = plane.ratio
     limit = ""
     if ratio.only_lower_limit:
@@ -198,3 +200,10 @@ def _turned(angle_deg: float) -> float:
     the returned angle is near 0° or near 90°.
     """
     return angle_deg - 180.0 if angle_deg > 135.0 else angle_deg
+
+
+def _direction_in_sentence(direction: AxialDirection, axis: str, words: Words) -> str:
+    """Return a direction as a part of a sentence, such as "at 2° ± 17° from X"."""
+    if not direction.is_determined:
+        return words("plain.no_direction")
+    return _direction_words(direction, axis, words)

@@ -555,12 +555,19 @@ def test_plain_words_say_where_the_machine_yields_most(english: Sheets) -> None:
     assert f"stiffness of {stiffness[2]} ± {stiffness[3]} N/µm" in sentence
 
 
-def test_a_sentence_says_that_the_readings_do_not_determine_the_direction() -> None:
-    words = words_of("en")
-    note = words("remarks.no_direction")
-    stiffness = StatedQuantity("", "k_min", 18e3, 1e3, (16e3, 20e3), "N/mm", note=note)
-    text = plain_findings._direction_in_sentence(stiffness, words)
-    assert text == "in a direction that the readings do not determine"
+@pytest.mark.parametrize(
+    ("language", "text"),
+    [
+        ("en", "in a direction that the readings do not determine"),
+        ("de", "in einer Richtung, die die Messwerte nicht bestimmen"),
+    ],
+)
+def test_a_sentence_says_that_the_readings_do_not_determine_the_direction(
+    language: str, text: str
+) -> None:
+    every = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.95, 0.0, is_determined=False)
+    words = words_of(language)
+    assert stiffness_numbers._direction_in_sentence(every, "X", words) == text
 
 
 def test_plain_words_name_the_softer_axis_with_its_probability(findings: Findings) -> None:
