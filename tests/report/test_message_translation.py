@@ -17,8 +17,8 @@ from campaigns import Invoke
 
 from ldbb_bayes.app.page_words import words_of_page
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.report import wording
 from ldbb_bayes.report.message_translation import in_language, is_own_text
+from ldbb_bayes.report.wording.fixed_texts import SENTENCES
 
 CASES = {
     **field_files.CASES,
@@ -86,9 +86,9 @@ def test_every_refusal_of_files_has_german_words(room: str) -> None:
     assert untranslated(texts, "a.csv") == []
 
 
-@pytest.mark.parametrize("kind", [*wording._SENTENCES["remarks"]])
+@pytest.mark.parametrize("kind", [*SENTENCES["remarks"]])
 def test_every_remark_on_a_campaign_has_german_words(kind: str) -> None:
-    text = wording._SENTENCES["remarks"][kind]
+    text = SENTENCES["remarks"][kind]
     shown = re.sub(r"\{\w+:[^}]*\}", "1.5", text)
     shown = re.sub(r"\{(first|second|setup)\}", "f036", shown)
     shown = re.sub(r"\{(stated|travel)\}", "CW", shown)

@@ -10,8 +10,8 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
-from ldbb_bayes.report import wording
 from ldbb_bayes.report.passage_translation import passages_in_language, untranslated_texts
+from ldbb_bayes.report.wording.goal_words import holder_in_words
 from ldbb_bayes.results import Table
 
 TERMS = [type(term).__name__ for term in lb.HybridModel.default(1).nuisances]
@@ -71,7 +71,7 @@ def test_a_certificate_alone_is_translated(certificate: str) -> None:
 
 @pytest.mark.parametrize("term", TERMS)
 def test_every_effect_that_holds_a_goal_has_german_words(term: str) -> None:
-    text = f"{wording._holder_in_words(term)} holds it (64 % of what remains)."
+    text = f"{holder_in_words(term)} holds it (64 % of what remains)."
     assert untranslated_texts([text], "de") == set()
 
 

@@ -1,6 +1,6 @@
 """Findings in words: each function makes its sentence, and nothing is decided by reading one.
 
-Every function of report/wording.py reworded, all decisions and numbers stay.
+Every function of report/wording reworded, all decisions and numbers stay.
 """
 
 from __future__ import annotations
@@ -49,12 +49,13 @@ from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import Details
+from ldbb_bayes.report.wording.fixed_texts import SENTENCES
 from ldbb_bayes.results import Table, json_text
 
 MODEL = lb.HybridModel.first(1)
 QUICK = lb.inference.StoppingRule(ess=100.0)
 FORCES_N = (36.0, 400.0, 742.0)
-TEMPLATES = Path(wording.__file__).parent / "templates"
+TEMPLATES = Path(wording.__file__).parents[1] / "templates"
 
 
 def hashed(value: Any) -> Any:
@@ -252,13 +253,13 @@ def test_words_decide_nothing(
 @pytest.mark.parametrize(
     ("words", "kinds"),
     [
-        (wording._SENTENCES["cures"], set(Cure) - {Cure.CALIBRATION}),
-        (wording._SENTENCES["plans"], set(RemedyKind) - {RemedyKind.CERTIFICATE}),
-        (wording._SENTENCES["origins"], Origin),
-        (wording._SENTENCES["concerns"], {*ConcernKind, "one-force"}),
-        (wording._SENTENCES["remarks"] | wording._SENTENCES["choices"], RemarkKind),
-        (wording._SENTENCES["signs"], Sign),
-        (wording._SENTENCES["caveats"], CaveatKind),
+        (SENTENCES["cures"], set(Cure) - {Cure.CALIBRATION}),
+        (SENTENCES["plans"], set(RemedyKind) - {RemedyKind.CERTIFICATE}),
+        (SENTENCES["origins"], Origin),
+        (SENTENCES["concerns"], {*ConcernKind, "one-force"}),
+        (SENTENCES["remarks"] | SENTENCES["choices"], RemarkKind),
+        (SENTENCES["signs"], Sign),
+        (SENTENCES["caveats"], CaveatKind),
     ],
 )
 def test_every_kind_has_its_words(words: dict[str, Any], kinds: Any) -> None:
@@ -278,7 +279,7 @@ def test_words_are_those_of_the_field(root: Path) -> None:
     assert list(glossary) == sorted(glossary, key=str.casefold)
     pages = [
         *TEMPLATES.parents[1].rglob("*.py"),
-        *TEMPLATES.iterdir(),
+        *filter(Path.is_file, TEMPLATES.rglob("*")),
         *(root / "docs").rglob("*.md"),
         root / "README.md",
     ]

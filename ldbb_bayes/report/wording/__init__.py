@@ -1,0 +1,191 @@
+"""Sentences about results: functions that choose templates and fill in the values.
+
+There is one module for each kind of result. The templates of its sentences are in a file in the
+folder templates/sentences; texts that need no choice of words are in the file
+templates/sentences.toml. Decisions, such as a verdict, are values in the results; the program never
+takes them from the text of a sentence.
+"""
+
+from ldbb_bayes.report.wording.calibration_words import validation_verdict, workflow_sentences
+from ldbb_bayes.report.wording.campaign_words import (
+    assumed_words,
+    assumption_words,
+    peculiarity_sentences,
+    preview_sentences,
+    remark_words,
+    travel_words,
+)
+from ldbb_bayes.report.wording.comparison_words import (
+    averaged_over,
+    comparison_screen,
+    comparison_sentences,
+    strength_words,
+)
+from ldbb_bayes.report.wording.degeneracy_words import (
+    cure_items,
+    cure_words,
+    degeneracy_items,
+    degeneracy_sentence,
+)
+from ldbb_bayes.report.wording.design_words import design_notes, design_screen, design_sentences
+from ldbb_bayes.report.wording.effect_names import (
+    joined,
+    joined_sizes,
+    nuisance_words,
+    source_unit_words,
+    source_words,
+    term_words,
+    unit_words,
+)
+from ldbb_bayes.report.wording.fit_words import (
+    alert_sentences,
+    check_notes,
+    check_words,
+    concern_sentences,
+    confounded_sentences,
+    expectation,
+    fit_verdict,
+    model_words,
+    not_modelled_sentences,
+    quality_words,
+    sampler_words,
+    sensitive_words,
+)
+from ldbb_bayes.report.wording.fixed_texts import IN_FORCE, PAGE
+from ldbb_bayes.report.wording.fleet_words import (
+    caveat_words,
+    population_doubts,
+    population_sentences,
+    trend_sentences,
+)
+from ldbb_bayes.report.wording.goal_words import goal_design_head, goal_design_sentences
+from ldbb_bayes.report.wording.identifiability_words import (
+    ALIKE,
+    ALL_DETAILS,
+    IN_PAIRS,
+    MORE,
+    NONE_ALIKE,
+    TO_NARROW,
+    TO_SEPARATE,
+    certificate_rows,
+    certificate_words,
+    held_by_words,
+    identifiability_screen,
+    identifiability_sentences,
+    origin_words,
+    origins_in_words,
+    paired_remedy_items,
+    remedy_in_words,
+    remedy_words,
+    short_verdict_words,
+    verdict_words,
+)
+from ldbb_bayes.report.wording.machine_words import machine_sentences, sum_in_words
+from ldbb_bayes.report.wording.next_circle_words import (
+    next_circle_goals,
+    next_circle_head,
+    next_circle_model,
+    next_circle_tolerances,
+)
+from ldbb_bayes.report.wording.number_words import (
+    changes_by_words,
+    direction_words,
+    interval_of,
+    limit_words,
+    percent_of,
+    probability_words,
+)
+from ldbb_bayes.report.wording.report_words import (
+    NO_ANNEX,
+    annex_words,
+    change_sentence,
+    difference_doubts,
+    instrument_words,
+)
+from ldbb_bayes.report.wording.worded_records import with_words
+
+__all__ = [
+    "ALIKE",
+    "ALL_DETAILS",
+    "IN_FORCE",
+    "IN_PAIRS",
+    "MORE",
+    "NONE_ALIKE",
+    "NO_ANNEX",
+    "PAGE",
+    "TO_NARROW",
+    "TO_SEPARATE",
+    "alert_sentences",
+    "annex_words",
+    "assumed_words",
+    "assumption_words",
+    "averaged_over",
+    "caveat_words",
+    "certificate_rows",
+    "certificate_words",
+    "change_sentence",
+    "changes_by_words",
+    "check_notes",
+    "check_words",
+    "comparison_screen",
+    "comparison_sentences",
+    "concern_sentences",
+    "confounded_sentences",
+    "cure_items",
+    "cure_words",
+    "degeneracy_items",
+    "degeneracy_sentence",
+    "design_notes",
+    "design_screen",
+    "design_sentences",
+    "difference_doubts",
+    "direction_words",
+    "expectation",
+    "fit_verdict",
+    "goal_design_head",
+    "goal_design_sentences",
+    "held_by_words",
+    "identifiability_screen",
+    "identifiability_sentences",
+    "instrument_words",
+    "interval_of",
+    "joined",
+    "joined_sizes",
+    "limit_words",
+    "machine_sentences",
+    "model_words",
+    "next_circle_goals",
+    "next_circle_head",
+    "next_circle_model",
+    "next_circle_tolerances",
+    "not_modelled_sentences",
+    "nuisance_words",
+    "origin_words",
+    "origins_in_words",
+    "paired_remedy_items",
+    "peculiarity_sentences",
+    "percent_of",
+    "population_doubts",
+    "population_sentences",
+    "preview_sentences",
+    "probability_words",
+    "quality_words",
+    "remark_words",
+    "remedy_in_words",
+    "remedy_words",
+    "sampler_words",
+    "sensitive_words",
+    "short_verdict_words",
+    "source_unit_words",
+    "source_words",
+    "strength_words",
+    "sum_in_words",
+    "term_words",
+    "travel_words",
+    "trend_sentences",
+    "unit_words",
+    "validation_verdict",
+    "verdict_words",
+    "with_words",
+    "workflow_sentences",
+]

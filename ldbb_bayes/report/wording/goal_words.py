@@ -1,0 +1,136 @@
+"""Sentences on goals for uncertainties, and on the cheapest campaign that reaches them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from ldbb_bayes.model.terms import Hysteresis
+from ldbb_bayes.report.wording.effect_names import source_in_table
+from ldbb_bayes.report.wording.sentence_file import SentenceFile
+from ldbb_bayes.units import (
+    digits_apart,
+    display_name,
+    display_unit,
+    two_digits,
+    value_and_uncertainty,
+)
+
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.design import GoalDesign
+    from ldbb_bayes.analysis.design.aims_so_far import GoalSoFar
+    from ldbb_bayes.analysis.design.goal_design import StatedGoal
+
+__all__ = ["goal_design_head", "goal_design_sentences", "goal_notes", "holder_in_words"]
+
+_FILE = SentenceFile("goals")
+
+
+def goal_design_head(result: GoalDesign) -> tuple[str, ...]:
+    """Return the first sentences on a design for goals: what to run, or that nothing will do."""
+    met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
+    return _FILE.sentences("goal_design_head", result, met)
+
+
+def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
+    """Return further sentences on the cheapest campaign that reaches goals for uncertainties.
+
+    If some goals cannot be reached, the sentences state the reasons.
+    """
+    shares = {name: stated.goal.share for name, stated in result.goals.items()}
+    units = {name: stated.goal.unit for name, stated in result.goals.items()}
+    then: dict[str, float | None] = {}
+    if result.plans:
+        then = {name: goal.averaged_U for name, goal in result.best.goals.items()}
+    notes = goal_notes(result.goals, shares, units, then, measured=result.measured)
+    obstacles = []
+    for name, obstacle in result.obstacles.items():
+        stated = result.goals[name]
+        factor, unit = display_unit(stated.goal.unit)
+        remaining = [obstacle.U_floor, obstacle.U_with_certificate]
+        limit, floor, with_certificate = digits_apart(stated.limit_U, remaining, factor)
+        obstacles.append(
+            {
+                "name": display_name(name),
+                "floor": f"{floor} {unit}",
+                "limit": f"{limit} {unit}",
+                "held_by": holder_in_words(obstacle.held_by),
+                "is_hysteresis": obstacle.held_by == Hysteresis.__name__,
+                "share": f"{100.0 * obstacle.share:.0f} %",
+                "certificate": obstacle.certificate,
+                "with_certificate": f"{with_certificate} {unit}",
+                "reached": obstacle.reached,
+            }
+        )
+    near_misses = []
+    for name, near_miss in result.near_misses.items():
+        stated = result.goals[name]
+        factor, unit = display_unit(stated.goal.unit)
+        limit, likely_U = digits_apart(stated.limit_U, [near_miss.likely_U], factor)
+        near_misses.append(
+            {
+                "name": display_name(name),
+                "circles": near_miss.circles,
+                "likely_U": f"{likely_U} {unit}",
+                "limit": f"{limit} {unit}",
+                "probability": f"{100.0 * near_miss.probability:.0f} %",
+                "held_by": holder_in_words(near_miss.held_by),
+                "is_hysteresis": near_miss.held_by == Hysteresis.__name__,
+                "share": f"{100.0 * near_miss.share:.0f} %",
+                "certificate": near_miss.certificate,
+            }
+        )
+    return _FILE.sentences("goal_design_reasons", result, obstacles, near_misses) + notes
+
+
+def goal_notes(
+    goals: Mapping[str, StatedGoal | GoalSoFar],
+    shares: Mapping[str, float | None],
+    units: Mapping[str, str],
+    averaged_then: Mapping[str, float | None],
+    *,
+    measured: bool,
+) -> tuple[str, ...]:
+    """Return sentences on the numbers of goals for uncertainties.
+
+    They state of which value a goal in percent is, the U of a fit of the circles run so far where
+    it differs from the U now, and U averaged over constant and linear compliance. ``shares`` are
+    the goals as fractions of the parameters, or None, and ``units`` are the internal units of the
+    parameters. ``averaged_then`` is the averaged U to expect after the cheapest campaign, if it is
+    known. The keys are the names of the parameters. ``measured`` states whether there are readings.
+    """
+    percentages = []
+    of_fit = []
+    averaged_texts: dict[str, list[str]] = {"now": [], "then": []}
+    for name, goal in goals.items():
+        factor, unit = display_unit(units[name])
+        share = shares[name]
+        if share is not None:
+            value, _ = value_and_uncertainty(goal.value * factor, goal.U * factor)
+            percentages.append(
+                {
+                    "name": display_name(name),
+                    "percent": f"{100.0 * share:g}",
+                    "value": f"{value} {unit}",
+                }
+            )
+        if goal.U_of_fit is not None:
+            of_fit_text = two_digits(goal.U_of_fit, factor)
+            if of_fit_text != two_digits(goal.U, factor):
+                of_fit.append(f"{display_name(name)} {of_fit_text} {unit}")
+        averaged = {"now": goal.averaged_U, "then": averaged_then.get(name)}
+        for time, averaged_U in averaged.items():
+            if averaged_U is not None:
+                text = f"{display_name(name)} {two_digits(averaged_U, factor)} {unit}"
+                averaged_texts[time].append(text)
+    return _FILE.sentences("goal_notes", percentages, of_fit, measured, *averaged_texts.values())
+
+
+def holder_in_words(name: str) -> str:
+    """Return the name, in words, of the source of variance that keeps a goal out of reach.
+
+    The goal is an upper limit of a parameter's uncertainty. The name has a capital first letter,
+    because it begins a sentence.
+    """
+    words = source_in_table(name)
+    return words[:1].upper() + words[1:]

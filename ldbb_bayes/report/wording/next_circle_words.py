@@ -1,0 +1,72 @@
+"""Sentences on the next circle of a campaign that is not finished."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ldbb_bayes.report.wording.goal_words import goal_notes
+from ldbb_bayes.report.wording.sentence_file import SentenceFile
+from ldbb_bayes.units import digits_apart, display_name, display_unit
+
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.design import NextCircle
+
+__all__ = ["next_circle_goals", "next_circle_head", "next_circle_model", "next_circle_tolerances"]
+
+_FILE = SentenceFile("next_circle")
+
+
+def next_circle_head(step: NextCircle) -> tuple[str, ...]:
+    """Return the first sentences on the next circle.
+
+    If every aim is reached, they say that the campaign may stop. Otherwise, they state the settings
+    of the best next circle, and how many more circles are expected to be enough. They name the
+    aims, and the goals that no number of circles reaches.
+    """
+    best_circle = step.table.to_dict(orient="records")[0]
+    # A direction that is the same for all possible circles has no column in the table.
+    best_circle.setdefault("direction", step.direction)
+    aims = [f"U of {display_name(name)}" for name in step.goals]
+    aims += [f"conformity of {display_name(name)}" for name in step.tolerances]
+    if step.model_is_aim:
+        aims.append("whether compliance is constant or linear in force")
+    out_of_reach = []
+    for name, goal in step.goals.items():
+        if goal.probability < step.confidence and goal.U_floor > goal.limit:
+            factor, unit = display_unit(goal.unit)
+            limit, floor = digits_apart(goal.limit, [goal.U_floor], factor)
+            out_of_reach.append(
+                {"name": display_name(name), "floor": f"{floor} {unit}", "limit": f"{limit} {unit}"}
+            )
+    return _FILE.sentences("next_circle_head", step, best_circle, aims, out_of_reach)
+
+
+def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
+    """Return sentences on the numbers of the goals for uncertainties, which a table lists.
+
+    They state of which value a goal in percent is, and the U of a fit of the circles run so far
+    where it is not the U now. The tuple is empty if nothing is to be said.
+    """
+    shares = {name: goal.share for name, goal in step.goals.items()}
+    units = {name: goal.unit for name, goal in step.goals.items()}
+    return goal_notes(step.goals, shares, units, {}, measured=True)
+
+
+def next_circle_tolerances(step: NextCircle) -> tuple[str, ...]:
+    """Return a tuple with a sentence on the model with which tolerances are decided.
+
+    The tuple is empty if there are no tolerances, or if compliance is constant in the model.
+    """
+    if not step.tolerances or step.model is None:
+        return ()
+    return _FILE.sentences("next_circle_tolerances")
+
+
+def next_circle_model(step: NextCircle) -> tuple[str, ...]:
+    """Return a tuple with a sentence on the choice between constant and linear compliance.
+
+    The tuple is empty if compliance cannot change with force in the model of the campaign.
+    """
+    if step.model is None:
+        return ()
+    return _FILE.sentences("next_circle_model", step)

@@ -1,0 +1,82 @@
+"""Sentences of the HTML page, and on differences between campaigns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.report.wording.fixed_texts import PAGE
+from ldbb_bayes.report.wording.sentence_file import SentenceFile
+from ldbb_bayes.units import display_name, is_slope, plus_minus
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+__all__ = ["NO_ANNEX", "annex_words", "change_sentence", "difference_doubts", "instrument_words"]
+
+NO_ANNEX = "left out with the annex (--sheets-only)"
+# Two campaigns with the same instrument have two estimates of each error of this instrument. A
+# sentence states that the campaigns disagree about an error if the p-value of the difference of its
+# two estimates is below this value.
+_CONFLICT = 0.01
+
+_FILE = SentenceFile("page", DEGREES=DEGREE_NAMES, PAGE=PAGE, CONFLICT=_CONFLICT)
+
+
+def annex_words(degree: int, averaged: bool) -> str:
+    """Return a sentence that names the model whose numbers the annex shows.
+
+    The annex consists of the sections of the report that follow the two sheets of the certificate.
+    ``degree`` is the degree of compliance as a function of force in this model; ``averaged`` states
+    whether the numbers of the sheets are averages over models.
+    """
+    return _FILE.sentence("annex_words", degree, averaged)
+
+
+def instrument_words(force_N: float, same_instrument: bool) -> str:
+    """Return sentences on what a comparison of two campaigns assumes.
+
+    The sentences state the force ``force_N`` [N] at which compliances are compared, and whether
+    both campaigns used the same instrument.
+    """
+    return _FILE.sentence("instrument_words", force_N, same_instrument)
+
+
+def difference_doubts(
+    first: str, other: str, converged: bool, conflict: tuple[str, float] | None
+) -> tuple[str, ...]:
+    """Return sentences on reasons not to use the differences between two campaigns.
+
+    ``first`` and ``other`` are the names of the campaigns. The tuple is empty if there is no such
+    reason. There are two possible reasons:
+
+    - The fit of the second campaign has not converged; ``converged`` is then false.
+    - The campaigns used the same instrument, but their fits disagree about an error of the
+      instrument, which is a coefficient of the model. ``conflict`` holds the name of the
+      coefficient with the largest disagreement, and the p-value of this disagreement, multiplied by
+      the number of compared coefficients (Bonferroni). A sentence names the coefficient only if
+      this p-value is below 1 %. ``conflict`` is None if no coefficient can be compared.
+    """
+    return _FILE.sentences("difference_doubts", first, other, converged, conflict)
+
+
+def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
+    """Return a sentence that names the parameters in which two campaigns differ.
+
+    ``first`` and ``other`` are the names of the campaigns; ``table`` holds the differences of all
+    parameters. A parameter is named if the credible interval of its difference excludes zero;
+    ``prob`` is the probability of this interval. Slopes (coefficients of the change of compliance
+    with force) are not named.
+    """
+    tail = 0.5 - 0.5 * prob
+    sizes = []
+    for name, row in table.iterrows():
+        probability = row["probability_of_increase"]
+        interval_excludes_zero = probability > 1.0 - tail or probability < tail
+        if is_slope(str(name)) or not interval_excludes_zero:
+            continue
+        interval = (row["ci_low"], row["ci_high"])
+        size = plus_minus(row["difference"], row["sd"], interval, row["unit"])
+        sizes.append(f"{display_name(str(name))} {size}")
+    return _FILE.sentence("change_sentence", first, other, sizes, f"{100 * prob:g}")
