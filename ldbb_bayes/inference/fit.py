@@ -29,13 +29,11 @@ from ldbb_bayes.inference.coefficients import (
     ModelDraws,
     mean_shared_coefficients,
     pool_draws,
-    shared_terms,
 )
 from ldbb_bayes.inference.diagnostics import power_sensitivity
+from ldbb_bayes.inference.distant_zero import distant_zeros
 from ldbb_bayes.inference.residuals import FitQuality, quality_of
-from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.results import Array, Finite, Result
 from ldbb_bayes.units import ranked
 
@@ -45,6 +43,7 @@ __all__ = [
     "Fit",
     "State",
     "assess_fit",
+    "contradicted_priors",
     "limits_of_compliances_near_zero",
 ]
 
@@ -79,11 +78,6 @@ _LARGEST_PRIOR_DISTANCE = 3.0
 # the compliance lies with the probability ``_PROBABILITY_OF_UPPER``.
 _EXPANSION = 2.0
 _PROBABILITY_OF_UPPER = 0.95
-# Largest number of posterior draws from which a constant in all readings is estimated.
-_ZERO_DRAWS = 1000
-# Smallest share of the prior variance of the bar's length by which the readings reduce it. A
-# smaller share is replaced by this number, to avoid a division by zero.
-_SMALLEST_KNOWN_SHARE = 1e-6
 # The distance between the prior mean and the posterior mean of a parameter is divided by the
 # standard deviation that this distance has if the prior is right. To avoid a division by zero, the
 # variance of the distance is taken to be at least this fraction of the prior variance.
@@ -450,12 +444,35 @@ def _check_posterior(
     needed = bound.model.degree + 2
     if levels < needed:
         yield Concern(ConcernKind.FORCES, levels, needed)
-    yield from _large_hyper_parameters(bound, phi)
-    yield from _distant_means(bound, beta)
-    yield from _distant_zeros(bound, phi, beta)
+    yield from contradicted_priors(bound, phi, beta)
     for axis, p in centre_shift(bound, beta.mean(axis=0)).items():
         yield Concern(ConcernKind.CENTRE, p, SHIFTED, axis)
     yield from _compliances_near_zero(bound, beta)
+
+
+def contradicted_priors(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Concern]:
+    """Yield a warning for everything known beforehand that the readings contradict.
+
+    `Concern` describes the kinds of these warnings: HYPER, PRIOR and ZERO.
+
+    Parameters
+    ----------
+    bound : BoundModel
+        Model applied to the campaign.
+    phi : array
+        The n posterior draws of the h hyper-parameters, shape (n, h); those that are lengths are in
+        mm.
+    beta : array
+        The n posterior draws of the p parameters, shape (n, p), in internal units (mm, N, rad).
+
+    Yields
+    ------
+    Concern
+    """
+    yield from _large_hyper_parameters(bound, phi)
+    yield from _distant_means(bound, beta)
+    for zero in distant_zeros(bound, phi, beta):
+        yield Concern(ConcernKind.ZERO, zero.distance_mm, zero.expected_mm, zero.name)
 
 
 def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
@@ -494,44 +511,6 @@ def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     for name, z in zip(bound.names, distance, strict=True):
         if z > _LARGEST_PRIOR_DISTANCE and name in stated:
             yield Concern(ConcernKind.PRIOR, float(z), _LARGEST_PRIOR_DISTANCE, name)
-
-
-def _distant_zeros(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for each radius whose readings have too large a constant in common.
-
-    An error of the bar's length adds a constant to all readings, and so does a zero that was not
-    set. Scale errors of the axes have a constant part, and would take up most of a wrong zero. Let
-    m₀ and σ be the prior mean and standard deviation of the bar's length error, m its posterior
-    mean and v its posterior variance. Without this prior, the readings would give the error
-    m₀ + (m − m₀) / (1 − v/σ²). If the model is right, this estimate is normally distributed about
-    m₀ with the standard deviation σ / √(1 − v/σ²).
-
-    ``phi``, shape (n, h), and ``beta``, shape (n, p), are posterior draws of the hyper-parameters
-    and of the parameters, in mm, N and rad. ``bound`` is the model of the campaign.
-    """
-    information = information_of(bound, phi.mean(axis=0))
-    bar_lengths = shared_terms(bound.columns_of.get(BarLength, ()))
-    if information.flat or not bar_lengths:
-        return
-    (bar_length,) = bar_lengths
-    prior_means = bar_length.mean
-    if prior_means is None:
-        prior_means = np.zeros(len(bar_length.names))
-    shared_names: list[str] = []
-    for term in shared_terms(bound.nuisance_columns):
-        shared_names += term.names
-    draws = ModelDraws(bound, phi, beta).thinned(_ZERO_DRAWS)
-    _, conditional = bound.given_interest.conditional(draws.phi, draws.beta - bound.centre)
-    posterior_means = conditional.mean.mean(axis=0)
-    remaining_shares = np.diag(information.covariance())
-    for name, prior_mean in zip(bar_length.names, prior_means.tolist(), strict=True):
-        k = information.names.index(name)
-        known_share = max(1.0 - float(remaining_shares[k]), _SMALLEST_KNOWN_SHARE)
-        posterior_mean = float(posterior_means[shared_names.index(name)])
-        distance = (posterior_mean - prior_mean) / known_share
-        expected = _LARGEST_PRIOR_DISTANCE * float(information.scale[k]) / np.sqrt(known_share)
-        if abs(distance) > expected:
-            yield Concern(ConcernKind.ZERO, distance, float(expected), name)
 
 
 def _compliances_near_zero(bound: BoundModel, beta: Array) -> Iterator[Concern]:

@@ -17,9 +17,14 @@ def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
     The aims are target uncertainties, decisions on tolerances, and the choice of a model. The first
     sentences name the best next circle. Tables and sentences then state how far each aim is
     reached. The last table lists several good choices for the next circle; the table is left out if
-    the campaign may stop.
+    the campaign may stop. If the readings contradict what was known beforehand, warnings of this
+    come before everything else.
     """
-    passages: list[Passage] = [*wording.next_circle_head(step), *aims_passages(step)]
+    passages: list[Passage] = [
+        *wording.next_circle_concerns(step),
+        *wording.next_circle_head(step),
+        *aims_passages(step),
+    ]
     if not step.finished:
         passages.append(_circles_table(step))
     return tuple(passages)

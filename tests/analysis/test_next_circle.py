@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
@@ -18,6 +19,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.posterior import draws_of
+from ldbb_bayes.report.next_circle_text import parts_of
 
 MODEL = lb.HybridModel.default(degree=1)
 TURNED = ((0.0, 0.0), (45.0, 45.0), (90.0, 90.0))
@@ -247,6 +249,47 @@ def test_a_goal_that_circles_cannot_reach_is_said_to_be_out_of_reach(recovered: 
     step = next_circle(MODEL, recovered, goals={"E_C0YX": "2 µrad"}, tolerances={})
     assert step.more_circles is None
     assert step.goals["E_C0YX"].U_floor > step.goals["E_C0YX"].limit
+
+
+def test_a_tolerance_that_circles_cannot_decide_is_said_to_be_out_of_reach(
+    recovered: Campaign,
+) -> None:
+    """One limit near the estimate, and one that is farther away."""
+    steps = {}
+    for limit in ("59.5 nm/N", "61.5 nm/N"):
+        steps[limit] = next_circle(MODEL, recovered, tolerances={"C_XXX": limit})
+    near = steps["59.5 nm/N"].tolerances["C_XXX"]
+    assert steps["59.5 nm/N"].more_circles is None
+    distance = abs(near.now.mean - 59.5e-6)
+    assert near.U_needed == pytest.approx(2.0 * distance / ndtri(0.95))
+    assert near.U_needed < near.U_floor < 2.0 * near.now.sd
+    far = steps["61.5 nm/N"].tolerances["C_XXX"]
+    assert steps["61.5 nm/N"].more_circles is not None
+    assert far.U_floor < far.U_needed
+
+
+def test_circles_at_one_force_cannot_decide_between_the_models(recovered: Campaign) -> None:
+    of_one_force = next_circle(MODEL, recovered, forces_N=(389.0,))
+    of_all_forces = next_circle(MODEL, recovered)
+    assert of_one_force.model is not None
+    assert of_all_forces.model is not None
+    assert not of_one_force.model.decidable
+    assert of_one_force.more_circles is None
+    assert of_all_forces.model.decidable
+
+
+def test_a_zero_that_was_not_set_is_told_before_anything_else(recovered: Campaign) -> None:
+    shifted = [replace(test, reading_um=test.reading_um + 150.0) for test in recovered.tests]
+    wrong = replace(recovered, tests=tuple(shifted))
+    goals = {"C_XXX": "20 %"}
+    assert next_circle(MODEL, recovered, goals=goals).concerns == ()
+    step = next_circle(MODEL, wrong, goals=goals)
+    (concern,) = step.concerns
+    assert concern.kind == "zero"
+    assert concern.value == pytest.approx(0.15, abs=0.06)
+    first, second = (str(passage) for passage in parts_of(step)[:2])
+    assert first.startswith("All readings lie about +")
+    assert second.startswith("Stop:")
 
 
 def test_circles_to_go_are_of_any_kind_allowed(recovered: Campaign) -> None:

@@ -14,6 +14,7 @@ from campaigns import plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import ModelSoFar, NextCircle
+from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.report import operator_sheet, wording
 from ldbb_bayes.report.next_circle_text import aims_passages
 from ldbb_bayes.report.passage_translation import untranslated_texts
@@ -43,14 +44,25 @@ def variants(step: NextCircle) -> Iterator[NextCircle]:
         table = step.table.assign(direction=direction, plane=plane)
         yield replace(step, table=pd.DataFrame(table))
     for log_bayes_factor, probability in ((9.0, 0.9999), (-0.4, 0.4), (0.3, 0.57)):
-        state = ModelSoFar(log_bayes_factor, 0.1, probability, abs(log_bayes_factor) > 3.0, 0.2)
-        yield replace(step, model=state)
+        decided = abs(log_bayes_factor) > 3.0
+        state = ModelSoFar(log_bayes_factor, 0.1, probability, decided, 0.2, decided)
+        yield replace(step, model=state, model_is_aim=True)
+    undecidable = replace(step.tolerances["C_XXX"], U_floor=2.0 * step.tolerances["C_XXX"].U_needed)
+    yield replace(step, tolerances={"C_XXX": undecidable})
+    zero = Concern(ConcernKind.ZERO, 0.12, 0.07, "bar_length_150")
+    scale = Concern(ConcernKind.HYPER, 0.03, 0.01, "tau")
+    prior = Concern(ConcernKind.PRIOR, 5.0, 3.0, "C_XXX")
+    yield replace(step, concerns=(zero, scale, prior))
     yield replace(step, goals={}, model=None)
 
 
 def test_every_text_of_the_sheet_has_german_words(step: NextCircle) -> None:
     for variant in (step, *variants(step)):
-        passages = [*wording.next_circle_head(variant), *aims_passages(variant)]
+        passages = [
+            *wording.next_circle_concerns(variant),
+            *wording.next_circle_head(variant),
+            *aims_passages(variant),
+        ]
         assert untranslated_texts(passages, "de") == set()
 
 

@@ -101,6 +101,13 @@ class ToleranceSoFar(Result):
     #: probability that, after the best next circle, it can be decided whether the quantity conforms
     #: with its tolerance
     decided_next: float
+    #: largest expanded uncertainty U (k = 2) of the quantity with which a decision is possible if
+    #: the estimate of the quantity stays the same
+    U_needed: float
+    #: expanded uncertainty U of the quantity that would remain if the best possible circles were
+    #: repeated very many times. If it is above ``U_needed``, no number of circles is expected to
+    #: allow a decision.
+    U_floor: float
 
     @property
     def decided(self) -> bool:
@@ -115,6 +122,7 @@ class Known(NamedTuple):
     mean: Array  # posterior means of the p parameters, shape (p,)
     sd: Array  # posterior standard deviations of the model's p parameters, shape (p,)
     draws: Array  # n random draws from the posterior of the model's p parameters, shape (n, p)
+    phi_of_draws: Array  # h hyper-parameters with each of the n draws of parameters, shape (n, h)
     # K equally likely values of the h hyper-parameters, such as the standard deviation of the
     # noise, shape (K, h); lengths are in mm
     phi: Array
@@ -128,10 +136,10 @@ def known_from(nodes: Nodes, seed: int) -> Known:
     """
     rng = np.random.default_rng(seed)
     estimates = present_estimates(nodes)
-    draws, _ = nodes.draw(_DRAWS, rng)
+    draws, phi_of_draws = nodes.draw(_DRAWS, rng)
     free = nodes.integral.resample(_NODES, rng)
     phi = nodes.bound.hyper_prior.phi(free)
-    return Known(nodes.bound, estimates.mean, estimates.sd, draws, phi)
+    return Known(nodes.bound, estimates.mean, estimates.sd, draws, phi_of_draws, phi)
 
 
 def _inflation(sd: float, weights: Array, covariance: Array) -> float:
@@ -262,7 +270,7 @@ class ToleranceState:
     now: Conformity
     aim: UncertaintyAim
 
-    def so_far(self, after: Array) -> ToleranceSoFar:
+    def so_far(self, after: Array, floor: Array) -> ToleranceSoFar:
         """Return the present decision, and the probability that one more circle allows a decision.
 
         The decision is whether a quantity conforms with its tolerance. The estimate after the next
@@ -270,6 +278,8 @@ class ToleranceState:
         A decision is made if the new estimate is at least a guard band away from each limit.
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, in units of their prior standard deviations, at K values of the hyper-parameters.
+        ``floor``, of the same shape and in the same units, are the covariances after very many
+        circles.
         """
         sd = self.now.sd
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)
@@ -279,7 +289,13 @@ class ToleranceState:
         edges = np.array([low - guard_band, low + guard_band, high - guard_band, high + guard_band])
         below_low, inside_low, inside_high, above_high = ndtr((edges - self.now.mean) / shift_sd)
         conforms = max(float(inside_high - inside_low), 0.0)
-        return ToleranceSoFar(self.now, float(below_low) + conforms + float(1.0 - above_high))
+        sd_floor = min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), sd_next)
+        return ToleranceSoFar(
+            now=self.now,
+            decided_next=float(below_low) + conforms + float(1.0 - above_high),
+            U_needed=COVERAGE_FACTOR * self.aim.target,
+            U_floor=COVERAGE_FACTOR * sd_floor,
+        )
 
 
 def tolerance_states(

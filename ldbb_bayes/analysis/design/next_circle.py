@@ -54,6 +54,7 @@ from ldbb_bayes.analysis.tolerances import Tolerance
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, require_campaign
 from ldbb_bayes.errors import check_seed, require
 from ldbb_bayes.inference.evidences import Evidences
+from ldbb_bayes.inference.fit import Concern, contradicted_priors
 from ldbb_bayes.inference.sample import sample
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import HybridModel, require_model
@@ -91,6 +92,9 @@ class ModelSoFar(Result):
     #: probability that a decision between constant and linear compliance is possible after the best
     #: next circle
     decided_next: float
+    #: whether very many of the possible circles are expected to decide between the two models, or
+    #: the decision is already made
+    decidable: bool
 
     @property
     def probability(self) -> float:
@@ -143,6 +147,9 @@ class NextCircle(Result):
     #: number of further circles after which every aim of the campaign is expected to be reached;
     #: None if 40 circles are not enough
     more_circles: int | None
+    #: what the readings so far contradict of what was known beforehand, such as a zero of the
+    #: readings that was not set; nothing else should be decided before
+    concerns: tuple[Concern, ...]
     #: direction of travel of the best next circle; None if the circles run so far state none
     direction: Direction | None
     #: table of the best next circles, the best first. The columns are force_N, the angles of the
@@ -289,11 +296,12 @@ def next_circle(
         confidence=confidence,
         goals=_goals_so_far(of_goals, after, after_very_many),
         goals_probability=goals_probability,
-        model=None if odds is None else odds.so_far(after),
+        model=None if odds is None else odds.so_far(after, after_very_many),
         model_is_aim=model_is_aim,
-        tolerances=_tolerances_so_far(of_tolerances, after),
+        tolerances=_tolerances_so_far(of_tolerances, after, after_very_many),
         finished=finished,
         more_circles=more_circles,
+        concerns=tuple(contradicted_priors(known.bound, known.phi_of_draws, known.draws)),
         direction=space.tests[order[0]].direction,
         table=_best_circles(space, order[:_LISTED], distance_now, distances),
         chosen=_Chosen(space, space.tests[order[0]]),
@@ -389,16 +397,16 @@ def _goals_so_far(
 
 
 def _tolerances_so_far(
-    tolerances: Mapping[str, ToleranceState], after: Array
+    tolerances: Mapping[str, ToleranceState], after: Array, floor: Array
 ) -> dict[str, ToleranceSoFar]:
     """Return, for each tolerance, the present decision and what the best next circle may decide.
 
     The present decision states whether the quantity conforms with its tolerance. For the best next
     circle, the probability is given that a decision is then possible. ``after`` are the covariances
-    of the parameters after this circle. The result is a dict; its keys are the names of the
-    quantities with tolerances.
+    of the parameters after this circle, and ``floor`` those after very many circles. The result is
+    a dict; its keys are the names of the quantities with tolerances.
     """
-    return {name: state.so_far(after) for name, state in tolerances.items()}
+    return {name: state.so_far(after, floor) for name, state in tolerances.items()}
 
 
 def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
@@ -583,13 +591,15 @@ class _ModelOdds:
         """The aim to decide between constant and linear compliance."""
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
-    def so_far(self, after: Array) -> ModelSoFar:
+    def so_far(self, after: Array, floor: Array) -> ModelSoFar:
         """Return the present and the expected decision between constant and linear compliance.
 
         The result states the odds of linear over constant compliance, given the circles run so far,
         and the probability that a decision between the two is possible after the best next circle.
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, in units of their prior standard deviations, at K values of the hyper-parameters.
+        ``floor``, of the same shape and in the same units, are the covariances after very many
+        circles.
         """
         scale = self.known.bound.scale[self.columns]
         _, present = self.known.bound.given(self.known.phi)
@@ -610,5 +620,10 @@ class _ModelOdds:
             probability * expected.decisive_with + (1.0 - probability) * expected.decisive_without
         )
         return ModelSoFar(
-            self.log_bayes_factor, self.error, probability, self.is_decided, decided_next
+            log_bayes_factor=self.log_bayes_factor,
+            log_bayes_factor_error=self.error,
+            probability_linear=probability,
+            decided=self.is_decided,
+            decided_next=decided_next,
+            decidable=self.is_decided or self.aim.is_expected(floor),
         )

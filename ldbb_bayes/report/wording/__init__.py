@@ -82,6 +82,7 @@ from ldbb_bayes.report.wording.identifiability_words import (
 )
 from ldbb_bayes.report.wording.machine_words import machine_sentences, sum_in_words
 from ldbb_bayes.report.wording.next_circle_words import (
+    next_circle_concerns,
     next_circle_goals,
     next_circle_head,
     next_circle_model,
@@ -154,6 +155,7 @@ __all__ = [
     "limit_words",
     "machine_sentences",
     "model_words",
+    "next_circle_concerns",
     "next_circle_goals",
     "next_circle_head",
     "next_circle_model",

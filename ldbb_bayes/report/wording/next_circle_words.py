@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ldbb_bayes.report.wording.fit_words import concern_sentences
 from ldbb_bayes.report.wording.goal_words import goal_notes
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
 from ldbb_bayes.units import digits_apart, display_name, display_unit
@@ -11,9 +12,20 @@ from ldbb_bayes.units import digits_apart, display_name, display_unit
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.design import NextCircle
 
-__all__ = ["next_circle_goals", "next_circle_head", "next_circle_model", "next_circle_tolerances"]
+__all__ = [
+    "next_circle_concerns",
+    "next_circle_goals",
+    "next_circle_head",
+    "next_circle_model",
+    "next_circle_tolerances",
+]
 
 _FILE = SentenceFile("next_circle")
+
+
+def next_circle_concerns(step: NextCircle) -> tuple[str, ...]:
+    """Return warnings of what the readings so far contradict, to be read before anything else."""
+    return tuple(concern_sentences(step.concerns, {}))
 
 
 def next_circle_head(step: NextCircle) -> tuple[str, ...]:
@@ -38,7 +50,19 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
             out_of_reach.append(
                 {"name": display_name(name), "floor": f"{floor} {unit}", "limit": f"{limit} {unit}"}
             )
-    return _FILE.sentences("next_circle_head", step, best_circle, aims, out_of_reach)
+    undecidable = []
+    for name, tolerance in step.tolerances.items():
+        if not tolerance.decided and tolerance.U_floor > tolerance.U_needed:
+            factor, unit = display_unit(tolerance.now.unit)
+            needed, floor = digits_apart(tolerance.U_needed, [tolerance.U_floor], factor)
+            undecidable.append(
+                {
+                    "name": display_name(name),
+                    "floor": f"{floor} {unit}",
+                    "needed": f"{needed} {unit}",
+                }
+            )
+    return _FILE.sentences("next_circle_head", step, best_circle, aims, out_of_reach, undecidable)
 
 
 def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
