@@ -16,10 +16,10 @@ from .analysis.comparison import compare as compare
 from .analysis.conformity import assess_conformity as assess_conformity
 from .analysis.design import design as design
 from .analysis.directional_stiffness import stiffness as stiffness
+from .analysis.identification import identify as identify
 from .analysis.machine_description import describe_machine as describe_machine
 from .analysis.neighbouring_forces import local_fits as local_fits
 from .analysis.outlying_tests import find_outlying_tests as find_outlying_tests
-from .analysis.verdicts import identify as identify
 from .campaign.campaign import Ball as Ball
 from .campaign.campaign import Campaign as Campaign
 from .campaign.campaign import CircularTest as CircularTest

@@ -21,12 +21,12 @@ from .directional_stiffness import PlaneStiffness as PlaneStiffness
 from .gum_validation import GumComparison as GumComparison
 from .gum_validation import GumValidation as GumValidation
 from .gum_validation import validate_gum as validate_gum
+from .identification import Identifiability as Identifiability
 from .measured_paths import measure_circularity as measure_circularity
 from .path_contributions import decompose_deviation as decompose_deviation
 from .posterior_calibration import calibrate_posterior as calibrate_posterior
+from .posterior_verdicts import judge_posterior as judge_posterior
 from .tolerances import Tolerance as Tolerance
-from .verdicts import Identifiability as Identifiability
 from .verdicts import ParameterIdentifiability as ParameterIdentifiability
-from .verdicts import judge_posterior as judge_posterior
 from .workflow import Workflow as Workflow
 from .workflow import check_workflow as check_workflow

@@ -16,8 +16,8 @@ import numpy as np
 
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.directional_stiffness import stiffness_of_fit
+from ldbb_bayes.analysis.posterior_verdicts import confounded_parameters
 from ldbb_bayes.analysis.tolerances import name_in_plane
-from ldbb_bayes.analysis.verdicts import confounded_parameters
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason

@@ -25,8 +25,8 @@ from ldbb_bayes.analysis.directional_stiffness import (
     StatedValue,
     stiffness,
 )
+from ldbb_bayes.analysis.posterior_verdicts import judge_posterior
 from ldbb_bayes.analysis.tolerances import name_in_plane
-from ldbb_bayes.analysis.verdicts import judge_posterior
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.force_curves import force_curves

@@ -16,7 +16,11 @@ from ldbb_bayes.analysis.comparison import Comparison, compare
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.design import Design, design
 from ldbb_bayes.analysis.gum_validation import GumValidation, validate_gum
-from ldbb_bayes.analysis.verdicts import JudgedQuantities, judge_posterior, judge_quantities
+from ldbb_bayes.analysis.posterior_verdicts import (
+    JudgedQuantities,
+    judge_posterior,
+    judge_quantities,
+)
 from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of

@@ -12,11 +12,8 @@ from typing import TYPE_CHECKING, Any
 from ldbb_bayes import units
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import assess_conformity
-from ldbb_bayes.analysis.verdicts import (
-    ParameterIdentifiability,
-    confounded_in,
-    not_modelled,
-)
+from ldbb_bayes.analysis.posterior_verdicts import confounded_in
+from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, not_modelled
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.kept_results import kept

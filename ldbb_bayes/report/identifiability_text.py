@@ -6,11 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ldbb_bayes.analysis.verdicts import (
-    ChangeIdentifiability,
-    Identifiability,
-    ParameterIdentifiability,
-)
+from ldbb_bayes.analysis.identification import Identifiability
+from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
 from ldbb_bayes.units import display_name, display_unit, is_slope, three_digits, two_digits

@@ -11,7 +11,7 @@ import numpy as np
 
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.verdicts import Identifiability
+from ldbb_bayes.analysis.identification import Identifiability
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.comparison_tables import assumptions_table, models_table
 from ldbb_bayes.report.identifiability_text import certificates_table, verdicts_table

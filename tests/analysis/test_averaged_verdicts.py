@@ -13,13 +13,13 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.posterior_verdicts import judge_quantities
 from ldbb_bayes.analysis.variance_sources import MODEL_CHOICE, AveragedVariance, _variances_of
 from ldbb_bayes.analysis.verdicts import (
     ParameterIdentifiability,
     SampledSd,
     judge,
     judge_parameters,
-    judge_quantities,
 )
 from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
 from ldbb_bayes.inference.posterior import model_draws_of, record_of

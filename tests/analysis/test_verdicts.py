@@ -13,12 +13,7 @@ from campaigns import clocked, oracle_of, plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource, sources_of
-from ldbb_bayes.analysis.verdicts import (
-    Verdict,
-    judge,
-    judge_parameters,
-    variance_share_removed,
-)
+from ldbb_bayes.analysis.verdicts import Verdict, judge, judge_parameters, variance_share_removed
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms.columns import NOISE, OWN

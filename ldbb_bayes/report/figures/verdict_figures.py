@@ -14,7 +14,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis.budgets import Budget
-from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+from ldbb_bayes.analysis.identification import Identifiability
+from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
 from ldbb_bayes.errors import require
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import GREY, PALETTE, band, panels, styled

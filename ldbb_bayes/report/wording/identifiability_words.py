@@ -13,12 +13,9 @@ from ldbb_bayes.units import display_name, display_unit, is_slope, ranked, two_d
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.budgets import Budget
+    from ldbb_bayes.analysis.identification import Identifiability
     from ldbb_bayes.analysis.remedies import Remedy
-    from ldbb_bayes.analysis.verdicts import (
-        ChangeIdentifiability,
-        Identifiability,
-        ParameterIdentifiability,
-    )
+    from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
 
 __all__ = [
     "ALIKE",

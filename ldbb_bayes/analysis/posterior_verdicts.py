@@ -1,0 +1,242 @@
+"""Verdicts on the parameters of a posterior, which may be averaged over several models.
+
+The standard uncertainties are the standard deviations of the posterior's draws. In an average over
+models, shares and variances are averaged over the models, weighted by the models' probabilities
+(`variance_sources`). The verdicts are then determined by the same rules as for a single model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.analysis.confounding_rule import confounding_sources
+from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
+from ldbb_bayes.analysis.variance_sources import (
+    AveragedVariance,
+    ModelVariance,
+    sources_of,
+    weights_of_parameters,
+)
+from ldbb_bayes.analysis.verdicts import (
+    ChangeIdentifiability,
+    ParameterIdentifiability,
+    SampledSd,
+    judge_average,
+    judge_changes,
+    shares_by_name,
+)
+from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
+from ldbb_bayes.inference.coefficients import compliance_curves
+from ldbb_bayes.inference.kept_results import kept
+from ldbb_bayes.inference.posterior import bound_of
+from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "JudgedQuantities",
+    "confounded_in",
+    "confounded_parameters",
+    "judge_posterior",
+    "judge_quantities",
+]
+
+
+class JudgedQuantities(NamedTuple):
+    """How well the readings determine the parameters and the changes of compliances with force.
+
+    The keys of ``parameters`` are names of parameters; the keys of ``changes`` are names of
+    compliances.
+    """
+
+    parameters: dict[str, ParameterIdentifiability]
+    changes: dict[str, ChangeIdentifiability]
+
+
+@one_blas_thread
+def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
+    """Return the verdict on every parameter of a posterior.
+
+    The verdict is identified, prior-limited (the readings hardly narrow the parameter's prior) or
+    confounded (most of the parameter's variance comes from effects whose standard uncertainty is
+    assumed). The field ``remedy`` is None for every parameter; `identify` finds remedies for large
+    uncertainties.
+
+    If the posterior is an average over models (`average`), the variance of a parameter is the sum
+    of two parts. The first part is the mean of the parameter's variances under the models, and the
+    second part is the variance of its means under the models. The second part is a separate source
+    of uncertainty, ``ModelChoice``. The share of every other source in the first part is averaged
+    over the models. In this average, the weight of a model is its probability times the parameter's
+    variance under this model.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
+
+    Returns
+    -------
+    dict of str to ParameterIdentifiability
+        Verdict on each parameter; the keys are names of parameters. The verdict is computed at the
+        posterior mean of the hyper-parameters (such as the standard deviation of the noise) under
+        each model. The fields ``mean``, ``sd`` and ``contraction`` come from the posterior draws.
+
+    Raises
+    ------
+    InputError
+        For a posterior from `to_units`.
+
+    Examples
+    --------
+    >>> judged = lb.analysis.judge_posterior(posterior)
+    >>> judged["E_YX2"].verdict.value, judged["E_YX2"].partners
+    ('confounded', ('BallForm',))
+    >>> judged["C_XYX_1"].verdict.value
+    'prior-limited'
+    """
+    return dict(judge_quantities(posterior).parameters)
+
+
+@kept
+@one_blas_thread
+def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
+    """Return the verdict on every parameter, and on every compliance's change with force.
+
+    Each verdict is identified, prior-limited or confounded. The verdicts on the parameters are
+    those that `judge_posterior` returns. The change of a compliance is its value at the largest
+    force tested minus its value at the smallest. The same rules give the verdict on a change, from
+    posterior draws of the change. If the posterior is an average over models, the prior variance of
+    a change is the mean of its prior variances under the models, all with the same weight; models
+    without posterior draws are left out.
+    """
+    bound = bound_of(posterior)
+    models = averaged_models(posterior)
+    # The changes of compliances with force are computed from the model ``bound``, because this
+    # model has all parameters that occur in any of the averaged models.
+    phi = np.concatenate([model.phi for model in models]).mean(axis=0)
+    all_changes = curve_changes(bound, information_of(bound, phi))
+    variances = [_variance_of_model(model, all_changes) for model in models]
+    variance = AveragedVariance(tuple(variances), len(bound.names))
+    prior_variance = np.zeros(len(all_changes))
+    for model_variance in variances:
+        weights = model_variance.weights[variance.number_of_parameters :]
+        prior_variance += np.sum(weights**2, axis=1) / len(variances)
+    if bound.model.prior.flat:
+        prior_variance = np.full(len(all_changes), np.inf)
+    return JudgedQuantities(
+        judge_average(variance, bound, _sampled_sd(posterior, bound, variance)),
+        judge_changes(variance, all_changes, np.sqrt(prior_variance)),
+    )
+
+
+def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
+    """Return the variances of parameters and of compliances' changes with force in one model.
+
+    ``model`` is one of several models whose results are averaged. ``changes`` holds the changes of
+    compliances with force that occur in any of these models; the keys are names of compliances. In
+    the result, the parameters come first, then the changes. If a change does not occur in
+    ``model``, its row of ``ModelVariance.weights`` is zero. This row states how much the change
+    depends on each coefficient of the model.
+    """
+    bound = model.bound
+    information = information_of(bound, model.phi.mean(axis=0))
+    number_of_parameters = model.beta.shape[1]
+    weights = np.zeros((number_of_parameters + len(changes), len(information.names)))
+    weights[model.places] = weights_of_parameters(information)
+    mean = [model.mean]
+    sd = [model.sd]
+    if changes:
+        changes_of_model = curve_changes(bound, information)
+        for k, name in enumerate(changes):
+            if name in changes_of_model:
+                weights[number_of_parameters + k] = changes_of_model[name].weights
+        drawn = _drawn_changes(model, list(changes))
+        mean.append(drawn.mean(axis=0))
+        sd.append(drawn.std(axis=0))
+    return ModelVariance(
+        probability=model.probability,
+        bound=bound,
+        information=information,
+        weights=weights,
+        mean=np.concatenate(mean),
+        sd=np.concatenate(sd),
+    )
+
+
+def _drawn_changes(model: AveragedModel, names: Sequence[str]) -> Array:
+    """Return posterior draws of changes of compliances with force, shape (draws, names).
+
+    A change is the compliance at the largest force tested minus the compliance at the smallest.
+    ``names`` are the names of the compliances.
+    """
+    bound = model.bound
+    tested_N = bound.setting.force_N
+    ends_N = np.array([tested_N.min(), tested_N.max()])
+    beta = model.beta[:, model.places]
+    curves = compliance_curves(bound, model.phi, beta, ends_N, np.random.default_rng(0))
+    labels = [compliance.label for compliance in bound.compliances]
+    places = [labels.index(name) for name in names]
+    return np.asarray(curves[:, 1, places] - curves[:, 0, places])
+
+
+def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVariance) -> SampledSd:
+    """Return the prior and the posterior standard deviations of all parameters.
+
+    ``variance`` holds the variances of the posterior draws. For a parameter with a flat prior, the
+    prior standard deviation is infinite.
+    """
+    prior_sd = np.full(len(bound.names), np.inf)
+    for j, name in enumerate(bound.names):
+        if np.isfinite(bound.prior_sd[j]):
+            prior_sd[j] = float(posterior["prior"][name].std())
+    return SampledSd(prior_sd, np.sqrt(variance.variance[: variance.number_of_parameters]))
+
+
+def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
+    """Return, for each confounded parameter, the effects with which it is confounded.
+
+    A parameter is confounded if most of its variance comes from effects whose standard uncertainty
+    is assumed. Parameters that are not confounded are left out. `judge_posterior` finds the same
+    effects, but takes more time because it returns complete verdicts.
+
+    Parameters
+    ----------
+    bound
+        Model of a campaign.
+    phi
+        Values of the h hyper-parameters, such as the standard deviation of the noise, shape (h,);
+        lengths in mm.
+    """
+    confounded = {}
+    for name, (sources, likeness) in sources_of(bound, information_of(bound, phi)).items():
+        partners = confounding_sources(sources, likeness)
+        if partners:
+            confounded[name] = tuple(shares_by_name(partners))
+    return confounded
+
+
+def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
+    """Return, for each confounded parameter of a posterior, the effects confounded with it.
+
+    A parameter is confounded if most of its variance comes from effects whose standard uncertainty
+    is assumed. Parameters that are not confounded are left out. `judge_posterior` finds the same
+    effects, but takes more time because it returns complete verdicts. The posterior may be an
+    average over models.
+    """
+    names = bound_of(posterior).names
+    variances = [_variance_of_model(model, {}) for model in averaged_models(posterior)]
+    variance = AveragedVariance(tuple(variances), len(names))
+    confounded = {}
+    for i, name in enumerate(names):
+        sources, likeness = variance.sources(i, (name,))
+        partners = confounding_sources(sources, likeness)
+        if partners:
+            confounded[name] = tuple(shares_by_name(partners))
+    return confounded
