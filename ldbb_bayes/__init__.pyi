@@ -12,12 +12,12 @@ from . import reading as reading
 from . import report as report
 from .analysis.averaging import average as average
 from .analysis.calibration import calibrate as calibrate
-from .analysis.comparison import compare as compare
 from .analysis.conformity import assess_conformity as assess_conformity
 from .analysis.design import design as design
 from .analysis.directional_stiffness import stiffness as stiffness
 from .analysis.identification import identify as identify
 from .analysis.machine_description import describe_machine as describe_machine
+from .analysis.model_comparison import compare as compare
 from .analysis.neighbouring_forces import local_fits as local_fits
 from .analysis.outlying_tests import find_outlying_tests as find_outlying_tests
 from .campaign.campaign import Ball as Ball

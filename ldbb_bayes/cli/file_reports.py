@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.comparison import begin_comparison
+from ldbb_bayes.analysis.model_comparison import begin_comparison
 from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
 from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result

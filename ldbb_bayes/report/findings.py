@@ -12,10 +12,11 @@ import xarray as xr
 
 from ldbb_bayes.analysis.budgets import budget_uncertainty
 from ldbb_bayes.analysis.circularity import predict_circularity
-from ldbb_bayes.analysis.comparison import Comparison, compare
+from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.design import Design, design
 from ldbb_bayes.analysis.gum_validation import GumValidation, validate_gum
+from ldbb_bayes.analysis.model_comparison import compare
 from ldbb_bayes.analysis.posterior_verdicts import (
     JudgedQuantities,
     judge_posterior,
