@@ -2,50 +2,35 @@
 
 Each element u_j, such as a compliance, has the constraint u_j ≥ 0. The region u ≥ 0 is called the
 orthant. Small probabilities and random draws are computed by minimax tilting, that is, by sampling
-from a shifted density (`tilting`). Most probabilities P are computed without sampling, from lower
-and upper bounds that are close to each other. Let u₁ ≥ 0 and u₂ ≥ 0 be the two constraints that are
-most likely to fail, and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0). Then
-
-    P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
-
-The constraint u_j ≥ 0 that is most likely to fail is called the tightest constraint. It has the
-smallest ratio of the mean of u_j to the sd of u_j.
+from a shifted density (`tilting`). Most probabilities are computed without sampling, from lower and
+upper bounds that are close to each other (`orthant_bounds`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtr, owens_t
+from scipy.special import ndtr
 
-from ldbb_bayes.model.tilting import (
-    ROUNDING,
-    Tilted,
-    find_saddle_point,
-    least_distance_multipliers,
+from ldbb_bayes.model.constraint_rows import DEPENDENT, core_rows, uncertain_rows
+from ldbb_bayes.model.orthant_bounds import bound_in_closed_form
+from ldbb_bayes.model.quasi_random_points import (
+    SCRAMBLES,
+    folded,
+    lattice_points,
+    quadrature_rule,
+    scrambled_lattice,
 )
+from ldbb_bayes.model.tilting import ROUNDING, Tilted, find_saddle_point
 from ldbb_bayes.model.triangular import solve_lower
 from ldbb_bayes.results import Array
 
 __all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 
-# A constraint on a standard normal vector has a row of coefficients. Consider the component of this
-# row that is perpendicular to the rows of other constraints. If its length is below this fraction
-# of the row's length, the constraint counts as a linear combination of the other constraints.
-_DEPENDENT = 1e-7
-# A constraint u_j ≥ 0 on a Gaussian variable u_j is treated as certain, and left out of the
-# calculation, if the mean of u_j divided by the sd of u_j is larger than this number. `_PUSHED_SD`
-# states an exception.
-_CERTAIN_SD = 12.0
-# A constraint u_j ≥ 0 on a Gaussian variable u_j counts as improbable if the mean of u_j divided by
-# the sd of u_j is below this number. Constraints that are almost certain to hold (`_CERTAIN_SD`)
-# are left out of the calculation, but not if there is an improbable constraint: if an improbable
-# constraint holds, a constraint that seems certain may fail.
-_PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 for which the mean of
 # u_j divided by the sd of u_j is at least this number.
 _NEAR_SD = 6.0
@@ -58,13 +43,6 @@ _MOST_PROPOSALS = 12_800
 # Largest number of proposals that rejection sampling computes at once for one random draw from a
 # truncated Gaussian density.
 _MOST_TRIES = 64
-# Number of points, in each dimension, of the Gauss-Legendre quadrature rule with which moments of
-# Gaussian vectors u given u ≥ 0 are computed.
-_RULE_POINTS = 24
-# Number of independent estimates of a probability P(u ≥ 0). Each estimate uses a scramble, which is
-# a copy of one set of quasi-random points, shifted by a random vector. The scatter between the
-# estimates gives the stated error.
-_SCRAMBLES = 8
 # Numbers of quasi-random points in a scramble (a randomly shifted copy of the set of points). These
 # numbers are tried one after the other until the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
@@ -83,29 +61,6 @@ _CHUNK = 1 << 20
 # factor, modulo 1. The factor is so large that even slightly different bounds give different
 # shifts.
 _DIGITS = 1e5
-# Absolute error of SciPy's implementation of Owen's T function, which is used to compute the
-# probability that two correlated Gaussian variables are both not negative.
-_OWEN_ERROR = 1e-15
-# P(u ≥ 0) is bounded by P(u₁ ≥ 0, u₂ ≥ 0) for the two constraints that are most likely to fail. The
-# bound is used only if it is at least this number, because smaller bounds are too inaccurate.
-_LEAST_PAIR = 1e-9
-# If the correlation of u_i and u_j differs from 1 or −1 by less than this number, the computed
-# value of P(u_i ≥ 0, u_j ≥ 0) is too inaccurate and is not used.
-_LEAST_DIFFERENCE = 1e-6
-# P(u ≥ 0) is first bounded by the probability that the tightest constraint (the constraint that is
-# most likely to fail) holds. If the relative error of this bound is at most this number, bounds
-# from pairs of constraints are not computed.
-_NEGLIGIBLE_ERROR = 1e-9
-# Number that replaces h or k in Owen's formula for P(x < h, y < k) if h or k is zero, because the
-# formula divides by both numbers.
-_NEARLY_ZERO = 1e-300
-# Generating vector of a lattice of quasi-random points, one number for each of ten dimensions
-# (F. Y. Kuo, lattice-32001-1024-1048576). For further dimensions random odd numbers are used.
-_LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
-# Random shifts of the lattice of quasi-random points are generated for at least this number of
-# dimensions. The shifts of the first dimensions then do not depend on the number of dimensions that
-# are used.
-_SHIFT_DIMENSIONS = 32
 
 
 class OrthantMoments(NamedTuple):
@@ -186,10 +141,10 @@ class _Points:
         depend on the last element of x.
         """
         dimensions = max(len(tilted.bound) - 1, 1)
-        points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
+        points = scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
         if not self.shared:
             points = points + _shift_of_points(tilted)[:dimensions]
-        return _fold(points % 1.0)
+        return folded(points % 1.0)
 
 
 class Orthant:
@@ -218,12 +173,7 @@ class Orthant:
         self._mean = mean
         self._spread = spread
 
-    def log_probability(
-        self,
-        tolerance: float = 1e-3,
-        *,
-        seed: int = 0,
-    ) -> tuple[Array, Array]:
+    def log_probability(self, tolerance: float = 1e-3, *, seed: int = 0) -> tuple[Array, Array]:
         """Return ln P(u ≥ 0) and its numerical error [nat] for w vectors u, each of shape (w,).
 
         ln P is computed from analytical bounds if they are close enough to each other for the
@@ -247,11 +197,7 @@ class Orthant:
         return estimate.log_value, estimate.common_error + estimate.noise
 
     def log_probability_with_noise(
-        self,
-        tolerance: float,
-        largest_noise: float,
-        *,
-        seed: int = 0,
+        self, tolerance: float, largest_noise: float, *, seed: int = 0
     ) -> NoisyLogProbability:
         """Return ln P(u ≥ 0) for w Gaussian vectors u, each from different quasi-random points.
 
@@ -286,7 +232,7 @@ class Orthant:
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
         distance = np.where(np.isnan(distance), np.inf, distance)
-        value, error = _bound_in_closed_form(distance, self._spread)
+        value, error = bound_in_closed_form(distance, self._spread)
         noise = np.zeros(len(value))
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
@@ -343,12 +289,12 @@ class Orthant:
         """
         d = len(self._tilted.bound)
         if d <= 2:
-            rule = _quadrature_rule(d)
+            rule = quadrature_rule(d)
             points = rule.points[..., None]
             log_rule_weight = rule.log_weight
         else:
             shift = _shift_of_points(self._tilted)
-            points = _fold((_lattice_points(d, size, seed)[:, :, None] + shift) % 1.0)
+            points = folded((lattice_points(d, size, seed)[:, :, None] + shift) % 1.0)
             log_rule_weight = np.full(1, -np.log(size))
         log_weight, x = self._tilted.propose(points)
         largest = log_weight.max(axis=0)
@@ -371,10 +317,7 @@ class Orthant:
         return self._solved.axes
 
     def draw_along_axes(
-        self,
-        rng: np.random.Generator,
-        *,
-        max_proposals: int = _MOST_PROPOSALS,
+        self, rng: np.random.Generator, *, max_proposals: int = _MOST_PROPOSALS
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return an exact random draw of ``x = axes @ e`` given u ≥ 0 for each of w vectors e.
 
@@ -417,10 +360,7 @@ class Orthant:
             tries = min(2 * tries, _MOST_TRIES)
         return x.T, ~np.isin(np.arange(w), open_members)
 
-    def draw_standard(
-        self,
-        rng: np.random.Generator,
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def draw_standard(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """Draw e ~ N(0, I) under the constraints u = mean + spread @ e ≥ 0 by rejection sampling.
 
         The vector e has q elements. The method draws w such vectors, one for each vector u of this
@@ -437,11 +377,7 @@ class Orthant:
         normal = rng.standard_normal((len(x), self._spread.shape[2]))
         return self._complete(x, normal), accepted
 
-    def propose_standard(
-        self,
-        uniform: Array,
-        normal: Array,
-    ) -> tuple[Array, Array]:
+    def propose_standard(self, uniform: Array, normal: Array) -> tuple[Array, Array]:
         """Return random draws of w vectors e from shifted densities, and their log weights.
 
         Each vector e has q elements. It is standard normal, but must satisfy the m constraints u =
@@ -503,12 +439,12 @@ class Orthant:
             error[:] = np.inf
         for size in _SIZES:
             open_members = np.flatnonzero(error > tolerance)
-            chunks = -(-open_members.size * _SCRAMBLES * size // _CHUNK) or 1
+            chunks = -(-open_members.size * SCRAMBLES * size // _CHUNK) or 1
             for index in np.array_split(open_members, chunks):
                 selected = tilted.select(index)
                 uniform = points.for_constraints(selected, size)
                 proposal = selected.propose(uniform, draw_last=False)
-                log_weight = proposal.log_weight.reshape(_SCRAMBLES, size, -1)
+                log_weight = proposal.log_weight.reshape(SCRAMBLES, size, -1)
                 top = log_weight.max(axis=(0, 1))
                 finite_top = np.where(np.isfinite(top), top, 0.0)
                 weight = np.exp(log_weight - finite_top)
@@ -534,10 +470,10 @@ class Orthant:
 
         Constraints that are certain to hold for all w vectors are left out.
         """
-        rows = _uncertain_rows(self._mean, self._spread)
+        rows = uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]
         spread = self._spread[:, rows]
-        core = _core_rows(mean, spread)
+        core = core_rows(mean, spread)
         core_mean = np.take_along_axis(mean, core, axis=1)
         core_spread = np.take_along_axis(spread, core[:, :, None], axis=1)
         upper = np.linalg.qr(np.swapaxes(core_spread, 1, 2), mode="r")
@@ -561,7 +497,7 @@ class Orthant:
         dependent = dependent / size[:, :, None]
         dependent_mean = np.take_along_axis(mean, other_rows, axis=1) / size
         coordinate = np.arange(core.shape[1])
-        depends = np.abs(dependent) > _DEPENDENT
+        depends = np.abs(dependent) > DEPENDENT
         last = np.where(depends, coordinate, -1).max(axis=2, initial=-1)
         tilted = Tilted(
             unit=np.ascontiguousarray(unit.transpose(1, 2, 0)),
@@ -584,145 +520,10 @@ def _scramble_error(weight: Array) -> Array:
     factor from Student's t, because there are only eight of them. The error is at least a tenth of
     the standard error that the same number of independent random points would give.
     """
-    scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
+    scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]
     random_error = weight.std(axis=(0, 1)) / np.sqrt(points)
     return np.maximum(_STUDENT * scatter, _LEAST_ERROR_SHARE * random_error)
-
-
-def _bound_in_closed_form(
-    distance: Array,
-    spread: Array,
-) -> tuple[Array, Array]:
-    """Return ln P(u ≥ 0) from analytical bounds, and its largest error, each of shape (w,).
-
-    There is one probability P for each of w Gaussian vectors u with m constraints u_j ≥ 0. The
-    tightest constraint is that with the smallest ratio of the mean of u_j to the sd of u_j. P is at
-    most the probability that this constraint holds. It is at least this probability minus the
-    probabilities that the other elements of u are negative. If the two bounds differ, closer bounds
-    are computed from pairs of constraints. The error is the largest error of ln P that the closest
-    bounds permit; it may be infinite.
-
-    Parameters
-    ----------
-    distance
-        Mean of each u_j divided by its sd, shape (w, m).
-    spread
-        Matrix in u = mean + spread @ e for each vector u, shape (w, m, q); e is standard normal
-        with q elements.
-    """
-    w, m = distance.shape
-    if m == 0:
-        return np.zeros(w), np.zeros(w)
-    if m == 1:
-        return log_ndtr(distance[:, 0]), np.zeros(w)
-    order = np.argsort(distance, axis=1, kind="stable")
-    unit = spread / np.linalg.norm(spread, axis=2, keepdims=True)
-    unit = np.take_along_axis(unit, order[:, :, None], axis=1)
-    sorted_distance = np.take_along_axis(distance, order, axis=1).T
-    tail = ndtr(-sorted_distance)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        value = log_ndtr(sorted_distance[0])
-        other_tails = tail[1:].sum(axis=0)
-        error = np.where(other_tails == 0.0, 0.0, other_tails * np.exp(-value))
-        members = np.flatnonzero(error > _NEGLIGIBLE_ERROR)
-        pair_value, pair_error = _bound_by_pairs(
-            sorted_distance[:, members], tail[:, members], unit[members]
-        )
-        better = pair_error < error[members]
-    value[members[better]] = pair_value[better]
-    error[members[better]] = pair_error[better]
-    return value, error
-
-
-def _bound_by_pairs(
-    distance: Array,
-    tail: Array,
-    unit: Array,
-) -> tuple[Array, Array]:
-    """Return ln P(u ≥ 0), computed from bounds of P, and the error of ln P, each of shape (w,).
-
-    There is one probability P for each of w Gaussian vectors u with m constraints u_j ≥ 0; u
-    depends on q standard normal variables. The upper bound of P is P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the
-    first two constraints. The lower bound is P₁₂ − Σ_{j>2} p_j, where p_j is the smallest of
-    P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂). The value of P is the mean of the two bounds.
-    The error is infinite if rounding errors make the bounds unreliable.
-
-    Parameters
-    ----------
-    distance
-        Mean of each of the m elements of u divided by its sd, sorted so that the smallest ratio is
-        first, shape (m, w).
-    tail
-        Probability that each constraint alone fails, shape (m, w).
-    unit
-        Rows of coefficients of the constraints, scaled to length one, shape (w, m, q).
-    """
-    m = len(distance)
-    correlation = np.einsum("wmq,wnq->mnw", unit, unit[:, :2])
-    pair = _pair_probability(distance[0], distance[1], correlation[1, 0])
-    usable = np.abs(correlation[1, 0]) < 1.0 - _LEAST_DIFFERENCE
-    loss = np.zeros(len(unit))
-    for j in range(2, m):
-        first_loss = _probability_j_fails_i_holds(distance[j], distance[0], correlation[j, 0])
-        second_loss = _probability_j_fails_i_holds(distance[j], distance[1], correlation[j, 1])
-        row_loss = np.minimum(tail[j], np.minimum(first_loss, second_loss))
-        loss += np.maximum(row_loss, 0.0)
-    middle = pair - 0.5 * loss
-    error = (0.5 * loss + _OWEN_ERROR * m) / middle
-    reliable = usable & (pair > _LEAST_PAIR) & (middle > 0.0)
-    return np.log(middle), np.where(reliable, error, np.inf)
-
-
-def _probability_j_fails_i_holds(
-    distance: Array,
-    tight_distance: Array,
-    correlation: Array,
-) -> Array:
-    """Return the probability P(u_j < 0 ≤ u_i) of two Gaussian variables u_i and u_j.
-
-    ``distance`` is the mean of u_j divided by its sd, ``tight_distance`` is the mean of u_i divided
-    by its sd, and ``correlation`` is the correlation of u_i and u_j. All three are arrays of shape
-    (w,), with one element for each of w pairs of variables. The result is 1 if the correlation is
-    too close to ±1 to compute the probability.
-    """
-    probability = _pair_probability(-distance, tight_distance, -correlation)
-    return np.where(np.abs(correlation) < 1.0 - _LEAST_DIFFERENCE, probability, 1.0)
-
-
-def _pair_probability(
-    h: Array,
-    k: Array,
-    rho: Array,
-) -> Array:
-    """Return P(x < h, y < k) for standard normal x and y with correlation ρ.
-
-    ``h``, ``k`` and the correlation ``rho`` are arrays, and there is one probability for each of
-    their elements. The probabilities are computed with Owen's T function (Ann. Math. Stat. 27,
-    1075-1090, 1956).
-    """
-    h = np.where(h == 0.0, _NEARLY_ZERO, h)
-    k = np.where(k == 0.0, _NEARLY_ZERO, k)
-    root = np.sqrt((1.0 - rho) * (1.0 + rho))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        t_h = owens_t(h, (k / h - rho) / root)
-        t_k = owens_t(k, (h / k - rho) / root)
-    opposite_signs = (h < 0.0) != (k < 0.0)
-    return np.asarray(0.5 * (ndtr(h) + ndtr(k)) - (t_h + t_k) - 0.5 * opposite_signs)
-
-
-@cache
-def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
-    """Return shifted lattices of quasi-random points, shape (dimensions, scrambles, size).
-
-    Each of the eight scrambles is a copy of the same lattice of ``size`` points, shifted by a
-    random vector. The coordinates are not yet reduced modulo 1. ``seed`` is the seed of the random
-    vectors.
-    """
-    rng = np.random.default_rng([seed, size])
-    shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
-    shift = shifts[:, :dimensions].T
-    return np.asarray(_lattice_points(dimensions, size, seed)[:, None] + shift[:, :, None])
 
 
 def _shift_of_points(tilted: Tilted) -> Array:
@@ -733,150 +534,3 @@ def _shift_of_points(tilted: Tilted) -> Array:
     set is computed from the lower bounds of its constraints alone.
     """
     return np.asarray(tilted.bound[:, None] * _DIGITS)
-
-
-def _fold(points: Array) -> Array:
-    """Return the baker's transformation 1 − |2x − 1| of numbers x between 0 and 1.
-
-    ``points`` holds the numbers x, which are the coordinates of points of a lattice. The
-    transformation makes the integrand periodic in x, so that its mean over the lattice is more
-    accurate.
-    """
-    return 1.0 - np.abs(2.0 * points - 1.0)
-
-
-def _lattice_points(
-    dimensions: int,
-    size: int,
-    seed: int,
-) -> Array:
-    """Return a lattice of quasi-random points, shape (dimensions, size).
-
-    The coordinates are not yet reduced modulo 1. Point k has the coordinates k g / size, with an
-    integer g for each dimension. The integers of the first ten dimensions are fixed; those of
-    further dimensions are random numbers from ``seed``.
-    """
-    rng = np.random.default_rng([seed, 1])
-    generators = list(_LATTICE)
-    while len(generators) < dimensions:
-        generators.append(2 * int(rng.integers(1 << 18)) + 1)
-    generator = np.array(generators[:dimensions], dtype=float)
-    return np.arange(size) * generator[:, None] / size
-
-
-class _Rule(NamedTuple):
-    """Quadrature rule of n points in the unit cube.
-
-    ``points`` holds the coordinates of the points, shape (dimensions, n), and ``log_weight`` the
-    logarithms of their weights, shape (n,).
-    """
-
-    points: Array
-    log_weight: Array
-
-
-@cache
-def _quadrature_rule(dimensions: int) -> _Rule:
-    """Return a quadrature rule for the unit cube in one or two dimensions.
-
-    In each dimension, the rule is the Gauss-Legendre rule for a variable s in [0, 1], with the
-    substitution u = s³ (10 − 15 s + 6 s²). The points u are dense near 0 and 1, where the integrand
-    changes most.
-    """
-    nodes, legendre_weight = np.polynomial.legendre.leggauss(_RULE_POINTS)
-    s = (nodes + 1.0) / 2.0
-    u = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    weight = 30.0 * (legendre_weight / 2.0) * s**2 * (1.0 - s) ** 2
-    shape = (dimensions, _RULE_POINTS**dimensions)
-    points = np.meshgrid(*[u] * dimensions, indexing="ij")
-    log_weights = np.meshgrid(*[np.log(weight)] * dimensions, indexing="ij")
-    log_weight = np.array(log_weights).reshape(shape).sum(axis=0)
-    return _Rule(np.array(points).reshape(shape), log_weight)
-
-
-def _uncertain_rows(
-    mean: Array,
-    spread: Array,
-) -> NDArray[np.intp]:
-    """Return the indices (from 0) of the constraints that may fail for at least one vector.
-
-    Each of w Gaussian vectors u = mean + spread @ e has m constraints u_j ≥ 0; e is standard normal
-    with q elements, ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). A
-    constraint u_j ≥ 0 counts as certain, and is left out, if the mean of u_j is more than 12 sds
-    above zero for every vector. All indices are returned if the mean of at least one u_j is more
-    than three sds below zero: under the condition that this u_j is not negative, constraints that
-    seem certain to hold may fail.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = mean / np.linalg.norm(spread, axis=2)
-    certain = np.all(distance > _CERTAIN_SD, axis=0)
-    if distance[:, ~certain].min(initial=0.0) < _PUSHED_SD:
-        return np.arange(len(certain))
-    return np.flatnonzero(~certain)
-
-
-def _core_rows(
-    mean: Array,
-    spread: Array,
-) -> NDArray[np.intp]:
-    """Return a largest set of linearly independent constraints on each of w Gaussian vectors.
-
-    Each vector u = mean + spread @ e has m constraints u_j ≥ 0; e is standard normal with q
-    elements, ``mean`` has the shape (w, m), and ``spread`` has the shape (w, m, q). The result
-    holds the indices j of the chosen constraints, shape (w, rank). The rank is their number, which
-    is the same for all vectors. If not all constraints are linearly independent, `_binding_rows`
-    chooses some of them. The chosen indices of each vector are sorted by the mean of u_j divided by
-    the sd of u_j, the smallest ratio first.
-    """
-    if not mean.shape[1]:
-        return np.zeros(mean.shape, dtype=np.intp)
-    norms = np.linalg.norm(spread, axis=2)
-    rank = np.linalg.matrix_rank(spread[0] / norms[0][:, None], tol=_DEPENDENT)
-    distance = mean / norms
-    if rank == mean.shape[1]:
-        return np.argsort(distance, axis=1, kind="stable")
-    unit = spread / norms[:, :, None]
-    rows = []
-    for k in range(len(mean)):
-        rows.append(_binding_rows(distance[k], unit[k], rank))
-    return np.array(rows)
-
-
-def _binding_rows(
-    distance: Array,
-    unit: Array,
-    rank: int,
-) -> list[int]:
-    """Return the indices of linearly independent constraints on one vector, the tightest first.
-
-    There are m constraints on a standard normal vector e of q elements. At the most probable e that
-    satisfies all constraints, some constraints hold with equality; these are chosen first. Further
-    constraints are then added one by one until there are ``rank`` constraints. The next constraint
-    is always the one whose row has the longest component perpendicular to the rows of all
-    constraints chosen before. The result is sorted by increasing ``distance``.
-
-    Parameters
-    ----------
-    distance
-        Mean of each constrained variable divided by its sd, shape (m,). The ratio is smallest for
-        the tightest constraint.
-    unit
-        Rows of coefficients of the constraints, scaled to length one, shape (m, q).
-    rank
-        Number of linearly independent constraints.
-    """
-    multipliers = np.zeros(len(unit))
-    if (distance < 0.0).any():
-        multipliers = least_distance_multipliers(unit, -distance)
-    chosen: list[int] = []
-    remainder = unit.copy()
-    while len(chosen) < rank:
-        size = np.linalg.norm(remainder, axis=1)
-        priority = np.where(multipliers > 0.0, 2.0 + multipliers, size)
-        row = int(np.argmax(np.where(size > _DEPENDENT, priority, -1.0)))
-        chosen.append(row)
-        multipliers[row] = 0.0
-        along = remainder @ remainder[row]
-        remainder = remainder - np.outer(along, remainder[row]) / size[row] ** 2
-        remainder[row] = 0.0
-    return sorted(chosen, key=lambda row: float(distance[row]))

@@ -23,7 +23,8 @@ from ldbb_bayes.fleet.compliance_meaning import same_meaning, stands_for
 from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
 from ldbb_bayes.fleet.outlying_machines import JudgedMachines, judge_machines
-from ldbb_bayes.fleet.population import Population, pool
+from ldbb_bayes.fleet.pooling import pool
+from ldbb_bayes.fleet.population import Population
 from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.fleet.spread_density import (
     SpreadDensity,

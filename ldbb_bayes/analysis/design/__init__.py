@@ -1,15 +1,15 @@
 """Design of the next campaign: find the best tests to run, and forecast their results."""
 
-from ldbb_bayes.analysis.design.campaign_design import (
+from ldbb_bayes.analysis.design.campaign_design import design
+from ldbb_bayes.analysis.design.costs import Costs, minutes_of
+from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
+from ldbb_bayes.analysis.design.design_result import (
     Certificate,
     Design,
     Judged,
     Limits,
-    design,
     read_design,
 )
-from ldbb_bayes.analysis.design.costs import Costs, minutes_of
-from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
 from ldbb_bayes.analysis.design.discrimination import Discrimination
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, forecast_plan
 from ldbb_bayes.analysis.design.goal_design import GoalDesign, GoalPlan

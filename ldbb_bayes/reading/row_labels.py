@@ -1,0 +1,84 @@
+"""Labels that say to which test each row of a table belongs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.sheet_columns import SheetColumns
+from ldbb_bayes.reading.words import LONGEST_NAME
+
+__all__ = ["labels_of"]
+
+# If the name of a test stands only in its first row, the test must have at least this number of
+# rows.
+_FEWEST_ROWS = 9
+
+
+def _labels_of_two_columns(columns: SheetColumns, log: AssumptionLog) -> list[str]:
+    """Return, for each row, the name of its test, made from the cells of two columns.
+
+    The use of these columns is noted. ``columns`` is the table of the sheet.
+    """
+    names = columns.numbering_headers
+    reason = "only both together name tests of one force"
+    log.add(columns.sheet.place, "test of each row", ", ".join(names), reason, "--test-column")
+    labels = []
+    for row in range(len(columns.lines)):
+        words = [f"{columns.heading.headers[k]} {columns.cells[k][row]}" for k in columns.numbering]
+        labels.append(" ".join(words))
+    return labels
+
+
+def labels_of(columns: SheetColumns, log: AssumptionLog) -> list[str]:
+    """Return the name of the test to which each row of a table belongs.
+
+    If no single column names the tests, but two columns together do, the names are made from the
+    cells of both columns. If no columns name the tests, the names are empty. Raise an `InputError`
+    if a single column names the tests, but has an empty cell that cannot be filled from above.
+    ``columns`` is the table of the sheet.
+    """
+    if columns.numbering and "test" not in columns.heading.roles:
+        return _labels_of_two_columns(columns, log)
+    if "test" not in columns.heading.roles:
+        return [""] * len(columns.lines)
+    rows = range(len(columns.lines))
+    # In the file, a number may be followed by a unit, which was removed when the file was read. The
+    # unit is added again here, because a label such as "100 N" may be the name of a test.
+    labels = columns.cells_with_units(columns.heading.roles["test"], rows)
+    if "" in labels and _names_tests_once(labels):
+        header = columns.heading.headers[columns.heading.roles["test"]][:LONGEST_NAME]
+        reason = "each name stands once, above empty cells"
+        value = f"column {header!r}, filled downwards"
+        log.add(columns.sheet.place, "test of each row", value, reason, "a name in each row")
+        labels = _filled_downwards(labels)
+    if "" in labels:
+        line = columns.lines[labels.index("")]
+        raise InputError(
+            f"{columns.sheet.place}, line {line}: rows must name their test, got none. Complete or"
+            " remove the line."
+        )
+    return labels
+
+
+def _names_tests_once(labels: Sequence[str]) -> bool:
+    """Return whether a column names each test only once, in the first row of the test.
+
+    All other cells must be empty, as they are if the cells of a test were merged. There must be
+    several names, and enough rows for this number of tests. ``labels`` are the cells of the column.
+    """
+    names = [label for label in labels if label]
+    if len(set(names)) < max(2, len(names)) or len(labels) < _FEWEST_ROWS * len(names):
+        return False
+    followed = [not below for label, below in pairwise(labels) if label]
+    return bool(labels[0]) and all(followed)
+
+
+def _filled_downwards(labels: Sequence[str]) -> list[str]:
+    """Return the names of tests in a column, with each empty cell replaced by the name above it."""
+    filled: list[str] = []
+    for label in labels:
+        filled.append(label or filled[-1])
+    return filled
