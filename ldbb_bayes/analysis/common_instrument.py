@@ -3,8 +3,11 @@
 Bar, balls, mount and force device are the same in both campaigns. Errors of these parts therefore
 largely cancel in the difference. These errors are described by nuisance coefficients (of effects
 that are modelled but not of interest), which are common to both campaigns. Their prior is therefore
-used only once. β are the p parameters of interest; φ are the h hyper-parameters (such as the
-standard deviation of the noise).
+used only once. If the campaigns state different knowledge of an error, such as a certificate in
+only one of them, the prior with the smaller standard deviation is used.
+
+β are the p parameters of interest; φ are the h hyper-parameters (such as the standard deviation of
+the noise).
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from ldbb_bayes.errors import require
+from ldbb_bayes.inference.coefficients import shared_terms
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
@@ -71,6 +75,9 @@ class _Campaign(NamedTuple):
     #: coefficients (of effects not of interest) that act in several tests
     names: list[str]
     mean: Array  #: posterior mean of each coefficient of a model, in the order of ``names``
+    #: prior mean of each coefficient of a model, in the order of ``names``. It is not zero if a
+    #: certificate states the value of an error of the instrument.
+    prior_mean: Array
 
 
 def joint_difference(
@@ -125,6 +132,7 @@ def joint_difference(
             [campaign.names for campaign in campaigns],
             [campaign.information for campaign in campaigns],
             [campaign.mean for campaign in campaigns],
+            [campaign.prior_mean for campaign in campaigns],
         ),
     )
 
@@ -178,7 +186,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
         if name == "bar_length":
             name = bar_length
         names.append(name)
-    return _Campaign(information, names, _posterior_mean(bound, phi))
+    return _Campaign(information, names, _posterior_mean(bound, phi), _prior_mean(bound))
 
 
 def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
@@ -199,8 +207,9 @@ def _joint_posterior(
 ) -> Gaussian:
     """Return the posterior of all coefficients, given the readings of both campaigns.
 
-    The result is the product of the posteriors of the two campaigns, divided by the prior of the
-    coefficients that both campaigns have. The product contains this prior twice.
+    The result is the product of the posteriors of the two campaigns, each divided by its prior of
+    the coefficients that both campaigns have, and of one prior of these coefficients. Of the two
+    priors of a coefficient, it is the one with the smaller standard deviation.
 
     Parameters
     ----------
@@ -213,11 +222,17 @@ def _joint_posterior(
     size
         Number of coefficients in the joint list.
     """
-    first = campaigns[0]
-    common_places = np.array([first.names.index(name) for name in common], dtype=int)
-    prior_precision = np.zeros((size, size))
-    prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
-    joint = Gaussian(-prior_precision, np.zeros(size))
+    priors = [_prior_of(campaign, common) for campaign in campaigns]
+    best = np.argmax([prior.precision for prior in priors], axis=0)
+    joint_places = [campaigns[0].names.index(name) for name in common]
+    diagonal = np.zeros(size)
+    prior_shift = np.zeros(size)
+    for j, place in enumerate(joint_places):
+        for k, prior in enumerate(priors):
+            times = float(k == best[j]) - 1.0
+            diagonal[place] += times * prior.precision[j]
+            prior_shift[place] += times * prior.precision[j] * prior.mean[j]
+    joint = Gaussian(np.diag(diagonal), prior_shift)
     for campaign, places_of_campaign in zip(campaigns, places, strict=True):
         root = campaign.information.root()[0] / campaign.information.scale
         precision = np.zeros((size, size))
@@ -226,6 +241,19 @@ def _joint_posterior(
         shift[places_of_campaign] = root.T @ (root @ campaign.mean)
         joint = joint + Gaussian(precision, shift)
     return joint
+
+
+class _Prior(NamedTuple):
+    """Independent normal priors of the coefficients that both campaigns have."""
+
+    mean: Array
+    precision: Array
+
+
+def _prior_of(campaign: _Campaign, common: Sequence[str]) -> _Prior:
+    """Return the priors that one campaign states of the coefficients named ``common``."""
+    places = np.array([campaign.names.index(name) for name in common], dtype=int)
+    return _Prior(campaign.prior_mean[places], campaign.information.scale[places] ** -2.0)
 
 
 def _joint_places(
@@ -257,6 +285,7 @@ def worst_conflict(
     names: Sequence[Sequence[str]],
     information: Sequence[Information],
     means: Sequence[Array],
+    prior_means: Sequence[Array],
 ) -> Conflict | None:
     """Return the error of the instrument about which the readings of two campaigns disagree most.
 
@@ -277,6 +306,8 @@ def worst_conflict(
         Linear model of the readings of each campaign (`Information`).
     means : sequence of ndarray
         Posterior means of the coefficients of each campaign.
+    prior_means : sequence of ndarray
+        Prior means of the coefficients of each campaign.
 
     Returns
     -------
@@ -287,11 +318,13 @@ def worst_conflict(
     scales = []
     variances = []
     common_means = []
+    common_prior_means = []
     for k in range(len(names)):
         places = np.array([names[k].index(name) for name in common], dtype=int)
         scales.append(information[k].scale[places])
         variances.append(np.diag(information[k].covariance())[places])
         common_means.append(means[k][places])
+        common_prior_means.append(prior_means[k][places])
     scale = np.array(scales)
     variance = np.array(variances)
     # ``variance`` holds the coefficients' variances in units of their prior variances. ``estimate``
@@ -299,11 +332,12 @@ def worst_conflict(
     # ``precision`` is the inverse variance of this estimate.
     precision_in_prior_units = 1.0 / variance - 1.0
     precision = precision_in_prior_units / scale**2
-    is_informed = precision.min(axis=0) * scale[0] ** 2 > _LEAST_INFORMATION
+    is_informed = precision_in_prior_units.min(axis=0) > _LEAST_INFORMATION
     if not is_informed.any():
         return None
     shrinkage = variance * np.maximum(precision_in_prior_units, _LEAST_INFORMATION)
-    estimate = np.array(common_means) / shrinkage
+    prior_mean = np.array(common_prior_means)
+    estimate = prior_mean + (np.array(common_means) - prior_mean) / shrinkage
     distances = {}
     for j in np.flatnonzero(is_informed).tolist():
         sd = np.sqrt((1.0 / precision[:, j]).sum())
@@ -328,3 +362,15 @@ def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
         return np.asarray(beta)
     _, nuisances = bound.given_interest.conditional(phi[None], (beta - bound.centre)[None])
     return np.concatenate([beta, nuisances.mean[0]])
+
+
+def _prior_mean(bound: BoundModel) -> Array:
+    """Return the prior mean of parameters and shared nuisance coefficients, parameters first.
+
+    Shared nuisance coefficients act in several tests. The means have the order of `information_of`.
+    """
+    means = [bound.prior_mean]
+    for term in shared_terms(bound.nuisance_columns):
+        mean = 0.0 if term.mean is None else term.mean
+        means.append(np.broadcast_to(mean, len(term.names)))
+    return np.concatenate(means)

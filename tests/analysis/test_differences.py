@@ -129,6 +129,14 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
                 for r, own in enumerate(turns)
             ]
         )
+        expected = []
+        for r, own in enumerate(turns):
+            known = np.zeros(len(own))
+            for c in columns:
+                if c.mean is not None:
+                    known = known + own @ c.values[r] @ c.mean
+            expected.append(known)
+        readings[-1] = readings[-1] - np.concatenate(expected)
     every = np.concatenate([own for campaign in shared for own in campaign])
     jacobian = block_diag(*designs)
     covariance = every @ every.T + block_diag(*noises)
@@ -163,6 +171,41 @@ def test_the_same_instrument(work_deg: float) -> None:
         assert difference.means[0, k] == pytest.approx(
             mean[i], abs=1e-5 * np.sqrt(covariance[i, i])
         ), name
+
+
+CERTIFIED = lb.Instrument(
+    bar_length_error_um=10.0,
+    bar_U_um=1.0,
+    work=lb.Ball(harmonics_um=((2, 3.0, 35.0),), U_um=0.2),
+)
+
+
+@pytest.mark.parametrize("certified", [(True, True), (True, False), (False, True)])
+def test_a_certificate_of_the_instrument_counts_once(certified: tuple[bool, bool]) -> None:
+    """One that only one of the campaigns states is of the instrument of both; against the dense
+    model in which both state it."""
+    campaigns = [campaign_of(1), campaign_of(2)]
+    stating = [replace(campaign, instrument=CERTIFIED) for campaign in campaigns]
+    mean, covariance = dense([MODEL.bind(campaign) for campaign in stating])
+    bounds = []
+    for k, states in enumerate(certified):
+        bounds.append(MODEL.bind(stating[k] if states else campaigns[k]))
+    names, difference = together(bounds)
+    p = len(bounds[0].names)
+    for k, name in enumerate(names):
+        i = bounds[0].names.index(name)
+        sd = float(np.sqrt(covariance[i, i]))
+        assert difference.means[0, k] == pytest.approx(mean[i], abs=1e-5 * sd), name
+        assert difference.means[1, k] == pytest.approx(mean[p + i], abs=1e-5 * sd), name
+
+
+def test_a_certificate_in_one_campaign_is_no_disagreement() -> None:
+    one_form = SIMULATED.without("ball-form", "bar-length")
+    campaigns = [campaign_of(seed, model=one_form) for seed in (3, 103)]
+    stated = replace(campaigns[1], instrument=lb.Instrument(bar_U_um=1.0))
+    for second in (campaigns[1], stated):
+        bounds = [MODEL.bind(campaigns[0]), MODEL.bind(second)]
+        assert together(bounds)[1].conflict.p_value > 0.01
 
 
 def test_another_radius_is_another_length() -> None:
@@ -225,7 +268,11 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
                 np.array([0.0, value, 0.5 * value]) * prior_sd**2 / (prior_sd**2 + noise**2)
             )
         conflict = worst_conflict(
-            ["length", "form"], [["E", "form", "length"]] * 2, informations, means
+            ["length", "form"],
+            [["E", "form", "length"]] * 2,
+            informations,
+            means,
+            [np.zeros(3)] * 2,
         )
         assert conflict == (
             "form",
