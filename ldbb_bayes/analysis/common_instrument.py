@@ -12,7 +12,7 @@ the noise).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -81,7 +81,7 @@ class _Campaign(NamedTuple):
 
 
 def joint_difference(
-    bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array]
+    bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Mapping[str, Array]]
 ) -> JointDifference:
     """Return how the parameters differ between two campaigns run with the same instrument.
 
@@ -91,9 +91,9 @@ def joint_difference(
         Models applied to the first and to the second campaign.
     phi : sequence of ndarray
         Hyper-parameters of each campaign, shape (h,); lengths in mm.
-    rows : sequence of ndarray
-        Matrix for each campaign, shape (n, p), that maps the p parameters β of the campaign to the
-        n compared parameters.
+    rows : sequence of mapping
+        For each campaign, what one unit of each of its coefficients adds to the n compared
+        parameters, shape (n,). The keys are the names of the coefficients; others add nothing.
     """
     if _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
@@ -113,15 +113,14 @@ def joint_difference(
         for campaign in campaigns
     ]
     joint = _joint_posterior(campaigns, places, common, len(all_names))
-    # ``rows`` holds one matrix for each campaign, which computes the compared parameters from the
-    # campaign's own parameters. ``joint_rows`` holds the same matrices with columns of zeros
-    # inserted, so that they can be multiplied by the vector of all coefficients of both campaigns.
-    # ``places`` holds, for each campaign, the positions of its coefficients in this vector; the
-    # positions of its parameters come first.
-    joint_rows = np.zeros((2, len(rows[0]), len(all_names)))
-    for k, rows_of_campaign in enumerate(rows):
-        parameter_places = places[k][: rows_of_campaign.shape[1]]
-        joint_rows[k][:, parameter_places] = rows_of_campaign
+    joint_rows = np.stack(
+        [
+            _joint_rows(campaign, places_of_campaign, rows_of_campaign, len(all_names))
+            for campaign, places_of_campaign, rows_of_campaign in zip(
+                campaigns, places, rows, strict=True
+            )
+        ]
+    )
     difference_rows = joint_rows[1] - joint_rows[0]
     return JointDifference(
         joint_rows @ joint.mean,
@@ -241,6 +240,22 @@ def _joint_posterior(
         shift[places_of_campaign] = root.T @ (root @ campaign.mean)
         joint = joint + Gaussian(precision, shift)
     return joint
+
+
+def _joint_rows(
+    campaign: _Campaign, places: Sequence[int], rows: Mapping[str, Array], size: int
+) -> Array:
+    """Return the matrix that computes the compared parameters of a campaign from all coefficients.
+
+    The vector of all coefficients of both campaigns has ``size`` elements, and ``places`` are the
+    positions of the campaign's coefficients in this vector. ``rows`` holds what one unit of each
+    coefficient adds to the n compared parameters, shape (n,). The matrix has the shape (n, size).
+    """
+    n = len(next(iter(rows.values())))
+    matrix = np.zeros((n, size))
+    for name, place in zip(campaign.names, places, strict=True):
+        matrix[:, place] = rows.get(name, 0.0)
+    return matrix
 
 
 class _Prior(NamedTuple):

@@ -7,7 +7,7 @@ the instrument largely cancel in the difference (`common_instrument`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import comb
 from typing import NamedTuple
 
@@ -18,8 +18,10 @@ from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_instrument import Conflict, joint_difference
+from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
+from ldbb_bayes.inference.coefficients import joint_load_secants
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -125,15 +127,15 @@ def compare_posteriors(
         if not is_offset and name in second.names:
             names.append(name)
     reference_force_N = first.setting.reference_force_N
-    rows = [_rows_at_force(bound, names, reference_force_N) for bound in bounds]
-    first_beta, first_phi = draws_of(posterior, first)
-    second_beta, second_phi = draws_of(other, second)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     if same_instrument:
-        phi = [first_phi.mean(axis=0), second_phi.mean(axis=0)]
+        phi = [draws_of(posterior, first)[1].mean(axis=0), draws_of(other, second)[1].mean(axis=0)]
+        rows = [_rows_at_force(bound, names, reference_force_N) for bound in bounds]
         compared = _compare_one_instrument(bounds, phi, rows, levels)
     else:
-        compared = _compare_independent(first_beta @ rows[0].T, second_beta @ rows[1].T, levels)
+        first_values = _values_at_force(posterior, first, names, reference_force_N)
+        second_values = _values_at_force(other, second, names, reference_force_N)
+        compared = _compare_independent(first_values, second_values, levels)
     units = [first.parameters[first.names.index(name)].unit for name in names]
     table = pd.DataFrame(
         {
@@ -155,17 +157,20 @@ def compare_posteriors(
 
 
 def _compare_one_instrument(
-    bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
+    bounds: Sequence[BoundModel],
+    phi: Sequence[Array],
+    rows: Sequence[Mapping[str, Array]],
+    levels: Array,
 ) -> _Differences:
     """Return the differences of parameters between two campaigns run with one instrument.
 
     The posterior of each difference is taken to be normal.
 
     ``bounds`` are the models of the two campaigns. ``phi`` holds, for each campaign, the posterior
-    mean of the h hyper-parameters, shape (h,). ``rows`` holds, for each campaign, the matrix that
-    maps the p parameters of the campaign to the n compared parameters, shape (n, p). ``levels``,
-    shape (2,), are the probabilities below the lower and the upper end of the credible interval of
-    each difference.
+    mean of the h hyper-parameters, shape (h,). ``rows`` holds, for each campaign, what one unit of
+    each coefficient adds to the n compared parameters; see `_rows_at_force`. ``levels``, shape
+    (2,), are the probabilities below the lower and the upper end of the credible interval of each
+    difference.
     """
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
@@ -232,29 +237,55 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
     )
 
 
-def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
-    """Return the matrix that converts a model's parameters to another reference force.
+def _values_at_force(
+    posterior: xr.DataTree, bound: BoundModel, names: Sequence[str], reference_force_N: float
+) -> Array:
+    """Return draws of the n parameters ``names`` at a reference force, shape (draws, n).
 
-    ``bound`` is the model of one campaign, with p parameters at its own reference force. The
-    matrix, shape (n, p), multiplied by these p parameters gives the n parameters ``names`` at the
-    reference force ``reference_force_N`` [N].
+    ``bound`` is the model of the posterior, which may have another reference force. Compliances
+    contain what `JointLoad` adds at the force ``reference_force_N`` [N].
+    """
+    rows = _rows_at_force(bound, names, reference_force_N)
+    beta = draws_of(posterior, bound)[0]
+    values = beta @ np.stack([rows[name] for name in bound.names])
+    if joint_load_secants(bound, reference_force_N):
+        draws = draws_at(posterior, reference_force_N)
+        for compliance in bound.compliances:
+            if compliance.label in names:
+                values[:, names.index(compliance.label)] = draws[compliance.label]
+    return values
+
+
+def _rows_at_force(
+    bound: BoundModel, names: Sequence[str], reference_force_N: float
+) -> dict[str, Array]:
+    """Return what each coefficient of a model adds to its parameters at another reference force.
+
+    ``bound`` is the model of one campaign, with parameters at its own reference force. The keys of
+    the result are the names of these parameters, and of the coefficients of `JointLoad`. The
+    arrays, shape (n,), hold what one unit of a coefficient adds to each of the n parameters
+    ``names`` at the reference force ``reference_force_N`` [N].
 
     A compliance is a polynomial in F − F0, the force minus the reference force. Its coefficients
-    for another reference force follow from the binomial theorem. Geometric errors do not depend on
-    the reference force.
+    for another reference force follow from the binomial theorem. Direct compliances also contain
+    what `JointLoad` adds. Geometric errors do not depend on the reference force.
     """
-    rows = np.zeros((len(names), len(bound.names)))
+    rows = {name: np.zeros(len(names)) for name in bound.names}
     shift_N = reference_force_N - bound.setting.reference_force_N
     for i, name in enumerate(names):
         target = bound.parameters[bound.names.index(name)]
         if target.group == "geometric":
-            rows[i, bound.names.index(name)] = 1.0
+            rows[name][i] = 1.0
             continue
-        for j, parameter in enumerate(bound.parameters):
+        for parameter, parameter_name in zip(bound.parameters, bound.names, strict=True):
             same_compliance = (
                 parameter.group != "geometric" and parameter.compliance == target.compliance
             )
             power = parameter.degree - target.degree
             if same_compliance and power >= 0:
-                rows[i, j] = comb(parameter.degree, target.degree) * shift_N**power
+                rows[parameter_name][i] = comb(parameter.degree, target.degree) * shift_N**power
+    for name, secants in joint_load_secants(bound, reference_force_N).items():
+        if name in names:
+            for coefficient, secant in secants.items():
+                rows.setdefault(coefficient, np.zeros(len(names)))[names.index(name)] = secant
     return rows

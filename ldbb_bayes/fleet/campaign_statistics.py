@@ -1,8 +1,10 @@
-"""Sufficient statistics of one campaign: moments of its parameters and of instrument errors.
+"""Sufficient statistics of one campaign: moments of its parameters and of further coefficients.
 
 Analyses of many campaigns need no other results of a campaign's fit. Parameters are compliances,
-their changes with force (slopes) and geometric errors. Instrument errors are errors of the mount's
-deflection and of the force; they are modelled but not of interest (nuisance coefficients).
+their changes with force (slopes) and geometric errors. The further coefficients are modelled but
+not of interest (nuisance coefficients). They are errors of the instrument, of the mount's
+deflection and of the force, and coefficients of `JointLoad`, which describe how direct compliances
+change with force in addition to their slopes.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import numpy as np
 
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.terms import Columns, Term
+from ldbb_bayes.model.terms import Columns, JointLoad, Term
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
@@ -148,7 +150,7 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     instrument_sds = []
     for place, (name, sd) in enumerate(nuisance_sds):
         owner = Term.owner(name)
-        if owner.common:
+        if owner.common or owner is JointLoad:
             places.append(place)
             names.append(name)
             units.append(owner.unit_of(name).inside)

@@ -36,6 +36,7 @@ from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, Geometr
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.prior import Prior, geometric_unit
 from ldbb_bayes.model.terms import Term
+from ldbb_bayes.model.terms.joints import joint_load_names, secants_along_axis
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import inside_name
 
@@ -120,8 +121,9 @@ def fleet_statistics(
     reference_force_N : force for which the compliances are given [N]; default: the median of the
         reference forces of the campaigns.
     one_instrument : whether all campaigns used the same bar. If true, the errors of the mount's
-        deflection and of the force are the same in all campaigns and do not average out. If false,
-        the errors of different campaigns are independent.
+        deflection and of the force are the same in all campaigns and do not average out; the best
+        certificate that a campaign states of them is of all campaigns. If false, the errors of
+        different campaigns are independent.
 
     Raises
     ------
@@ -146,7 +148,10 @@ def fleet_statistics(
     units = tuple(unit_by_name[name] for name in chosen)
     c = len(chosen)
     parameter_sd = reference_sd(chosen, units, prior_mean[:, :c], prior_sd[:, :c])
-    scale = np.concatenate([parameter_sd, prior_sd[:, c:].max(axis=0)])
+    # A certificate that one campaign states of the common instrument is of all campaigns. A model
+    # without an error of the instrument has the prior sd zero for it.
+    instrument_sd = np.where(prior_sd > 0.0, prior_sd, np.inf)[:, c:].min(axis=0)
+    scale = np.concatenate([parameter_sd, instrument_sd])
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
         machines=_machine_names(rows),
@@ -224,7 +229,7 @@ def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
     the errors belong. ``rows`` are rows of the table of a batch.
     """
     names = set[str]().union(*rows["gaussian_names"])
-    errors = [name for name in sorted(names) if Term.owner(name) is not Term]
+    errors = [name for name in sorted(names) if Term.owner(name).common]
     terms = list(Term.kinds.values())
     return tuple(sorted(errors, key=lambda name: terms.index(Term.owner(name))))
 
@@ -322,14 +327,15 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
         and shift are zero for quantities that are not in the campaign's fit.
     force_N
         Reference force common to all campaigns [N]. Compliances are converted to this force by
-        means of their slopes and curvatures (linear and quadratic changes with force).
+        means of their slopes and curvatures (linear and quadratic changes with force), and of
+        `JointLoad`.
     """
     names = list(row["gaussian_names"])
     mean = np.array(row["gaussian_mean"], dtype=float)
     prior_mean = np.array(row["gaussian_prior_mean"], dtype=float)
     prior_sd = np.array(row["gaussian_prior_sd"], dtype=float)
     covariance = _full_covariance(row["gaussian_covariance"], len(names))
-    to_force = _map_to_force(names, wanted, force_N - float(row["reference_force_N"]))
+    to_force = _map_to_force(names, wanted, force_N, row)
     present = np.flatnonzero(to_force.any(axis=1))
     columns = [names.index(wanted[int(i)]) for i in present]
     to_force = to_force[present]
@@ -389,22 +395,51 @@ def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
     return covariance
 
 
-def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: float) -> Array:
-    """Return the matrix that converts a campaign's quantities to another reference force.
+def _map_to_force(
+    names: Sequence[str], wanted: Sequence[str], force_N: float, row: Mapping[Any, Any]
+) -> Array:
+    """Return the matrix that converts a campaign's quantities to the force ``force_N`` [N].
 
     The rows of the matrix belong to the quantities ``wanted``, and the columns to the quantities
-    ``names`` that the campaign has. The new reference force is the old reference force plus
-    ``force_change_N``. A compliance at the new force is the compliance at the old force, plus its
-    slope times ``force_change_N``, plus its curvature times the square of ``force_change_N``.
-    ``wanted`` must not contain slopes or curvatures. Slopes also depend on the reference force, but
-    this function does not convert them.
+    ``names`` that the campaign has. ``row`` is the row of the campaign in the table of a batch. Let
+    ΔF be ``force_N`` minus the reference force of the campaign. A compliance at ``force_N`` is the
+    compliance at the reference force, plus its slope times ΔF, plus its curvature times ΔF². A
+    direct compliance also changes by what `JointLoad` adds. ``wanted`` must not contain slopes or
+    curvatures. Slopes also depend on the reference force, but this function does not convert them.
     """
+    reference_N = float(row["reference_force_N"])
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):
         for power, coefficient in enumerate((name, f"{name}_1", f"{name}_2")):
             if coefficient in names:
-                matrix[i, names.index(coefficient)] = force_change_N**power
+                matrix[i, names.index(coefficient)] = (force_N - reference_N) ** power
+        for coefficient, secant in _joint_load(name, force_N, row).items():
+            if coefficient in names:
+                matrix[i, names.index(coefficient)] = secant
     return matrix
+
+
+def _joint_load(name: str, force_N: float, row: Mapping[Any, Any]) -> dict[str, float]:
+    """Return by how much the coefficients of `JointLoad` change a compliance at another force.
+
+    The keys of the result are the names of the coefficients; it is empty if the compliance ``name``
+    is not a direct one. ``row`` is the row of the campaign in the table of a batch, and ``force_N``
+    the other force [N].
+    """
+    if not name.startswith("C_"):
+        return {}
+    compliance = ComplianceName(*name.removeprefix("C_"))
+    reference_N = float(row["reference_force_N"])
+    if compliance.kind != "direct" or force_N == reference_N:
+        return {}
+    coefficients = joint_load_names(compliance.twist)
+    if force_N == 0.0 and any(coefficient in row["gaussian_names"] for coefficient in coefficients):
+        raise InputError(
+            "reference_force_N must be positive where joints yield to their own load (JointLoad),"
+            " got 0. Give a force that was tested."
+        )
+    secants = secants_along_axis(np.array([force_N]), reference_N, float(row["force_max_N"]))
+    return dict(zip(coefficients, secants[0].tolist(), strict=True))
 
 
 def _common_meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:

@@ -41,6 +41,7 @@ __all__ = [
     "elastic_draws",
     "elastic_draws_with",
     "evenly_spaced",
+    "joint_load_secants",
     "machine_coefficients",
     "mean_shared_coefficients",
     "new_circle_coefficients",
@@ -255,6 +256,28 @@ def elastic_draws_with(
             added = deflections / force_N[:, None, None]
             per_force[:, k] += np.einsum("fkl,wl->wfk", added, of_axis)
     return ElasticDraws(compliances, per_force)
+
+
+def joint_load_secants(bound: BoundModel, force_N: float) -> dict[str, dict[str, float]]:
+    """Return by how much the coefficients of `JointLoad` change direct compliances at a force.
+
+    The keys of the result are the names of the direct compliances; the keys of each value are the
+    names of the coefficients. The result is empty if the model has no such term, or if ``force_N``
+    [N] is the reference force, at which the term changes no compliance. ``bound`` is the model of
+    the campaign.
+    """
+    setting = bound.setting
+    joint_load = _joint_load_of(bound)
+    if joint_load is None or force_N == setting.reference_force_N:
+        return {}
+    (secants,) = joint_load.secants(setting, np.array([force_N])).tolist()
+    columns_by_axis = joint_load_columns(setting, bound.columns_of[type(joint_load)])
+    changes = {}
+    for compliance in bound.compliances:
+        if compliance.kind == "direct" and compliance.twist in columns_by_axis:
+            names = columns_by_axis[compliance.twist].names
+            changes[compliance.label] = dict(zip(names, secants, strict=True))
+    return changes
 
 
 def _joint_load_of(bound: BoundModel) -> JointLoad | None:

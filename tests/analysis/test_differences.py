@@ -88,6 +88,24 @@ def test_independent_instruments(two: tuple[Any, Any]) -> None:
     assert table.attrs["conflict"] is None
 
 
+@pytest.mark.parametrize("same_instrument", [False, True])
+def test_at_another_force_a_compliance_contains_the_joint_load(same_instrument: bool) -> None:
+    """The second campaign's C at the first one's reference force is a point of its curve C(F)."""
+    model = lb.HybridModel.default(1)
+    campaigns = campaign_of(1), campaign_of(2, forces_N=(50.0, 200.0, 400.0, 800.0))
+    first, second = (
+        lb.sample(model, campaign, seed=1, sampler="independent") for campaign in campaigns
+    )
+    table = lb.analysis.compare_posteriors(first, second, same_instrument=same_instrument)
+    curve = lb.analysis.conformity.draws_at(second, 389.0)
+    for name in ("C_XXX", "C_YYY"):
+        sd = curve[name].std()
+        assert table.loc[name, "second"] == pytest.approx(curve[name].mean(), abs=0.3 * sd)
+    if not same_instrument:
+        both = np.hypot(sd, lb.summarize(first).loc["C_YYY", "sd"])
+        assert table.loc["C_YYY", "sd"] == pytest.approx(both, rel=1e-3)
+
+
 def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[Any, Any]) -> None:
     """Normal intervals of what the two campaigns say together, narrower than of two instruments."""
     table = lb.analysis.compare_posteriors(*two, same_instrument=True)

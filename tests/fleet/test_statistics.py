@@ -14,11 +14,17 @@ from campaigns import refuses
 from fleets import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
 from ldbb_bayes.fleet.compliance_meaning import stands_for
-from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics, reference_sd
+from ldbb_bayes.fleet.fleet_statistics import (
+    FleetStatistics,
+    _map_to_force,
+    fleet_statistics,
+    reference_sd,
+)
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, choose
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
@@ -120,6 +126,53 @@ def test_the_reference_force_is_that_of_another_model(
         means, sds = posteriors(carried, direct)
         np.testing.assert_allclose(sds[0], sds[1], rtol=0.05)
         np.testing.assert_allclose((means[0] - means[1]) / sds[1], 0.0, atol=0.1)
+
+
+def test_a_compliance_at_another_force_contains_the_joint_load() -> None:
+    """It is the curve C(F) of a fit, which draws the coefficients of the joints' own load."""
+    model = lb.HybridModel.default(degree=1).without("truncation")
+    moments = sufficient_statistics(HyperPosterior(model.bind(CAMPAIGN), truncated=False))
+    names = list(moments.names)
+    rule = lb.inference.StoppingRule(ess=3000.0)
+    fit = lb.sample(model, CAMPAIGN, sampler="independent", rule=rule, seed=2)
+    for force_N in (36.0, 100.0, 742.0):
+        draws = draws_at(fit, force_N)
+        wanted = ("C_XXX", "C_YYY", "C_CCY")
+        to_force = _map_to_force(names, wanted, force_N, row(moments))
+        sd = np.sqrt(np.diag(to_force @ moments.covariance @ to_force.T))
+        for k, name in enumerate(wanted):
+            assert (to_force @ moments.mean)[k] == pytest.approx(
+                draws[name].mean(), abs=0.1 * sd[k]
+            )
+            assert sd[k] == pytest.approx(draws[name].std(), rel=0.06)
+
+
+def test_without_load_a_joint_that_yields_to_its_own_load_has_no_compliance() -> None:
+    model = lb.HybridModel.default(degree=1).without("truncation")
+    moments = sufficient_statistics(HyperPosterior(model.bind(CAMPAIGN), truncated=False))
+    with pytest.raises(InputError, match=r"reference_force_N must be positive where joints yield"):
+        fleet_statistics(pd.DataFrame([row(moments)]), reference_force_N=0.0)
+
+
+def test_the_best_certificate_of_the_common_instrument_is_of_all_campaigns() -> None:
+    rows = []
+    for percent in (None, 1.0, None):
+        instrument = lb.Instrument(mount_U_percent=percent)
+        bound = MODEL.bind(replace(CAMPAIGN, instrument=instrument))
+        rows.append(row(sufficient_statistics(HyperPosterior(bound, truncated=False))))
+    first, stated, last = (fleet_statistics(pd.DataFrame([one])) for one in rows)
+    together = fleet_statistics(pd.DataFrame(rows))
+    assert together.prior_sd[-2:] == pytest.approx(stated.prior_sd[-2:])
+    assert together.prior_sd[-2] < 0.5 * first.prior_sd[-2]
+    # What a campaign says of the mount is the same, in whatever unit.
+    for k, one in enumerate((first, stated, last)):
+        ratio = together.prior_sd / one.prior_sd
+        np.testing.assert_allclose(
+            together.likelihood.precision[k],
+            one.likelihood.precision[0] * np.outer(ratio, ratio),
+            rtol=1e-6,
+            atol=1e-6,
+        )
 
 
 def test_reference_scales_are_those_of_the_kind() -> None:

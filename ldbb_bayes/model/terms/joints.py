@@ -18,7 +18,13 @@ from ldbb_bayes.model.terms.base import Term, Unit
 from ldbb_bayes.model.terms.columns import BasisNoise, Columns
 from ldbb_bayes.results import Array
 
-__all__ = ["JointLoad", "Position", "joint_load_columns"]
+__all__ = [
+    "JointLoad",
+    "Position",
+    "joint_load_columns",
+    "joint_load_names",
+    "secants_along_axis",
+]
 
 # Exponent a in the effect of a bolted contact on the reading, which is proportional to |u|^a. u is
 # the cosine of the angle between bar and machine axis. If the bar has the force F, the force along
@@ -99,14 +105,15 @@ class JointLoad(Term):
         )
         columns = []
         for axis, size in setting.driven_axes():
-            values = self._deflections(
-                setting,
+            values = _deflections(
                 setting.force_N[:, None],
+                reference_N,
+                setting.largest_force_N,
                 u_squared=setting.along(axis, 2.0),
                 u_cubed=setting.along(axis, 3.0),
                 u_contact=setting.along(axis, _CONTACT_POWER),
             )
-            names = tuple(f"joint_load_{LINEAR[axis]}_{law}" for law in _LAWS)
+            names = joint_load_names(LINEAR[axis])
             columns.append(Columns(names, values, np.full(len(names), self.relative_sd * size)))
         return tuple(columns)
 
@@ -118,8 +125,7 @@ class JointLoad(Term):
         axis. The result has the shape (n, 3), because the term has three coefficients for each
         axis. ``setting`` holds the reference force and the largest force of the campaign.
         """
-        deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
-        return deflections / force_N[:, None]
+        return secants_along_axis(force_N, setting.reference_force_N, setting.largest_force_N)
 
     def deflections(self, setting: Setting, axis: int, r: int, force_N: Array) -> Array:
         """Return the effects of the nonlinear deflections of an axis on the readings of one circle.
@@ -143,37 +149,14 @@ class JointLoad(Term):
         For each of n forces, the 25 Fourier coefficients of the reading per unit of each of the
         axis' three coefficients, shape (n, 25, 3) [N].
         """
-        return self._deflections(
-            setting,
+        return _deflections(
             force_N[:, None],
+            setting.reference_force_N,
+            setting.largest_force_N,
             u_squared=setting.along(axis, 2.0)[r],
             u_cubed=setting.along(axis, 3.0)[r],
             u_contact=setting.along(axis, _CONTACT_POWER)[r],
         )
-
-    @staticmethod
-    def _deflections(
-        setting: Setting,
-        force_N: Array,
-        *,
-        u_squared: Array | float,
-        u_cubed: Array | float,
-        u_contact: Array | float,
-    ) -> Array:
-        """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
-
-        The formulas are in `JointLoad`. ``force_N`` holds the forces F; ``setting`` holds the
-        reference force F0 and the largest force F_max. Let u be the component of the bar's unit
-        vector along an axis. ``u_squared`` is u², ``u_cubed`` is |u|³ and ``u_contact`` is
-        |u|^(5/3), as numbers or as Fourier coefficients that are broadcast against the forces. The
-        result has the shape (..., 3) [N].
-        """
-        reference_N = setting.reference_force_N
-        rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
-        contact_force = np.cbrt(force_N**2 * reference_N)
-        bolted = contact_force * u_contact - force_N * u_squared
-        seat = (contact_force - force_N) * u_squared
-        return np.stack([rolling, bolted, seat], axis=-1)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
@@ -184,6 +167,53 @@ class JointLoad(Term):
         axis, law = coefficient.removeprefix("joint_load_").split("_")
         effect, load = _LAWS[law]
         return f"{effect} of axis {axis} under {load}"
+
+
+def joint_load_names(axis: str) -> tuple[str, ...]:
+    """Return the names of the coefficients of an axis' nonlinear deflections (term `JointLoad`).
+
+    ``axis`` is the letter of the axis.
+    """
+    return tuple(f"joint_load_{axis}_{law}" for law in _LAWS)
+
+
+def secants_along_axis(force_N: Array, reference_force_N: float, largest_force_N: float) -> Array:
+    """Return by how much one unit of each coefficient of `JointLoad` changes a direct compliance.
+
+    The change is calculated at the n forces ``force_N``, shape (n,), none of them zero. It is the
+    nonlinear deflection of an axis divided by the force of the bar, with the bar along the axis.
+    The result has the shape (n, 3), because the term has three coefficients for each axis. It is
+    zero at the campaign's reference force ``reference_force_N``. ``largest_force_N`` is the largest
+    force of the campaign.
+    """
+    deflections = _deflections(
+        force_N, reference_force_N, largest_force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0
+    )
+    return deflections / force_N[:, None]
+
+
+def _deflections(
+    force_N: Array,
+    reference_force_N: float,
+    largest_force_N: float,
+    *,
+    u_squared: Array | float,
+    u_cubed: Array | float,
+    u_contact: Array | float,
+) -> Array:
+    """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
+
+    The formulas are in `JointLoad`. ``force_N`` holds the forces F, ``reference_force_N`` is F0 and
+    ``largest_force_N`` is F_max. Let u be the component of the bar's unit vector along an axis.
+    ``u_squared`` is u², ``u_cubed`` is |u|³ and ``u_contact`` is |u|^(5/3), as numbers or as
+    Fourier coefficients that are broadcast against the forces. The result has the shape (..., 3)
+    [N].
+    """
+    rolling = force_N * (force_N * u_cubed - reference_force_N * u_squared) / largest_force_N
+    contact_force = np.cbrt(force_N**2 * reference_force_N)
+    bolted = contact_force * u_contact - force_N * u_squared
+    seat = (contact_force - force_N) * u_squared
+    return np.stack([rolling, bolted, seat], axis=-1)
 
 
 def joint_load_columns(
