@@ -136,7 +136,8 @@ def assess_conformity(
     The probability that a quantity lies beyond a limit is the share of the posterior draws beyond
     the limit. If fewer than 10 of the n draws lie on one side of the limit, the probability of that
     side is taken from a normal distribution. This probability is not allowed to be smaller than the
-    share of the draws on that side, or larger than 10/n. If ``confidence`` is above 1 − 10/n (0.995
+    share of the draws on that side, or larger than 10/n. For a stiffness, the normal distribution
+    is that of the compliance. If ``confidence`` is above 1 − 10/n (0.995
     for 2000 draws), the decision may therefore depend on the tail of a normal distribution. For a
     skewed posterior, this tail may be too thin; take more draws in this case.
 
@@ -243,6 +244,9 @@ class _StatedDraws(NamedTuple):
     #: bar force for which the quantity that has the tolerance is computed [N]; None for geometric
     #: errors and changes of compliance with force
     force_N: float | None
+    #: whether the quantity is a stiffness. Its reciprocal, a compliance, is more nearly normally
+    #: distributed.
+    is_stiffness: bool = False
 
 
 def _stated_draws(
@@ -265,9 +269,10 @@ def _stated_draws(
     draws = {}
     for name in names:
         if name in compliances:
-            draws[name] = _StatedDraws(1.0 / values[compliances[name]], force)
+            draws[name] = _StatedDraws(1.0 / values[compliances[name]], force, is_stiffness=True)
         elif name in of_planes:
-            draws[name] = _StatedDraws(of_planes[name], force)
+            is_stiffness = name.startswith(("k_min", "k_max"))
+            draws[name] = _StatedDraws(of_planes[name], force, is_stiffness=is_stiffness)
         elif parameters[name].group == "compliance":
             draws[name] = _StatedDraws(values[name], force)
         else:
@@ -315,18 +320,43 @@ def _decide_by_draws(
 
     ``stated`` holds the draws of the quantity, and ``tolerance`` its limits, both in ``unit``. If
     too few draws lie on one side of a limit, the probability of that side is taken from a normal
-    distribution; see `_tail_probability`. ``confidence`` is the minimum probability at which a
-    decision is made.
+    distribution; see `_tail_probability`. For a stiffness, it is that of the compliance.
+    ``confidence`` is the minimum probability at which a decision is made.
     """
     draws = stated.values
     mean = float(draws.mean())
     sd = float(draws.std(ddof=1))
     low, high = tolerance.ends
-    below = _tail_probability(draws < low, (low - mean) / max(sd, _LEAST_SD))
-    above = _tail_probability(draws > high, (mean - high) / max(sd, _LEAST_SD))
+    low_score, high_score = _scores(stated, (low, high))
+    below = _tail_probability(draws < low, low_score)
+    above = _tail_probability(draws > high, high_score)
     probability = min(max(1.0 - below - above, 0.0), 1.0)
     decision = _decide(unit, mean, sd, tolerance, probability, confidence, stated.force_N)
     return replace(decision, probability_error=_error_of_share((draws >= low) & (draws <= high)))
+
+
+def _scores(stated: _StatedDraws, limits: tuple[float, float]) -> tuple[float, float]:
+    """Return how far the mean of a quantity lies beyond its limits, in standard deviations.
+
+    The numbers belong to the lower and to the upper limit; they are negative if the mean lies
+    inside the limit. For a stiffness, they are those of its reciprocal, a compliance.
+    """
+    low, high = limits
+    draws = stated.values
+    if not stated.is_stiffness:
+        sd = max(float(draws.std(ddof=1)), _LEAST_SD)
+        mean = float(draws.mean())
+        return (low - mean) / sd, (mean - high) / sd
+    compliance = 1.0 / draws
+    sd = max(float(compliance.std(ddof=1)), _LEAST_SD)
+    mean = float(compliance.mean())
+    low_score = -np.inf
+    if low > 0.0:
+        low_score = (mean - 1.0 / low) / sd
+    high_score = -np.inf
+    if high < np.inf:
+        high_score = (1.0 / high - mean) / sd
+    return low_score, high_score
 
 
 def _error_of_share(is_inside: Array) -> float:

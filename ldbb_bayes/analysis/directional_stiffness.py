@@ -96,6 +96,8 @@ class StatedValue(Result):
     ci_high: Number
     #: share of the posterior draws that lie within mean ± U, where U is the expanded uncertainty
     within_U: float
+    #: share of the posterior draws that lie within median ± U, where U is the expanded uncertainty
+    within_U_of_median: float
     #: whether the readings determine only the lower end of the credible interval of a stiffness;
     #: this is the case if the compliance may be nearly zero
     only_lower_limit: bool = False
@@ -691,15 +693,16 @@ def _stated_value(
         ci_low=numbers["ci_low"],
         ci_high=numbers["ci_high"],
         within_U=_share_within(draws - numbers["mean"], 2.0 * numbers["sd"]),
+        within_U_of_median=_share_within(draws - numbers["median"], 2.0 * numbers["sd"]),
         only_lower_limit=only_lower_limit,
     )
 
 
 def _share_within(deviation: Array, expanded: float) -> float:
-    """Return the share of a quantity's posterior draws within mean ± expanded uncertainty.
+    """Return the share of a quantity's posterior draws within value ± expanded uncertainty.
 
-    ``deviation``, shape (draws,), holds the draws minus their mean, and ``expanded`` is the
-    expanded uncertainty.
+    ``deviation``, shape (draws,), holds the draws minus the value that is stated, such as their
+    mean, and ``expanded`` is the expanded uncertainty.
     """
     return float(np.mean(np.abs(deviation) <= expanded))
 

@@ -202,7 +202,7 @@ def _parameter_entries(
             verdict = wording.verdict_words(verdict_by_name[name])
         parameters.append(
             {
-                "mean": entry["mean"],
+                "value": entry["mean"],
                 "sd": entry["sd"],
                 "name": name,
                 "shown": display_name(name),
@@ -232,7 +232,7 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
         sd = float(draws.change.std(ddof=1))
         entries.append(
             {
-                "mean": mean,
+                "value": mean,
                 "sd": sd,
                 "name": f"{name}_change",
                 "shown": f"Δ{display_name(name)}",
@@ -298,19 +298,25 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
 
     The value is a stiffness, a ratio or a difference. A ratio is one stiffness divided by another;
     a difference is one compliance minus another. ``name`` is the name that programs use, ``shown``
-    the name that people read, and ``kind`` the kind of the quantity, such as "ratio". The
-    dictionary is empty if only a lower limit of ``value`` is known.
+    the name that people read, and ``kind`` the kind of the quantity, such as "ratio". As on the
+    sheets, a stiffness or a ratio is its median, and a difference its mean. The dictionary is empty
+    if only a lower limit of ``value`` is known.
     """
     if value.only_lower_limit:
         return {}
+    stated = value.median
+    within = value.within_U_of_median
+    if kind == "difference":
+        stated = value.mean
+        within = value.within_U
     return {
-        "mean": value.mean,
+        "value": stated,
         "sd": value.sd,
         "name": name,
         "shown": shown,
         "kind": kind,
         "unit": dsi_unit(value.unit),
-        "within": value.within_U,
+        "within": within,
         "verdict": "",
     }
 
@@ -328,7 +334,7 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
     if not direction.is_determined:
         return {}
     return {
-        "mean": direction.angle_deg,
+        "value": direction.angle_deg,
         "sd": direction.sd_deg,
         "name": name,
         "shown": shown,

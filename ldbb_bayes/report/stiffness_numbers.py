@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ldbb_bayes.analysis.tolerances import name_in_plane
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words
-from ldbb_bayes.units import round_like, three_digits, value_and_uncertainty
+from ldbb_bayes.units import is_skewed, round_like, state, three_digits, value_and_uncertainty
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.directional_stiffness import (
@@ -179,10 +179,23 @@ def _stated_stiffness(
 def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
     """Return a string with a direction and its U (k = 2), such as "at 2° ± 17° from X".
 
-    If the readings do not determine the direction, the string says so.
+    If the distribution of the direction is skewed, the distances to the ends of its credible
+    interval stand in place of U. If the readings do not determine the direction, the string says
+    so.
     """
     if not direction.is_determined:
         return words("remarks.no_direction")
+    interval = (direction.ci_low_deg, direction.ci_high_deg)
+    if is_skewed(direction.angle_deg, interval):
+        turn = _turned(direction.angle_deg) - direction.angle_deg
+        turned_interval = (interval[0] + turn, interval[1] + turn)
+        statement = state(direction.angle_deg + turn, direction.sd_deg, turned_interval, "deg")
+        return words(
+            "remarks.towards_skewed",
+            angle=words.number(statement.value),
+            distances=words.number(statement.expanded),
+            axis=axis,
+        )
     angle, expanded = value_and_uncertainty(_turned(direction.angle_deg), direction.U_deg)
     return words(
         "remarks.towards",
@@ -203,7 +216,7 @@ def _turned(angle_deg: float) -> float:
 
 
 def _direction_in_sentence(direction: AxialDirection, axis: str, words: Words) -> str:
-    """Return a direction as a part of a sentence, such as "at 2° ± 17° from X"."""
+    """Return a direction as a part of a sentence; see `_direction_words`."""
     if not direction.is_determined:
         return words("plain.no_direction")
     return _direction_words(direction, axis, words)

@@ -183,6 +183,29 @@ def test_a_stiffness_conforms_where_its_compliance_does(
     assert conformity.decision == decision
 
 
+@pytest.mark.parametrize("k", [2.0, 3.0, 4.5])
+def test_a_limit_of_a_stiffness_and_of_its_compliance_are_one_statement(
+    posterior: Any, k: float
+) -> None:
+    """Also where few draws, or none, are beyond it."""
+    mean, sd = lb.summarize(posterior).loc["C_YYY", ["mean", "sd"]]
+    ends = (mean - k * sd, mean + k * sd)
+    of_compliance = lb.analysis.Tolerance(*ends)
+    of_stiffness = lb.analysis.Tolerance(1.0 / ends[1], 1.0 / ends[0])
+    for compliance, stiffness in (
+        (of_compliance, of_stiffness),
+        (replace(of_compliance, lower=None), replace(of_stiffness, upper=None)),
+        (replace(of_compliance, upper=None), replace(of_stiffness, lower=None)),
+    ):
+        decisions = lb.assess_conformity(
+            posterior, {"C_YYY": compliance, "stiffness_Y": stiffness}
+        )
+        assert decisions["stiffness_Y"].probability == pytest.approx(
+            decisions["C_YYY"].probability, abs=1e-12
+        )
+        assert decisions["stiffness_Y"].decision == decisions["C_YYY"].decision
+
+
 def test_texts_are_limits_with_their_units() -> None:
     limits = TABLES["tolerances"]["limits"]
     tolerances = tolerances_in(

@@ -61,7 +61,9 @@ def words(root: ElementTree.Element, tag: str) -> list[str]:
 
 
 def stiffness_of(posterior: xr.DataTree) -> dict[str, tuple[float, float, str]]:
-    """Mean, u and unit of the stiffness by direction at the reference force, by its sign."""
+    """Value, u and unit of the stiffness by direction at the reference force, by its sign.
+
+    The value of a stiffness or ratio is its median, as on the sheets."""
     (plane,) = lb.stiffness(posterior, [389.0], prob=0.9).planes
     values = {
         "k_min": plane.least,
@@ -77,7 +79,9 @@ def stiffness_of(posterior: xr.DataTree) -> dict[str, tuple[float, float, str]]:
     stated = {}
     for name, value in values.items():
         assert not value.only_lower_limit
-        stated[name] = (value.mean, value.sd, value.unit)
+        stated[name] = (value.median, value.sd, value.unit)
+    difference = plane.difference
+    stated["C_XXX−C_YYY"] = (difference.mean, difference.sd, difference.unit)
     for name, direction in directions.items():
         if direction.is_determined:
             stated[name] = (direction.angle_deg, direction.sd_deg, "deg")

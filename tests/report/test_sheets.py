@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -255,8 +256,8 @@ def row_of(sheet: ReportSheet, symbol: str) -> tuple[str, ...]:
 @pytest.mark.parametrize(
     ("language", "words", "where"),
     [
-        ("en", "Least stiffness in the plane", "from X (k = 2)"),
-        ("de", "Kleinste Steifigkeit in der Ebene", "zu X (k = 2)"),
+        ("en", "Least stiffness in the plane", "from X ("),
+        ("de", "Kleinste Steifigkeit in der Ebene", "zu X ("),
     ],
 )
 def test_the_certificate_states_the_least_stiffness_and_its_direction(
@@ -292,6 +293,22 @@ def test_a_direction_beyond_90_degrees_is_that_of_its_opposite() -> None:
     words = words_of("en")
     text = stiffness_numbers._direction_words(direction, "X", words)
     assert text == "at −2.0° ± 4.0° from X (k = 2)"
+
+
+def test_a_skewed_direction_has_the_distances_to_the_ends_of_its_interval() -> None:
+    direction = AxialDirection(3.0, 32.0, 64.0, 1.0, 88.0, 0.85, 0.9, is_determined=True)
+    turned = replace(direction, angle_deg=178.0, ci_low_deg=92.0, ci_high_deg=179.0)
+    texts = []
+    for language in ("en", "de"):
+        for stated in (direction, turned):
+            words = words_of(language)
+            texts.append(stiffness_numbers._direction_words(stated, "X", words))
+    assert texts == [
+        "at 3° from X (+85 / −2)°",
+        "at −2° from X (+1 / −86)°",
+        "bei 3° zu X (+85 / −2)°",
+        "bei −2° zu X (+1 / −86)°",
+    ]
 
 
 def test_beside_g_stands_what_the_circle_showed(findings: Findings, english: Sheets) -> None:
