@@ -36,6 +36,7 @@ __all__ = [
     "Certificates",
     "ChosenLayout",
     "ChosenModel",
+    "FollowedTolerances",
     "GivenCampaign",
     "GivenReadings",
     "OutputOptions",
@@ -399,6 +400,8 @@ Certificates = Annotated[dict[str, Any], group(instrument_fields, **_CERTIFICATE
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)]
 ChosenModel = Annotated["lb.HybridModel", group(model_from, **_model_options())]
 Tolerances = Annotated[dict[str, str], group(_tolerances, tolerance=_SHARED["tolerance"])]
+# Tolerances of quantities that are followed over time: parameters, and stiffnesses along an axis.
+FollowedTolerances = Annotated[dict[str, str], group(_tolerances, **options_of("followed"))]
 PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
 OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
 ReportOutput = Annotated[

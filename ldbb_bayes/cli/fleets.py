@@ -139,7 +139,7 @@ def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
 def trend(
     batches: _BatchesArgument,
     output: arguments.OutputOptions,
-    tolerances: arguments.Tolerances,
+    tolerances: arguments.FollowedTolerances,
     settings: Annotated[dict[str, Any], group(**options_of("whose", "rows", "trend"))],
 ) -> None:
     """Follow one machine over time: control chart, and the probability that a parameter changed.

@@ -136,21 +136,20 @@ def choose(
     """
     check_rows(rows)
     batch = rows if among is None else among
-    caveats: list[Caveat] = []
-    used_rows = _leave_out(CaveatKind.EXCLUDED, rows, _is_named(rows, exclude, batch), caveats)
-    is_early = _is_undated_or_before(used_rows, since)
-    used_rows = _leave_out(CaveatKind.BEFORE, used_rows, is_early, caveats, text=since or "")
-    used_rows = _leave_out(CaveatKind.FAILED, used_rows, used_rows["status"] != "done", caveats)
-    lacks_statistics = used_rows["gaussian_names"].isna()
-    used_rows = _leave_out(CaveatKind.NO_STATISTICS, used_rows, lacks_statistics, caveats)
-    digests = used_rows["sha256"]
-    is_repeated = digests.notna() & digests.duplicated()
-    used_rows = _leave_out(CaveatKind.GIVEN_AGAIN, used_rows, is_repeated, caveats)
+    selection = _Selection(rows, batch)
+    selection.leave_out(CaveatKind.EXCLUDED, _is_named(rows, exclude, batch))
+    is_early = _is_undated_or_before(selection.rows, since)
+    selection.leave_out(CaveatKind.BEFORE, is_early, text=since or "")
+    selection.leave_out(CaveatKind.FAILED, selection.rows["status"] != "done")
+    selection.leave_out(CaveatKind.NO_STATISTICS, selection.rows["gaussian_names"].isna())
+    digests = selection.rows["sha256"]
+    selection.leave_out(CaveatKind.GIVEN_AGAIN, digests.notna() & digests.duplicated())
     if not include_misfits:
-        is_misfit = _reports_any_of(used_rows, _MISFIT_KINDS)
-        used_rows = _leave_out(CaveatKind.UNEXPECTED, used_rows, is_misfit, caveats)
+        is_misfit = _reports_any_of(selection.rows, _MISFIT_KINDS)
+        selection.leave_out(CaveatKind.UNEXPECTED, is_misfit)
+    used_rows = selection.rows
     if used_rows.empty:
-        reasons = " ".join(caveat_words(caveat) for caveat in caveats)
+        reasons = " ".join(caveat_words(caveat) for caveat in selection.caveats)
         raise InputError(
             f"campaigns must be left to rely on, got none of {len(rows)}. {reasons} Mend these, or"
             " exclude fewer."
@@ -158,38 +157,38 @@ def choose(
     not_white = _reports_any_of(used_rows, _NOISE_KINDS) & ~_reports_any_of(
         used_rows, _MISFIT_KINDS
     )
-    _add_caveat(CaveatKind.NOT_CONVERGED, used_rows[used_rows["converged"].eq(False)], caveats)
-    _add_caveat(CaveatKind.NOT_WHITE, used_rows[not_white], caveats)
-    return used_rows, caveats
+    selection.add_caveat(CaveatKind.NOT_CONVERGED, used_rows["converged"].eq(False))
+    selection.add_caveat(CaveatKind.NOT_WHITE, not_white)
+    return used_rows, selection.caveats
 
 
-def _leave_out(
-    kind: CaveatKind,
-    rows: pd.DataFrame,
-    is_left_out: pd.Series[bool],
-    caveats: list[Caveat],
-    text: str = "",
-) -> pd.DataFrame:
-    """Remove rows of a batch's table, and add a caveat that names the campaigns removed.
+class _Selection:
+    """Rows of a batch's table that are still to be used, and caveats on the campaigns left out."""
 
-    The remaining rows are returned. ``rows`` are the rows of the table, and ``is_left_out`` states
-    for each of them whether it is removed. If at least one row is removed, a caveat (limitation)
-    with the given kind and text is added to the list ``caveats``.
-    """
-    _add_caveat(kind, rows[is_left_out], caveats, text)
-    return rows[~is_left_out]
+    def __init__(self, rows: pd.DataFrame, batch: pd.DataFrame) -> None:
+        """Store the rows. ``batch`` is the table of the whole batch; its names give the labels."""
+        self.rows = rows
+        self.caveats: list[Caveat] = []
+        self._batch = batch
 
+    def leave_out(self, kind: CaveatKind, is_left_out: pd.Series[bool], text: str = "") -> None:
+        """Remove rows, and add a caveat that names the campaigns removed, if there are any.
 
-def _add_caveat(
-    kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = ""
-) -> None:
-    """Add a caveat (limitation of an analysis) on some campaigns to the list ``caveats``.
+        ``is_left_out`` states for each row whether it is removed. ``kind`` and ``text`` are the
+        kind and the text of the caveat.
+        """
+        self.add_caveat(kind, is_left_out, text)
+        self.rows = self.rows[~is_left_out]
 
-    ``rows`` are the rows of these campaigns in the table of a batch. If there are none, no caveat
-    is added. ``kind`` and ``text`` are the kind and the text of the caveat.
-    """
-    if not rows.empty:
-        caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
+    def add_caveat(self, kind: CaveatKind, concerns: pd.Series[bool], text: str = "") -> None:
+        """Add a caveat (limitation of an analysis) on some campaigns, if there are any.
+
+        ``concerns`` states for each row whether the caveat is on its campaign. ``kind`` and
+        ``text`` are the kind and the text of the caveat.
+        """
+        if concerns.any():
+            names = labels(self.rows[concerns], self._batch)
+            self.caveats.append(Caveat(kind, tuple(names), text=text))
 
 
 def _reports_any_of(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
@@ -204,17 +203,23 @@ def _reports_any_of(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool
     return pd.Series(matches, index=rows.index, dtype=bool)
 
 
-def labels(rows: pd.DataFrame) -> list[str]:
+def labels(rows: pd.DataFrame, among: pd.DataFrame | None = None) -> list[str]:
     """Return the label of each campaign: its name, or its file path if it has no unique name.
 
     Parameters
     ----------
-    rows : table of a batch, as `read_batch` returns it.
+    rows : rows of the table of a batch, as `read_batch` returns it.
+    among : table in which a name must be unique. Default: ``rows``.
     """
-    paths = rows["campaign"].astype(str)
-    names = rows["name"].where(rows["name"].map(_is_text), paths)
-    is_shared = names.duplicated(keep=False)
-    return [str(label) for label in names.where(~is_shared, paths)]
+    names = _names(rows)
+    how_often = _names(rows if among is None else among).value_counts()
+    is_unique = names.map(how_often).eq(1)
+    return [str(label) for label in names.where(is_unique, rows["campaign"].astype(str))]
+
+
+def _names(rows: pd.DataFrame) -> pd.Series[str]:
+    """Return the name of each campaign, or its file path if it has no name."""
+    return rows["name"].where(rows["name"].map(_is_text), rows["campaign"].astype(str))
 
 
 def _is_text(value: Any) -> bool:

@@ -8,6 +8,7 @@ computed.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ from ldbb_bayes.units import plus_minus
 
 __all__ = ["StiffnessOfVisit", "stiffness_series", "stiffness_table"]
 
+# Plane at the end of the name of a quantity, such as k_min_YZ.
+_PLANE = re.compile(r"_(?:XY|YZ|ZX)$")
 # Text of a table cell for a quantity that the readings do not determine.
 _NOT_DETERMINED = "not determined"
 
@@ -63,7 +66,8 @@ def stiffness_series(
 ) -> dict[str, tuple[StiffnessOfVisit, ...]]:
     """Return the machine's stiffness by direction, computed from each campaign alone.
 
-    The result is a dict. Its keys are the names of quantities, such as ``k_min``. Each value is a
+    The result is a dict. Its keys are the names of quantities, such as ``k_min``. Quantities of a
+    plane that no campaign tested are left out. Each value is a
     tuple with the results for this quantity from all campaigns, in the order of the rows.
 
     Parameters
@@ -77,7 +81,7 @@ def stiffness_series(
     names: dict[str, None] = {}
     for column in rows.columns:
         name, _, number = str(column).rpartition(".")
-        if number == "mean" and STIFFNESS_NAME.fullmatch(name):
+        if number == "mean" and STIFFNESS_NAME.fullmatch(name) and _is_tested(name, rows):
             names[name] = None
     series = {}
     for name in names:
@@ -86,6 +90,22 @@ def stiffness_series(
             visits.append(_stiffness_of_visit(name, campaign, row))
         series[name] = tuple(visits)
     return series
+
+
+def _is_tested(name: str, rows: pd.DataFrame) -> bool:
+    """Return whether at least one campaign tested the plane of a quantity.
+
+    ``rows`` are rows of the table of a batch, which has a column for every quantity that any of its
+    campaigns has. A difference of compliances always has a value. Of stiffnesses and directions in
+    a plane, at least one stiffness has a lower limit.
+    """
+    if "_minus_" in name:
+        return bool(rows[f"{name}.mean"].notna().any())
+    plane = _PLANE.search(name)
+    suffix = plane[0] if plane else ""
+    limits = [f"{stiffness}{suffix}.ci_low" for stiffness in ("k_min", "k_max", "k_ratio")]
+    known = [column for column in limits if column in rows.columns]
+    return bool(rows[known].notna().any(axis=None))
 
 
 def _stiffness_of_visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
@@ -127,9 +147,15 @@ def _unit_of(name: str) -> str:
 
 
 def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
-    """Return a table of the stiffness by direction in the first and in the newest campaign."""
+    """Return a table of the stiffness by direction in the first and in the newest campaign.
+
+    The heads of the columns state the reference forces of the two campaigns.
+    """
+    first_visits = next(iter(series.values()))
+    first = f"first, at {first_visits[0].force_N:g} N"
+    newest = f"newest, at {first_visits[-1].force_N:g} N"
     rows = []
-    heads = ("quantity", "first", "newest")
+    heads = ("quantity", first, newest)
     for name, visits in series.items():
         rows.append((name.replace("_minus_", " − "), visits[0].text, visits[-1].text))
     return Table.of("Stiffness by direction, each campaign alone", heads, rows, text=heads[1:])

@@ -20,7 +20,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Annotated, Any, NamedTuple
 
@@ -224,7 +224,8 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
     machine = f"{trend.machine}, " if trend.machine else ""
-    table = Table.of(f"{machine}{len(trend.campaigns)} campaigns", heads, rows)
+    force = f"compliances at {trend.reference_force_N:g} N"
+    table = Table.of(f"{machine}{len(trend.campaigns)} campaigns, {force}", heads, rows)
     legend = "± U = 2u. U, common: what the instrument adds to all campaigns alike."
     passages: list[Table | str] = [table, legend, ""]
     newest_decisions = {}
@@ -462,7 +463,7 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
 
     The result also holds the machine_id of the machine and the caveats (limitations of the trend).
     ``machine`` is the machine_id that the user chose, or None. If some rows have a machine_id, rows
-    without a machine_id are left out, and a caveat names their campaigns. If no row has a
+    without a machine_id are left out, and caveats name their campaigns. If no row has a
     machine_id, all rows are returned, with a caveat. Raise an `InputError` if ``machine`` is
     unknown, or is None although there are several machines.
     """
@@ -482,9 +483,13 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
         return _MachineCampaigns(rows, None, [Caveat(CaveatKind.NO_MACHINES)])
     chosen = machine or machines[0]
     caveats = []
-    if not has_id.all():
-        nameless = tuple(labels(rows[~has_id]))
-        caveats.append(Caveat(CaveatKind.WITHOUT_MACHINE, nameless))
+    is_fitted = rows["status"] == "done"
+    for kind, is_left_out in (
+        (CaveatKind.FAILED, ~has_id & ~is_fitted),
+        (CaveatKind.WITHOUT_MACHINE, ~has_id & is_fitted),
+    ):
+        if is_left_out.any():
+            caveats.append(Caveat(kind, tuple(labels(rows[is_left_out], rows))))
     return _MachineCampaigns(rows[ids == chosen], chosen, caveats)
 
 
@@ -756,11 +761,13 @@ def _conformities(
         mean = chart.estimate[:, j] * statistics.prior_sd[j]
         sd = np.hypot(chart.sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
         decide = stiffness_conformity if is_stiffness else normal_conformity
+        force_N = None
+        if statistics.parameters[j].startswith("C_"):
+            force_N = statistics.reference_force_N
         decisions = {}
         for i, campaign in enumerate(campaigns):
-            decisions[campaign] = decide(
-                followed[name].unit, float(mean[i]), float(sd[i]), tolerance
-            )
+            decision = decide(followed[name].unit, float(mean[i]), float(sd[i]), tolerance)
+            decisions[campaign] = replace(decision, force_N=force_N)
         conformities[name] = decisions
     return conformities
 

@@ -197,9 +197,7 @@ def test_a_limit_of_a_stiffness_and_of_its_compliance_are_one_statement(
         (replace(of_compliance, lower=None), replace(of_stiffness, upper=None)),
         (replace(of_compliance, upper=None), replace(of_stiffness, lower=None)),
     ):
-        decisions = lb.assess_conformity(
-            posterior, {"C_YYY": compliance, "stiffness_Y": stiffness}
-        )
+        decisions = lb.assess_conformity(posterior, {"C_YYY": compliance, "stiffness_Y": stiffness})
         assert decisions["stiffness_Y"].probability == pytest.approx(
             decisions["C_YYY"].probability, abs=1e-12
         )

@@ -332,6 +332,17 @@ def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
     assert list(choose(rows, since="2025-08-13T00:00:00+02:00")[0]["name"]) == ["c08"]
 
 
+def test_labels_of_campaigns_left_out_are_unique_in_the_batch(rows: pd.DataFrame) -> None:
+    """One of two campaigns of one name is named by its path, whether or not the other is left out
+    with it."""
+    same = rows.copy()
+    same.loc[[0, 1], "name"] = "campaign"
+    path = same.loc[0, "campaign"]
+    _, caveats = choose(same, exclude=[path])
+    (caveat,) = [caveat for caveat in caveats if caveat.kind == CaveatKind.EXCLUDED]
+    assert caveat.names == (path,)
+
+
 def test_what_is_refused(rows: pd.DataFrame) -> None:
     for options, message in (
         (

@@ -100,6 +100,18 @@ def test_what_is_not_determined_is_said() -> None:
     assert "at least 25 N/µm" in str(stiffness_table(series))
 
 
+def test_quantities_of_a_plane_that_was_not_tested_are_left_out() -> None:
+    """A batch has a column for what any of its campaigns has."""
+    rows = pd.DataFrame({"reference_force_N": [300.0, 400.0]})
+    tested = ("k_min_XY", "C_XXX_minus_C_YYY")
+    for name in (*tested, "softest_direction_XY", "k_min_YZ", "C_YYY_minus_C_ZZZ"):
+        for number in ("mean", "sd", "median", "ci_low", "ci_high"):
+            rows[f"{name}.{number}"] = 2e4 if name in tested else None
+    series = stiffness_series(rows, ["first", "second"])
+    assert set(series) == {"k_min_XY", "C_XXX_minus_C_YYY", "softest_direction_XY"}
+    assert stiffness_table(series).heads == ("quantity", "first, at 300 N", "newest, at 400 N")
+
+
 def test_a_lower_limit_of_a_ratio_has_no_unit() -> None:
     rows = pd.DataFrame({"reference_force_N": [300.0]})
     for number in ("mean", "sd", "median", "ci_low", "ci_high"):

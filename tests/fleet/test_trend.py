@@ -26,6 +26,7 @@ from ldbb_bayes.fleet.change_point import (
 from ldbb_bayes.fleet.control_chart import _PanelData, _vertical_range
 from ldbb_bayes.fleet.control_limits import chart_points
 from ldbb_bayes.fleet.deviations import deviating
+from ldbb_bayes.fleet.selection import CaveatKind
 from ldbb_bayes.fleet.trend import Trend
 from ldbb_bayes.model.gaussian import Gaussian
 
@@ -519,6 +520,23 @@ def test_which_machine(rows: pd.DataFrame) -> None:
         "Left out, because they name no machine: c01.",
     )
     assert list(lb.fleet.find_trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
+
+
+def test_a_campaign_that_failed_is_not_said_to_name_no_machine(rows: pd.DataFrame) -> None:
+    more = pd.concat([rows, rows[-1:].assign(campaign="broken", name=None)], ignore_index=True)
+    more.loc[len(more) - 1, ["status", "machine_id"]] = ["failed", None]
+    caveats = {caveat.kind: caveat.names for caveat in lb.fleet.find_trend(more).caveats}
+    assert caveats[CaveatKind.FAILED] == ("broken",)
+    assert CaveatKind.WITHOUT_MACHINE not in caveats
+
+
+def test_the_force_of_compliances_is_stated(rows: pd.DataFrame) -> None:
+    tolerances = {"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm"}
+    trend = lb.fleet.find_trend(rows, reference_force_N=300.0, tolerances=tolerances)
+    assert "compliances at 300 N" in str(trend)
+    assert "Conformity (ISO 14253-1, JCGM 106), at 300 N" in str(trend)
+    for decisions in trend.conformity.values():
+        assert {decision.force_N for decision in decisions.values()} == {300.0}
 
 
 def test_doubts(rows: pd.DataFrame) -> None:
