@@ -462,8 +462,9 @@ def read_result(
         RecursionError,
     ) as error:
         raise InputError(
-            f"{source} must be a {name} written by this version of ldbb-bayes {command}, got a"
-            f" damaged one ({type(error).__name__}: {_reason_of(error)}). Run {command} again."
+            f"{source} must be a {name} written by this version of ldbb-bayes {command}, got"
+            f" another file or a damaged one ({_reason_of(error)}). Name the file of a {name}, or"
+            f" run {command} again."
         ) from None
 
 
@@ -473,8 +474,10 @@ def _reason_of(error: Exception) -> str:
     If pydantic (the library that checks the content of files) raised the error, return only the
     first entry of the error's message.
     """
+    if isinstance(error, KeyError):
+        return f"it lacks {error}"
     if not isinstance(error, ValidationError):
-        return str(error)
+        return str(error) or "no such value"
     first = error.errors()[0]
     field = ".".join(map(str, first["loc"]))
     return f"{field}: {first['msg']}"

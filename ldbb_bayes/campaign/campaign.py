@@ -28,8 +28,8 @@ from ldbb_bayes.campaign.field_types import (
     Date,
     Label,
     Length,
-    Number,
     Positive,
+    Resolution,
 )
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError, check_known, require
@@ -147,10 +147,10 @@ class CampaignFields(Shown):
     #: tolerances as strings with units, such as {"C_XXX": "60 nm/N"}; the keys are the names of the
     #: quantities. Tolerances do not influence a fit; `assess_conformity` uses them.
     tolerances: Mapping[str, str] = field(default_factory=dict)
-    feed_mm_per_min: Number | None = None  #: feed of the tool along the circle [mm/min]
+    feed_mm_per_min: Positive | None = None  #: feed of the tool along the circle [mm/min]
     #: resolution of the ball bar's readout [µm]; the model assumes that the standard deviation of
     #: the readings' noise is at least ``resolution_um`` / √12
-    resolution_um: Positive = 0.24
+    resolution_um: Resolution = 0.24
     #: order in which the tests were run: None if they were run in the order in which they are
     #: listed, "random" if they were run in random order. If ``time_s`` is given for all tests,
     #: these times are used instead.

@@ -43,6 +43,8 @@ Direction = Literal["CW", "CCW"]
 _MINIMUM_READINGS = 9
 # Smallest arc [deg] that the angles of a circular test must cover.
 _MINIMUM_ARC_DEG = 180.0
+# Largest number of turns of the bar that the angles of a circular test may span.
+_MOST_TURNS = 40.0
 # Largest reading that a circular test may have [mm]. A test with a larger reading is refused,
 # because its readings are probably in another unit.
 _LARGEST_READING_MM = 100.0
@@ -272,6 +274,12 @@ class CircularTest(TestFields):
             yield (
                 f"cover an arc of at least {_MINIMUM_ARC_DEG:g}°, got {arc_deg:.3g}°. Check the"
                 " unit of the angle (degrees or radians) or leave the test out."
+            )
+        turns = float(np.ptp(angle)) / 360.0
+        if turns > _MOST_TURNS:
+            yield (
+                f"have angles that span at most {_MOST_TURNS:g} turns, got {turns:.1f}. Check the"
+                " unit of the angle: degrees that are taken for radians span 57 times as much."
             )
         if reading is None:
             return

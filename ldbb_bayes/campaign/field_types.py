@@ -23,6 +23,7 @@ __all__ = [
     "Percent",
     "Positive",
     "Pressure",
+    "Resolution",
     "SetupNumber",
 ]
 
@@ -74,6 +75,9 @@ def _require_file_name(name: str) -> str:
 
 Number = Annotated[float, BeforeValidator(_refuse_text), Field(allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0.0)]
+# Resolution of a readout [µm]. A dial gauge resolves 10 µm; a larger number is likely to be in
+# another unit.
+Resolution = Annotated[Number, Field(gt=0.0, le=20.0)]
 Percent = Annotated[Number, Field(gt=0.0, le=100.0)]
 # Type of a force [N] that a user gives: above zero, at most 1e6.
 Force = Annotated[Number, Field(gt=0.0, le=1e6)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.field_types import STRICT, Number, Positive
@@ -64,4 +64,4 @@ class MountCompensation(Shown):
     #: nominal deflection of the work ball's mount per unit of the regulator's pressure [µm/bar]
     deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33
     #: whether the readings are compensated for the deflection of the work ball's mount
-    compensated: bool = True
+    compensated: StrictBool = True

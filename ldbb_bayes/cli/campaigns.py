@@ -20,7 +20,7 @@ from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields, campaign_from
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.campaign_text import parts_of
 
@@ -179,9 +179,14 @@ def simulate(
             f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove"
             " one of them.",
         )
-    simulation = model.simulate(
-        plan, seed=seed, parameters=truths.parameters, hyper_um=truths.hyper_um, exact=truths.exact
-    )
+    with placed(truth or source):
+        simulation = model.simulate(
+            plan,
+            seed=seed,
+            parameters=truths.parameters,
+            hyper_um=truths.hyper_um,
+            exact=truths.exact,
+        )
     record = {
         "schema": 1,
         "seed": seed,

@@ -264,6 +264,8 @@ class ReportSource:
         is_tidy = len(self.paths) == 1 and first.is_file() and is_tidy_table(first)
         _require_path(first)
         is_folder = len(self.paths) == 1 and not first.is_file()
+        if is_folder:
+            self._refuse_layout()
         if is_folder or (is_tidy and self.layout == lb.reading.Layout()):
             campaign = lb.read_campaign(
                 first, certificates=self.certificates, **self.campaign_fields
@@ -295,10 +297,7 @@ class ReportSource:
             f"one campaign must be given, got {len(self.paths)} files. Take each by itself; report"
             " sets several fits side by side.",
         )
-        require(
-            self.layout == lb.reading.Layout(),
-            f"options of an import must go with tables, got a campaign, {first}. Leave them out.",
-        )
+        self._refuse_layout()
         labels = {}
         fields = {}
         for name, value in self.campaign_fields.items():
@@ -308,6 +307,14 @@ class ReportSource:
                 fields[name] = value
         campaign = lb.read_campaign(first, certificates=self.certificates, **fields)
         return replace(campaign, **labels)
+
+    def _refuse_layout(self) -> None:
+        """Raise an `InputError` if an option is given that applies only to the import of tables."""
+        require(
+            self.layout == lb.reading.Layout(),
+            f"options of an import must go with tables, got a campaign, {self.paths[0]}. Leave them"
+            " out.",
+        )
 
     def _import_tables(self, *, ask: bool) -> Imported:
         """Return the campaign imported from the user's tables, with the assumptions of the import.

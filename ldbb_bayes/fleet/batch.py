@@ -19,7 +19,13 @@ import numpy as np
 
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError, check_probability
-from ldbb_bayes.fleet.campaign_row import Job, Settings, failed_row, fit_row
+from ldbb_bayes.fleet.campaign_row import (
+    Job,
+    Settings,
+    check_tolerances,
+    failed_row,
+    fit_row,
+)
 from ldbb_bayes.fleet.dataset import DATASET, check_pyarrow, read_batch, write_dataset
 from ldbb_bayes.fleet.gathering import gather
 from ldbb_bayes.fleet.journal import batch_identity, begin_batch, open_journal, save_row
@@ -201,6 +207,7 @@ def run_batch(
     )
     folder = Path(out)
     jobs = _numbered_jobs(gather(campaigns))
+    check_tolerances(settings, [job.absolute_path for job in jobs])
     with open_journal(folder) as journal, _running_executor(executor) as workers:
         identity = batch_identity(settings)
         resumed = begin_batch(journal, folder, jobs, identity, resume=resume, force=force)

@@ -6,7 +6,7 @@ import json
 import os
 import traceback
 import warnings
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -17,10 +17,10 @@ import numpy as np
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.directional_stiffness import stiffness_of_fit
 from ldbb_bayes.analysis.posterior_verdicts import confounded_parameters
-from ldbb_bayes.analysis.tolerances import name_in_plane
+from ldbb_bayes.analysis.tolerances import name_in_plane, quantities_of
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
-from ldbb_bayes.errors import InputError, plain_reason
+from ldbb_bayes.errors import InputError, check_known, plain_reason
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.compliance_meaning import stands_for
 from ldbb_bayes.fleet.dataset import PARAMETER_COLUMNS
@@ -33,8 +33,9 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.parallel import one_blas_thread, versions
 from ldbb_bayes.report.fit_tables import words_of_fit
+from ldbb_bayes.units import inside_name
 
-__all__ = ["Job", "Settings", "failed_row", "fit_row"]
+__all__ = ["Job", "Settings", "check_tolerances", "failed_row", "fit_row"]
 
 # Error allowed in each of the two log evidences from which a campaign's Bayes factor is computed
 # [nat]. The error of the log Bayes factor is then at most 0.1 nat, too little to change a decision
@@ -145,6 +146,33 @@ def _read_campaign(settings: Settings, path: str) -> Campaign:
     fields = settings.table if is_table else {}
     campaign = read_campaign(path, certificates=settings.certificates, **fields)
     return replace(campaign, tolerances={**campaign.tolerances, **settings.tolerances})
+
+
+def check_tolerances(settings: Settings, paths: Sequence[str]) -> None:
+    """Raise an `InputError` if a tolerance of a batch is of a quantity that no campaign has.
+
+    A campaign of one plane, for example, has no compliance of another plane. Campaigns that cannot
+    be read are passed over; each of them has a row with the reason.
+
+    Parameters
+    ----------
+    settings : settings of the fit, the same for all campaigns of the batch.
+    paths : file paths of the campaigns.
+    """
+    unknown = {inside_name(name) for name in settings.tolerances}
+    model = model_from_toml(settings.model_toml)
+    known: set[str] = set()
+    for path in paths:
+        if not unknown:
+            return
+        try:
+            campaign = _read_campaign(replace(settings, tolerances={}), path)
+            known |= set(quantities_of(model.bind(campaign)))
+        except InputError:
+            continue
+        unknown -= known
+    if known:
+        check_known("quantity with a tolerance", sorted(unknown), sorted(known))
 
 
 def _reason(error: Exception, job: Job) -> str:

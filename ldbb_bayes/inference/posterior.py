@@ -58,6 +58,8 @@ __all__ = [
 ]
 
 # Names of the groups of arrays that a netCDF file must contain to be read as a posterior.
+# First bytes of a netCDF file of version 4, which is an HDF5 file.
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of the arrays in a posterior (an xarray DataTree), except for arrays of random draws.
 # The keys are the names of the arrays. The dimension ``test`` has one entry for each test, and
@@ -236,12 +238,20 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             f"result must be a folder with posterior.nc or such a file, got {path}. Give the --out"
             " folder of a fit."
         )
+    with source.open("rb") as file:
+        is_netcdf = file.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE
+    if not is_netcdf and source.name != "posterior.nc":
+        raise InputError(
+            f"result must be a folder with posterior.nc or such a file, got {source}, which is of"
+            " another kind. Give the --out folder of a fit."
+        )
     tree = _read_tree(source)
     missing = [group for group in _GROUPS if group not in tree.children]
     if missing or "json" not in tree["provenance"].attrs:
+        lacking = ", ".join(missing) or "provenance"
         raise InputError(
-            f"{source} must be a posterior written by ldbb-bayes, got a file without"
-            f" {missing or 'provenance'}. Fit again."
+            f"{source} must be a posterior written by ldbb-bayes, got a file without {lacking}. Fit"
+            " again."
         )
     if tree["provenance"].attrs.pop("sha256", "") != _digest(tree):
         raise InputError(

@@ -95,6 +95,11 @@ _TRUNCATION_TOLERANCE = 1e-4
 _MOST_MACHINES = 20_000
 
 
+# Readings that are simulated from true parameters must stay below this size [mm]; larger ones come
+# from parameters in another unit.
+_LARGEST_READING_MM = 100.0
+
+
 def _default_terms() -> tuple[Term, ...]:
     """Return the nuisance terms (effects modelled but not of interest) of the default model.
 
@@ -515,7 +520,9 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            If a name is unknown or a hyper-parameter is outside its range. If no ``parameters`` are
+            If a name is unknown or a hyper-parameter is outside its range, if parameters are so
+            large that a reading exceeds 100 mm, or if they make a compliance negative that the
+            model does not allow to be negative. If no ``parameters`` are
             given, the error is also raised for a flat prior, and for a prior under which nearly all
             random machines have a negative compliance.
 
@@ -533,6 +540,7 @@ class HybridModel(Result):
             beta = bound.draw_machine(rng)
         else:
             beta = _values_by_name(parameters, bound.names)
+            _check_true_parameters(bound, beta)
         phi = _draw_hyper_parameters(bound, hyper_um or {}, rng)
         truth = bound.linearised_at(beta)
         coefficients = bound.interest @ beta + bound.known_offset
@@ -579,6 +587,34 @@ def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Ar
     values = {inside_name(name): value for name, value in parameters.items()}
     check_known("parameter", values, names)
     return np.array([values.get(name, 0.0) for name in names], dtype=float)
+
+
+def _check_true_parameters(bound: BoundModel, beta: Array) -> None:
+    """Raise an `InputError` if true values of the parameters are impossible.
+
+    ``beta``, shape (p,), are the values that a user gives for a simulation, in mm, N and rad. They
+    must be finite, must not make a compliance negative that the model does not allow to be
+    negative, and must not let a reading exceed 100 mm.
+    """
+    for name, value in zip(bound.names, beta.tolist(), strict=True):
+        require(
+            np.isfinite(value),
+            f"true {name} must be a number, got {value}. Correct it.",
+        )
+    if bound.truncation.active and not bound.truncation.holds(beta):
+        row = bound.truncation.rows[np.argmin(bound.truncation.rows @ beta)]
+        names = [name for name, weight in zip(bound.names, row, strict=True) if weight]
+        raise InputError(
+            f"true {names[0]} must not make a compliance negative, got"
+            f" {beta[bound.names.index(names[0])]:g}. Correct its sign, or take a model that allows"
+            " negative compliances (--without truncation)."
+        )
+    largest_mm = float(np.abs(bound.interest @ beta).max())
+    require(
+        largest_mm < _LARGEST_READING_MM,
+        f"true parameters must be in mm, N and rad, got ones that change readings by"
+        f" {largest_mm:.3g} mm. For 60 nm/N write 60e-6.",
+    )
 
 
 def _draw_hyper_parameters(

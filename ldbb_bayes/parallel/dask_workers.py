@@ -9,6 +9,7 @@ and would not run the job again.
 from __future__ import annotations
 
 import logging
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
@@ -29,6 +30,8 @@ __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
 # Longest time that this program waits for the answer of a Dask scheduler [s].
 ANSWER_S = 10.0
+# Port at the end of the address of a Dask scheduler, such as tcp://10.0.0.1:8786.
+_ADDRESS = re.compile(r":\d+$")
 # Number of threads of this process that wait for results of Dask workers. Each thread waits for one
 # job, so that Dask has at most this number of jobs at a time.
 _WAITING_THREADS = 64
@@ -120,6 +123,11 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
         ) from None
     for name in _LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    if scheduler is not None and not _ADDRESS.search(scheduler):
+        raise InputError(
+            "--scheduler must be the address of a Dask scheduler that is at work, with its port,"
+            f" got {scheduler!r}. Copy it from what dask scheduler says when it starts."
+        )
     with ExitStack() as stack:
         address: Any = scheduler
         if scheduler is None:

@@ -218,6 +218,18 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
             files.add(entry.file)
         return tests
 
+    @field_validator("angle_sense")
+    @classmethod
+    def _check_sense_and_sign_agree(cls, sense: str | None, info: ValidationInfo) -> str | None:
+        """Return the stated sense of the angles unchanged.
+
+        Raise a ValueError if the stated sign of the angles says the opposite.
+        """
+        sign = info.data.get("angle_sign")
+        if sense is not None and sign is not None and (sign == 1) != (sense == "CCW"):
+            raise ValueError(f"it contradicts the sign {sign:+d} of the angles; state one of them")
+        return sense
+
     @field_validator("columns")
     @classmethod
     def _check_single_columns(cls, columns: dict[str, _Column]) -> dict[str, _Column]:

@@ -105,7 +105,10 @@ def test_options(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     folders = {"CAMPAIGN": str(folder), "PLAN": str(planned)}
-    arguments = [folders.get(word, word) for word in case.split()]
+    arguments = []
+    for word in case.split():
+        name, slash, rest = word.partition("/")
+        arguments.append(f"{folders[name]}{slash}{rest}" if name in folders else word)
     assert CASES[case] in refused(invoke, *arguments)
     assert list(tmp_path.iterdir()) == []
 

@@ -561,7 +561,7 @@ def test_models_it_does_not_go_with(tmp_path: Path) -> None:
 def test_what_is_no_population(tmp_path: Path) -> None:
     for changes in ({"schema": 2}, {"kind": "fit"}):
         refuses(
-            r"must be a population written by .*, got a damaged one",
+            r"must be a population written by .*, got another file or a damaged one",
             lb.fleet.read_population_prior,
             written(tmp_path, **changes),
         )
