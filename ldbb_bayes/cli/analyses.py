@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import pandas as pd
@@ -12,7 +11,6 @@ import typer
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
-from ldbb_bayes.cli.arguments import campaign_from
 from ldbb_bayes.cli.atlases import ATLAS_FILES, write_atlases
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
 from ldbb_bayes.cli.goal_designs import (
@@ -283,9 +281,8 @@ def _design_for_goals(
 
 @command
 def validate(
-    plan: arguments.CampaignArgument,
+    campaign: arguments.GivenCampaign,
     model: arguments.ChosenModel,
-    certificates: arguments.Certificates,
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], group(**options_of("validate"))],
     pool: arguments.PoolOptions,
@@ -303,11 +300,10 @@ def validate(
     check of the workflow fails.
     """
     if settings.pop("workflow"):
-        _check_workflow(plan, model, certificates, output, settings, pool)
+        _check_workflow(campaign, model, output, settings, pool)
         return
     if "data_model" in settings:
         settings["generator"] = lb.read_model(settings.pop("data_model"), degree=model.degree)
-    campaign = campaign_from(plan, **certificates)
     output.check("validation.json", "ranks.csv", figures=["rank_ecdf"])
     with (
         executor_named(**pool) as executor,
@@ -335,9 +331,8 @@ def validate(
 
 
 def _check_workflow(
-    source: Path,
+    campaign: lb.Campaign,
     model: lb.HybridModel,
-    certificates: dict[str, Any],
     output: arguments.OutputOptions,
     settings: dict[str, Any],
     pool: dict[str, Any],
@@ -355,7 +350,6 @@ def _check_workflow(
         settings["sampler"] == "independent",
         f"--sampler must be independent with --workflow, got {settings['sampler']}. Leave it out.",
     )
-    campaign = campaign_from(source, **certificates)
     output.check("workflow.json", "ranks.csv", figures=["rank_ecdf", "workflow_checks"])
     with (
         executor_named(**pool) as executor,

@@ -17,7 +17,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.folder import IMPORT_NAME, TRUTH_NAME, files_of, write_campaign_into
 from ldbb_bayes.cli import arguments
-from ldbb_bayes.cli.arguments import campaign_fields, campaign_from
+from ldbb_bayes.cli.arguments import campaign_fields
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
@@ -133,6 +133,7 @@ def simulate(
     out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="DIR")],
     model: arguments.ChosenModel,
     truth: Annotated[Path | None, option(Path, "Truths for a plan, as TOML.", metavar="FILE.toml")],
+    table: arguments.TableFields,
     certificates: arguments.Certificates,
     force: Annotated[bool, arguments.FORCE],
     seed: Annotated[int, arguments.SEED],
@@ -154,6 +155,11 @@ def simulate(
             f"truths must come from one file, got {source} and {truth}. Give a plan as first"
             " argument, or drop --truth.",
         )
+        require(
+            not table,
+            f"options of a tidy CSV must go with one, got {', '.join(table)} with {source}. Write"
+            " them into the file.",
+        )
         truths = read_truths(source)
         if truths.plan is None:
             raise InputError(
@@ -162,7 +168,7 @@ def simulate(
             )
         plan = replace(truths.plan, instrument=lb.Instrument(**certificates))
     else:
-        plan = campaign_from(source, **certificates)
+        plan = lb.read_campaign(source, certificates=certificates, **table)
         require(
             not plan.adds_to_pilot or model.degree == 0 or plan.force_levels > 1,
             f"{source}: a plan must have two forces or more to be simulated, got one"
