@@ -114,10 +114,11 @@ def read_campaign(
         )
     else:
         tests, campaign_fields = read_campaign_toml(path)
-    with placed(path):
-        instrument = campaign_fields.pop("instrument", Instrument())
-        if certificates:
+    instrument = campaign_fields.pop("instrument", Instrument())
+    if certificates:
+        with placed(f"what is given beside {path}"):
             instrument = _with_certificates(instrument, certificates)
+    with placed(path):
         return Campaign(tests, instrument=instrument, **campaign_fields)
 
 
