@@ -19,7 +19,8 @@ from ldbb_bayes.analysis.circularity import summarise_draws
 from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
-from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.inference.coefficients import ModelDraws, joint_load_circles
+from ldbb_bayes.inference.posterior import bound_of, model_draws_of
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -102,7 +103,6 @@ def decompose_deviation(
     """
     check_probability(prob)
     bound = bound_of(posterior)
-    beta, _ = draws_of(posterior, bound, DRAWS)
     force = float(bound.setting.force_N.max())
     if force_N is not None:
         force = float(force_N)
@@ -114,7 +114,7 @@ def decompose_deviation(
     for plane in bound.setting.planes:
         r = first_circle(bound, plane)
         radius_mm = float(bound.setting.radius_mm[r])
-        for source, path in contribution_paths(bound, r, force, beta).items():
+        for source, path in contribution_paths(posterior, r, force).items():
             mean_path = path.mean(axis=0)
             place = {"plane": plane, "radius_mm": radius_mm, "force_N": force, "source": source}
             ends = {"maximum": float(mean_path.max()), "minimum": float(mean_path.min())}
@@ -126,25 +126,47 @@ def decompose_deviation(
 
 
 def contribution_paths(
-    bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()
+    posterior: xr.DataTree, r: int, force_N: float, only: Collection[str] = ()
 ) -> Mapping[str, Array]:
     """Return contributions of the sources, such as ``C_XXX``, to the readings on one circle.
 
     The keys are names of sources, as in `decompose_deviation`. Each value holds draws of the
     contribution at the angles 0°, 1° … 359°, shape (draws, 360) [µm]. The circle is that of the
-    test with index ``r``, at the force ``force_N`` [N]. ``beta``, shape (draws, p), are posterior
-    draws of the p parameters. Sources that do not change the readings are left out. If ``only`` is
+    test with index ``r``, at the force ``force_N`` [N]. Direct compliances contain what the term
+    `JointLoad` adds to them. Sources that do not change the readings are left out. If ``only`` is
     not empty, sources that it does not name are left out, too.
     """
+    rng = np.random.default_rng(0)
     turn = basis(ANGLE_RAD).T * 1e3
+    by_model = [
+        _contributing_circles(draws, r, force_N, rng) for draws in model_draws_of(posterior, DRAWS)
+    ]
     paths = {}
-    for source, columns in _columns_by_source(bound, machine_columns(bound, r, force_N)).items():
+    for source in by_model[0]:
         if only and source not in only:
             continue
-        path = beta @ columns.T @ turn
+        path = np.concatenate([circles[source] for circles in by_model]) @ turn
         if path.any():
             paths[source] = path
     return paths
+
+
+def _contributing_circles(
+    draws: ModelDraws, r: int, force_N: float, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Return draws of the contribution of each source to a circle, shape (draws, 25) [mm].
+
+    The contributions are Fourier coefficients. ``draws`` are posterior draws of one model. The
+    other arguments are those of `contribution_paths`; ``rng`` draws the coefficients of
+    `JointLoad`.
+    """
+    bound = draws.bound
+    columns_by_source = _columns_by_source(bound, machine_columns(bound, r, force_N))
+    circles = {source: draws.beta @ columns.T for source, columns in columns_by_source.items()}
+    for compliance, added in joint_load_circles(draws, r, force_N, rng).items():
+        for source in (TOGETHER, COMPLIANCE, compliance):
+            circles[source] = circles[source] + added
+    return circles
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:

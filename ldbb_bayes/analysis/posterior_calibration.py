@@ -35,7 +35,7 @@ from ldbb_bayes.analysis.calibration import (
     rank_replicates,
 )
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST, TimeSource, time_source
+from ldbb_bayes.campaign.run_times import with_listed_times
 from ldbb_bayes.errors import InputError, check_probability, check_seed, require
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -166,7 +166,7 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
     """
     i = seed.spawn_key[-1]
     simulation_seed, sampling_seed = seed.spawn(2)
-    measured = _with_times(study.campaign)
+    measured = with_listed_times(study.campaign)
     truth = ModelDraws(
         BoundModel(study.model, measured), study.phi[i : i + 1], study.beta[i : i + 1]
     )
@@ -182,22 +182,6 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
     drawn = np.hstack([beta, phi[:, shared]])
     true_values = np.concatenate([truth.beta[0], truth.phi[0]])
     return Ranks(ranks=(drawn < true_values).sum(axis=0), by_emcee=by_emcee)
-
-
-def _with_times(campaign: Campaign) -> Campaign:
-    """Return the campaign with a time for each test.
-
-    The times are needed when the campaign is enlarged by a repetition of its tests. The repeated
-    tests have the same times as the original tests, so that the mean time, from which drift is
-    measured, does not change. A campaign that states times is returned unchanged. In any other
-    campaign, each test gets a time in proportion to its position in the list.
-    """
-    if time_source(campaign) != TimeSource.LISTED:
-        return campaign
-    tests = []
-    for i, test in enumerate(campaign.tests):
-        tests.append(replace(test, time_s=i * SECONDS_PER_TEST))
-    return replace(campaign, tests=tuple(tests))
 
 
 def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) -> Campaign:

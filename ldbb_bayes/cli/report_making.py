@@ -25,8 +25,9 @@ from ldbb_bayes.cli.sources import ReportSource
 from ldbb_bayes.errors import InputError, check_probability, require
 from ldbb_bayes.files import check_target, staged_folder
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
-from ldbb_bayes.report.page import REPORT_FILES, check_report_target
+from ldbb_bayes.report.page import BESIDE, REPORT_FILES, Document, check_report_target
 from ldbb_bayes.report.pictures import PICTURES
+from ldbb_bayes.results import Table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -171,7 +172,26 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
             averaged=averaged,
             progress=progress,
         )
-    return WrittenReport(document, (), record_of(first)["sampler"]["converged"])
+    return WrittenReport(
+        document, _printed_differences(document), record_of(first)["sampler"]["converged"]
+    )
+
+
+def _printed_differences(document: Document) -> tuple[Any, ...]:
+    """Return the sentences and tables on differences between campaigns, for the terminal.
+
+    They are those of the page, without the parts that are hidden until the reader opens them. The
+    result is empty if the report is of one campaign.
+    """
+    parts: list[Any] = []
+    for section in document.sections:
+        if section.key == BESIDE:
+            for part in section.content:
+                if isinstance(part, str | Table):
+                    parts.append(part)
+                elif isinstance(part, tuple):
+                    parts += part
+    return tuple(parts)
 
 
 def _check_report_folder(folder: Path, *, force: bool) -> None:

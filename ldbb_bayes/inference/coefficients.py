@@ -41,6 +41,7 @@ __all__ = [
     "elastic_draws",
     "elastic_draws_with",
     "evenly_spaced",
+    "joint_load_circles",
     "joint_load_secants",
     "machine_coefficients",
     "mean_shared_coefficients",
@@ -256,6 +257,33 @@ def elastic_draws_with(
             added = deflections / force_N[:, None, None]
             per_force[:, k] += np.einsum("fkl,wl->wfk", added, of_axis)
     return ElasticDraws(compliances, per_force)
+
+
+def joint_load_circles(
+    draws: ModelDraws, r: int, force_N: float, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Return posterior draws of what `JointLoad` adds to each direct compliance around one circle.
+
+    The keys of the result are the names of the direct compliances. Each value holds the Fourier
+    coefficients of the deflection that is added to that of the compliance, shape (draws, 25) [mm].
+    The result is empty if the model has no such term. ``r`` is the index of the test whose circle
+    is run, and ``force_N`` the force of the bar [N].
+    """
+    bound = draws.bound
+    joint_load = _joint_load_of(bound)
+    if joint_load is None:
+        return {}
+    shared = draw_shared(bound, draws.phi, draws.beta, rng)
+    names = _names_of_shared(bound)
+    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[type(joint_load)])
+    circles = {}
+    for compliance in bound.compliances:
+        if compliance.kind == "direct" and compliance.twist in columns_by_axis:
+            along_axis = [names.index(name) for name in columns_by_axis[compliance.twist].names]
+            axis = LINEAR.index(compliance.twist)
+            (deflections,) = joint_load.deflections(bound.setting, axis, r, np.array([force_N]))
+            circles[compliance.label] = shared[:, along_axis] @ deflections.T
+    return circles
 
 
 def joint_load_secants(bound: BoundModel, force_N: float) -> dict[str, dict[str, float]]:

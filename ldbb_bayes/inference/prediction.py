@@ -17,6 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
+from ldbb_bayes.campaign.run_times import after_the_others, with_listed_times
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, check_seed, require
 from ldbb_bayes.inference.circle_spread import draw_new_noise_factors
@@ -232,9 +233,9 @@ def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
 
     The model is first applied to all measured and planned tests together. Therefore it has the same
     nuisances (effects that are modelled but not of interest, such as ball forms and bar lengths) in
-    both results. ``bound`` is the model applied to the measured campaign; ``plan`` holds the
-    planned tests. Raise an `InputError` if the planned tests are for another machine, or if they
-    depend on parameters that the model lacks.
+    both results. Planned tests without times follow the measured tests. ``bound`` is the model
+    applied to the measured campaign; ``plan`` holds the planned tests. Raise an `InputError` if the
+    planned tests are for another machine, or if they depend on parameters that the model lacks.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))
@@ -245,11 +246,12 @@ def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
         f" {plan.topology}. Make the plan with the campaign's topology and frames.",
     )
     new_tests = [replace(test.with_reading_um(None), name="") for test in plan.tests]
-    union = replace(campaign, tests=(*campaign.plan().tests, *new_tests))
+    timed = with_listed_times(campaign)
+    union = replace(timed, tests=(*timed.plan().tests, *after_the_others(timed, new_tests)))
     model = bound.model
     if not bound.setting.circle[0]:
         model = model.without("circle-scale")
-    union_bound = BoundModel(model, union, pilot=campaign)
+    union_bound = BoundModel(model, union, pilot=timed)
     unknown = ", ".join(sorted(set(union_bound.names) ^ set(bound.names)))
     require(
         not unknown,

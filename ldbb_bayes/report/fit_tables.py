@@ -248,7 +248,8 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
 def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     """Return a table of decisions on conformity, one row for each quantity with a tolerance.
 
-    The columns include the tolerance, the probability of conformity and the guard band. The
+    The columns include the value, U, the tolerance, the probability of conformity and the guard
+    band. The
     numerical error of the probability is stated if the decision depends on it.
 
     Parameters
@@ -267,6 +268,7 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
         rows.append(
             (
                 display_name(name),
+                *value_and_uncertainty(decision["mean"] * factor, 2.0 * decision["sd"] * factor),
                 wording.limit_words(decision["lower"], decision["upper"], factor),
                 _probability_of_conformance(decision),
                 round_uncertainty(decision["guard_band"] * factor)[0],
@@ -274,7 +276,16 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
                 decision["decision"],
             )
         )
-    heads = ("quantity", "tolerance", "P(conforms)", "guard band", "unit", "decision")
+    heads = (
+        "quantity",
+        "value",
+        "U",
+        "tolerance",
+        "P(conforms)",
+        "guard band",
+        "unit",
+        "decision",
+    )
     caption = "Conformity (ISO 14253-1, JCGM 106)"
     forces_N = {decision["force_N"] for decision in decisions.values()} - {None}
     for force in sorted(forces_N):

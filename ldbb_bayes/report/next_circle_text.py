@@ -5,7 +5,7 @@ from __future__ import annotations
 from ldbb_bayes.analysis.design import NextCircle
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
-from ldbb_bayes.units import digits_apart, display_name, display_unit, two_digits
+from ldbb_bayes.units import digits_apart, display_name, display_unit, value_and_uncertainty
 
 __all__ = ["aims_passages", "parts_of"]
 
@@ -84,18 +84,19 @@ def _tolerances_table(step: NextCircle) -> Table:
     """Return a table with one row for each quantity that has a tolerance.
 
     The columns include the value of the quantity, U (k = 2), the tolerance, and the decision on
-    conformity.
+    conformity. The caption states the force of compliances and stiffnesses.
     """
     rows = []
     for name, state in step.tolerances.items():
         now = state.now
         factor, unit = display_unit(now.unit)
         limits = wording.limit_words(now.lower, now.upper, factor)
+        value, expanded = value_and_uncertainty(now.mean * factor, 2.0 * now.sd * factor)
         rows.append(
             (
                 display_name(name),
-                two_digits(now.mean, factor),
-                two_digits(2.0 * now.sd, factor),
+                value.replace("-", "−"),
+                expanded,
                 limits,
                 unit,
                 wording.probability_words(now.probability),
@@ -104,7 +105,12 @@ def _tolerances_table(step: NextCircle) -> Table:
             )
         )
     heads = ("tolerance", "value", "U", "limit", "unit", "conforms", "decision", "decided next")
-    return Table.of("", heads, rows, text=("unit", "limit", "decision"))
+    forces_N = set()
+    for state in step.tolerances.values():
+        if state.now.force_N is not None:
+            forces_N.add(state.now.force_N)
+    caption = ", ".join(f"Tolerances at {force:g} N" for force in sorted(forces_N))
+    return Table.of(caption, heads, rows, text=("unit", "limit", "decision"))
 
 
 def _circles_table(step: NextCircle) -> Table:

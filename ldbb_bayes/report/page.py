@@ -45,6 +45,7 @@ from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Shown, json_text
 
 __all__ = [
+    "BESIDE",
     "REPORT_FILES",
     "Document",
     "check_report_target",
@@ -53,6 +54,8 @@ __all__ = [
     "write_report",
 ]
 
+# Key of the section on differences between campaigns.
+BESIDE = "beside"
 REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 
@@ -159,7 +162,7 @@ def compose(
         side_by_side = beside(
             findings.result, others, same_instrument=same_instrument, prob=findings.prob
         )
-        sections.insert(0, Section("beside", "Campaigns side by side", tuple(side_by_side)))
+        sections.insert(0, Section(BESIDE, "Campaigns side by side", tuple(side_by_side)))
         title += f", beside {wording.joined([other.name for other in others])}"
     document = Document(
         title,

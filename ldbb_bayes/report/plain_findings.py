@@ -29,8 +29,9 @@ __all__ = ["Finding", "FindingKind", "best_step", "findings_of", "plain_words"]
 # largest number of findings (things to inspect or to repair) that the test certificate names
 _MOST_FINDINGS = 3
 # Sheet 1 of the test certificate names a finding (something to inspect or to repair) if the
-# probability of the finding is at least this value.
-_LIKELY = 0.9
+# probability of the finding is at least this value. A change of a compliance with force counts as
+# shown from the same probability on.
+_LIKELY = 0.95
 _N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
 # force for which the test certificate's sentences state the deflection of an axis [N]
 _LOAD_N = 100.0
@@ -169,7 +170,7 @@ def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
     Returns
     -------
     tuple of Finding
-        Findings with a probability of at least 90 %.
+        Findings with a probability of at least 95 %.
     """
     candidates = [
         *_soft_axis_findings(numbers),
@@ -257,9 +258,15 @@ def _reversal_findings(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield one finding for each squareness error, with the probability of the error's sign."""
+    """Yield one finding for each squareness error, with the probability of the error's sign.
+
+    Errors that the readings do not determine are left out: the machine must not be corrected by
+    them.
+    """
     words = numbers.words
     for quantity in numbers.squareness_errors.values():
+        if quantity.is_undetermined:
+            continue
         values = {"name": quantity.words, "value": _with_U(quantity, words)}
         probability = _probability_of_sign(quantity.estimate, quantity.sd)
         yield Finding(FindingKind.SQUARENESS, probability, values)
@@ -332,12 +339,21 @@ def _undetermined_sentence(numbers: SheetNumbers) -> str:
     """Return a string that names the undetermined parameters and the step that would help most.
 
     A step, such as a calibration, reduces the uncertainty that is due to one effect. If the
-    readings determine all parameters, the string says so.
+    readings determine all parameters, the string says so. It then names the parameters whose
+    uncertainty is mostly that of effects which nobody measured.
     """
     words = numbers.words
     step = best_step(numbers)
     if not step:
-        return words("plain.all_determined")
+        assumed = [
+            quantity.symbol
+            for quantity in numbers.parameters.values()
+            if quantity.entry is not None and quantity.entry.partners
+        ]
+        sentence = words("plain.all_determined")
+        if assumed:
+            sentence += words("plain.by_assumption", names=words.joined(assumed))
+        return sentence
     undetermined = []
     helped_by_step: dict[str, list[str]] = {step: []}
     for quantity in numbers.parameters.values():

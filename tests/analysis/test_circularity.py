@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import circularity
+from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.path_contributions import COMPLIANCE, GEOMETRY, TOGETHER
 from ldbb_bayes.analysis.radial_zones import least_squares_zone, minimum_zone_width
@@ -190,6 +191,24 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
     assert table.loc[COMPLIANCE, "maximum"] == pytest.approx(46.0, abs=0.5)
     ends = table.loc[GEOMETRY, ["maximum", "minimum", "peak_to_peak"]].tolist()
     assert ends == pytest.approx([-7.0, -26.0, 19.0], abs=0.6)
+
+
+@pytest.mark.parametrize("force_N", [60.0, 742.0])
+def test_the_contribution_of_a_compliance_contains_the_joint_load(
+    recovered: lb.Campaign, force_N: float
+) -> None:
+    """Along its axis it is C(F) times the force."""
+    models = {"constant": lb.HybridModel.default(0), "linear": lb.HybridModel.default(1)}
+    for posterior in (
+        lb.sample(models["linear"], recovered, seed=1, sampler="independent"),
+        lb.average(models, recovered, seed=1),
+    ):
+        table = lb.analysis.decompose_deviation(posterior, force_N).set_index("source")
+        deflection_um = 1e3 * force_N * draws_at(posterior, force_N)["C_XXX"]
+        row = table.loc["C_XXX"]
+        sd = deflection_um.std()
+        assert row["maximum"] == pytest.approx(deflection_um.mean(), abs=0.15 * sd)
+        assert row["sd"] == pytest.approx(sd, rel=0.2)
 
 
 @pytest.mark.slow

@@ -127,7 +127,8 @@ def test_the_error_of_a_probability_is_that_of_independent_draws(
 
 def test_a_close_decision_states_the_error_of_its_probability() -> None:
     record = {"unit": "mm/N", "force_N": 389.0, "lower": None, "upper": 6e-5, "guard_band": 4e-6}
-    record |= {"confidence": 0.95, "decision": "not decided", "probability_error": 0.006}
+    record |= {"mean": 57e-6, "sd": 2.4e-6, "confidence": 0.95, "decision": "not decided"}
+    record |= {"probability_error": 0.006}
     for probability, shown in ((0.948, "0.948 ± 0.006"), (0.92, "0.920"), (0.055, "0.055 ± 0.006")):
         table = conformity_table({"C_XXX": record | {"probability": probability}})
         assert shown in [cell.strip() for cell in lines_of([table]).split("  ")]

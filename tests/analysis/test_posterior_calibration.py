@@ -13,7 +13,8 @@ from reports import fitted
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import posterior_calibration
-from ldbb_bayes.analysis.posterior_calibration import _enlarge, _with_times, calibrate_posterior
+from ldbb_bayes.analysis.posterior_calibration import _enlarge, calibrate_posterior
+from ldbb_bayes.campaign.run_times import with_listed_times
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.prediction import new_circles
@@ -41,7 +42,7 @@ def test_every_test_is_run_once_more(posterior: xr.DataTree) -> None:
 
 
 def test_repeated_tests_have_the_times_of_the_listed_order() -> None:
-    timed = _with_times(simulated(plan()))
+    timed = with_listed_times(simulated(plan()))
     assert [test.time_s for test in timed.tests] == [0.0, 360.0, 720.0, 1080.0]
 
 
@@ -51,7 +52,7 @@ def test_stated_times_are_kept() -> None:
     for k, test in enumerate(campaign.tests):
         tests.append(replace(test, time_s=100.0 * k))
     timed = replace(campaign, tests=tuple(tests))
-    assert _with_times(timed) is timed
+    assert with_listed_times(timed) is timed
 
 
 def test_an_average_is_refused(recovered: lb.Campaign) -> None:

@@ -13,6 +13,7 @@ from campaigns import HYPER_UM, oracle_of, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.run_times import with_listed_times
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.cross_validation import log_likelihood_of_tests
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
@@ -89,6 +90,30 @@ def test_prediction_as_a_table(posterior: xr.DataTree, averaged: xr.DataTree) ->
     assert table.equals(lb.predict(posterior, LATER, prob=0.8, seed=2))
     mean_um = lb.predict(averaged, LATER)["mean_um"]
     np.testing.assert_allclose(mean_um, table["mean_um"], atol=1.0)
+
+
+@pytest.mark.slow
+def test_circles_without_times_follow_the_measured_ones() -> None:
+    """They drift on: as if the times had been stated, and wider than at the mean time."""
+    model = lb.HybridModel.default(1)
+    timed = with_listed_times(CAMPAIGN)
+    stated = lb.sample(model, timed, sampler="independent", seed=1)
+    listed = lb.sample(model, CAMPAIGN, sampler="independent", seed=1)
+    last_s = max(test.time_s for test in timed.tests)
+    later = []
+    for k, test in enumerate(LATER.tests, start=1):
+        later.append(replace(test, time_s=last_s + 360.0 * k))
+    in_the_middle = [replace(test, time_s=0.5 * last_s) for test in LATER.tests]
+    tables = (
+        lb.predict(stated, LATER),
+        lb.predict(listed, LATER),
+        lb.predict(stated, replace(LATER, tests=tuple(later))),
+        lb.predict(stated, replace(LATER, tests=tuple(in_the_middle))),
+    )
+    widths = [float((table["ci_high_um"] - table["ci_low_um"]).mean()) for table in tables]
+    assert widths[0] == widths[2]
+    assert widths[1] == pytest.approx(widths[2], rel=1e-6)
+    assert widths[2] > 1.1 * widths[3]
 
 
 def test_intervals_hold_the_readings_of_the_fit(posterior: xr.DataTree) -> None:

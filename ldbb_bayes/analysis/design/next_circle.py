@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
@@ -73,6 +74,14 @@ _VERY_MANY = 1e6
 _LISTED = 5
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9
+
+
+class CircleKind(StrEnum):
+    """Kind of circles that differ from one another in one setting."""
+
+    DIRECTIONS = "both directions"
+    BALLS = "turned balls"
+    RADII = "a second radius"
 
 
 @dataclass(frozen=True)
@@ -147,6 +156,9 @@ class NextCircle(Result):
     #: number of further circles after which every aim of the campaign is expected to be reached;
     #: None if 40 circles are not enough
     more_circles: int | None
+    #: kinds of circles that were not allowed, but could help: both directions of travel, balls
+    #: turned in their sockets, circles of another radius
+    other_kinds: tuple[CircleKind, ...]
     #: what the readings so far contradict of what was known beforehand, such as a zero of the
     #: readings that was not set; nothing else should be decided before
     concerns: tuple[Concern, ...]
@@ -301,11 +313,22 @@ def next_circle(
         tolerances=_tolerances_so_far(of_tolerances, after, after_very_many),
         finished=finished,
         more_circles=more_circles,
+        other_kinds=_kinds_not_allowed(space),
         concerns=tuple(contradicted_priors(known.bound, known.phi_of_draws, known.draws)),
         direction=space.tests[order[0]].direction,
         table=_best_circles(space, order[:_LISTED], distance_now, distances),
         chosen=_Chosen(space, space.tests[order[0]]),
     )
+
+
+def _kinds_not_allowed(space: Space) -> tuple[CircleKind, ...]:
+    """Return the kinds of circles that are not among the possible next circles in ``space``."""
+    settings: dict[CircleKind, set[Any]] = {
+        CircleKind.DIRECTIONS: {test.direction for test in space.tests},
+        CircleKind.BALLS: {(test.work_ball_deg, test.tool_ball_deg) for test in space.tests},
+        CircleKind.RADII: {test.radius_mm for test in space.tests},
+    }
+    return tuple(kind for kind, values in settings.items() if len(values) < 2)
 
 
 def _aims_of(

@@ -21,7 +21,7 @@ from ldbb_bayes.analysis.circle_columns import first_circle
 from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.campaign.campaign import distinct_forces
-from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, PALETTE, band, panels, styled
@@ -240,8 +240,7 @@ def _paths(
     that `decompose_deviation` uses. ``bound`` is the model applied to the campaign.
     """
     circle = first_circle(bound, plane)
-    beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)
-    return path_contributions.contribution_paths(bound, circle, force_N, beta, tuple(sources))
+    return path_contributions.contribution_paths(posterior, circle, force_N, tuple(sources))
 
 
 def _peak_to_peak_words(path: Array) -> str:
