@@ -99,7 +99,7 @@ def decompose_deviation(
     >>> table.index.to_list()[:4]
     ['compliance and geometry', 'compliance', 'geometry', 'C_XXX']
     >>> round(table.loc["C_XXX", "maximum"])  # µm, C_XXX times 500 N
-    27
+    28
     """
     check_probability(prob)
     bound = bound_of(posterior)

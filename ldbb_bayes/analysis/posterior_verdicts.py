@@ -194,7 +194,11 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
     """
     prior_sd = np.full(len(bound.names), np.inf)
     for j, name in enumerate(bound.names):
-        if np.isfinite(bound.prior_sd[j]):
+        if bound.parameters[j].group == "geometric":
+            prior_sd[j] = bound.prior_sd[j]
+        elif np.isfinite(bound.prior_sd[j]):
+            # The condition that no compliance is negative changes the priors of compliances, and in
+            # an average only some of the models have slopes.
             prior_sd[j] = float(posterior["prior"][name].std())
     return SampledSd(prior_sd, np.sqrt(variance.variance[: variance.number_of_parameters]))
 

@@ -239,16 +239,21 @@ def _gum_sentence(numbers: SheetNumbers) -> str:
 
     The second kind of interval follows from the GUM's law of propagation of uncertainty. The
     sentence states for which parameters both kinds of interval agree. The comparison follows the
-    validation procedure of JCGM 101.
+    validation procedure of JCGM 101. It is made at the reference force of the model; compliances
+    that the sheets state at another force are therefore not among these parameters, and neither are
+    parameters for which the numerical error leaves the comparison open.
     """
     words = numbers.words
     validation = numbers.findings.gum_validation
+    reference_force_N = numbers.findings.result["model"]["reference_force_N"]
+    is_at_reference = numbers.force_N == reference_force_N
     agreeing = []
     differing = []
     for name, entry in validation.parameters.items():
         if name not in numbers.parameters:
             continue
-        if entry.validated:
+        is_compared = is_at_reference or not name.startswith("C_")
+        if entry.validated and entry.decided and is_compared:
             agreeing.append(display_name(name))
         else:
             differing.append(display_name(name))

@@ -105,7 +105,7 @@ def evidence(comparison: Comparison) -> Figure:
         all_axes[-1], rows, [_gain_words(assumption.gain) for assumption in assumptions]
     )
     figure.suptitle(
-        "Slope scale: sd(slope) (largest − smallest force) / sd(C)\n"
+        "Slope scale: sd(slope) (largest − smallest force) / C\n"
         "Right: evidence for the assumption (nat); open dots: below −5, the readings reject it"
     )
     return figure
