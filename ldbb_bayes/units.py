@@ -26,6 +26,7 @@ __all__ = [
     "is_direct",
     "is_skewed",
     "is_slope",
+    "needs_interval",
     "plus_minus",
     "ranked",
     "round_like",
@@ -146,6 +147,10 @@ _SAME_SIZE = 1e-5
 # A credible interval is treated as skewed if the distance between the mean and the middle of the
 # interval is above this fraction of half the interval's width.
 _SKEWED_SHARE = 0.2
+# The expanded uncertainty U = 2 u does not describe a credible interval if it exceeds this multiple
+# of half the interval's width. For a normal distribution it is 1.02 times that of an interval of 95
+# %, and 1.2 times that of an interval of 90 %.
+_HEAVY_TAILS = 1.5
 
 
 def display_unit(unit: str) -> tuple[float, str]:
@@ -528,7 +533,7 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
     high = interval[1] * factor
     u, decimals = round_uncertainty(sd * factor)
     expanded = round_uncertainty(2.0 * sd * factor)[0]
-    if is_skewed(mean, interval):
+    if needs_interval(mean, sd, interval):
         expanded = "see interval"
         if low <= middle <= high:
             above = round_like(high - middle, decimals)
@@ -552,6 +557,18 @@ def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
     """
     low, high = interval
     return abs(low + high - 2.0 * mean) > _SKEWED_SHARE * (high - low)
+
+
+def needs_interval(mean: float, sd: float, interval: tuple[float, float]) -> bool:
+    """Return whether value ± U would not describe a result, so that its interval must be stated.
+
+    This is the case if the credible interval is skewed (`is_skewed`), or if U = 2 u is much larger
+    than half the width of the interval: a few improbable, very large values can then dominate the
+    standard uncertainty u. ``mean`` is the value, ``sd`` its standard uncertainty, and ``interval``
+    its credible interval, all in the same unit.
+    """
+    low, high = interval
+    return is_skewed(mean, interval) or 2.0 * sd > _HEAVY_TAILS * 0.5 * (high - low)
 
 
 def stiffness(median: float, interval: tuple[float, float]) -> str:
@@ -579,11 +596,11 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
     """Return a result as text in the display unit: value ± expanded uncertainty (k = 2).
 
     ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval.
-    All of them are in the internal unit ``unit``, such as mm/N. If the interval is skewed about the
-    value, the text states the value and the interval instead.
+    All of them are in the internal unit ``unit``, such as mm/N. If value ± U would not describe the
+    interval (`needs_interval`), the text states the value and the interval instead.
     """
     factor, label = display_unit(unit)
-    if is_skewed(mean, interval):
+    if needs_interval(mean, sd, interval):
         statement = state(mean, sd, interval, unit)
         return f"{statement.value} {statement.interval} {label}"
     value, expanded = value_and_uncertainty(mean * factor, 2.0 * sd * factor)

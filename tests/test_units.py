@@ -169,3 +169,13 @@ def test_three_digits_need_no_power_of_ten(value: float, text: str) -> None:
 @pytest.mark.parametrize(("text", "unit"), [("1e999 mm", "mm"), ("1e308 m", "mm"), ("1e999", "")])
 def test_a_quantity_is_finite(text: str, unit: str) -> None:
     refuses("must be a finite number", units.to_inside, text, unit)
+
+
+def test_a_result_with_heavy_tails_is_stated_by_its_interval() -> None:
+    """A few very large values dominate u; of a normal distribution ± U is stated."""
+    assert not units.needs_interval(1.4, 0.066, (1.27, 1.53))
+    assert units.needs_interval(1.4, 0.46, (1.27, 1.53))
+    assert units.plus_minus(1.4e-6, 0.46e-6, (1.27e-6, 1.53e-6), "mm/N") == (
+        "1.40 [1.27, 1.53] nm/N"
+    )
+    assert units.state(1.4e-6, 0.46e-6, (1.27e-6, 1.53e-6), "mm/N").expanded == "+0.13 / −0.13"

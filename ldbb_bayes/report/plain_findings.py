@@ -19,7 +19,13 @@ from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.report.blocks import Items
 from ldbb_bayes.report.sheet_numbers import SheetNumbers
 from ldbb_bayes.report.stated_quantity import StatedQuantity
-from ldbb_bayes.units import display_unit, ranked, value_and_uncertainty
+from ldbb_bayes.units import (
+    display_unit,
+    needs_interval,
+    ranked,
+    round_like,
+    value_and_uncertainty,
+)
 
 if TYPE_CHECKING:
     from ldbb_bayes.report.translation import Words
@@ -121,14 +127,24 @@ def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
     """Return a string with the deflection under 100 N [µm] and its expanded uncertainty (k = 2).
 
     ``stiffness`` is in N/mm. If only a lower limit of the stiffness is known, the string states the
-    upper limit of the deflection.
+    upper limit of the deflection. If value ± U would not describe the deflection, the distances to
+    the ends of its credible interval are stated instead of U.
     """
     if stiffness.limit:
         largest_um = _LOAD_N / (stiffness.interval[0] * _N_PER_UM_OF_N_PER_MM)
         return words("plain.at_most", value=words.number(f"{largest_um:.2g}"))
     deflection_um = _LOAD_N / (stiffness.estimate * _N_PER_UM_OF_N_PER_MM)
-    relative_U = 2.0 * stiffness.sd / stiffness.estimate
-    value, expanded = value_and_uncertainty(deflection_um, relative_U * deflection_um)
+    sd_um = stiffness.sd / stiffness.estimate * deflection_um
+    low, high = stiffness.interval
+    interval_um = (
+        _LOAD_N / (high * _N_PER_UM_OF_N_PER_MM),
+        _LOAD_N / (low * _N_PER_UM_OF_N_PER_MM),
+    )
+    if needs_interval(deflection_um, sd_um, interval_um):
+        below = round_like(deflection_um - interval_um[0], 2)
+        above = round_like(interval_um[1] - deflection_um, 2)
+        return words.number(f"{round_like(deflection_um, 2)} (+{above} / −{below})")
+    value, expanded = value_and_uncertainty(deflection_um, 2.0 * sd_um)
     return words.number(f"{value} ± {expanded}")
 
 

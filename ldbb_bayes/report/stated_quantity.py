@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from ldbb_bayes.units import display_unit, is_skewed, state, value_and_uncertainty
+from ldbb_bayes.units import display_unit, needs_interval, state, value_and_uncertainty
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
@@ -93,7 +93,7 @@ class StatedQuantity:
         """
         if self.limit:
             return ValueAndU(self.limit, "–")
-        if is_skewed(self.estimate, self.interval):
+        if needs_interval(self.estimate, self.sd, self.interval):
             statement = state(self.estimate, self.sd, self.interval, self.unit)
             return ValueAndU(statement.value, statement.expanded)
         factor, _ = display_unit(self.unit)

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 from ldbb_bayes.analysis.tolerances import name_in_plane
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words
-from ldbb_bayes.units import is_skewed, round_like, state, three_digits, value_and_uncertainty
+from ldbb_bayes.units import (
+    needs_interval,
+    round_like,
+    state,
+    three_digits,
+    value_and_uncertainty,
+)
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.directional_stiffness import (
@@ -186,7 +192,7 @@ def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
     if not direction.is_determined:
         return words("remarks.no_direction")
     interval = (direction.ci_low_deg, direction.ci_high_deg)
-    if is_skewed(direction.angle_deg, interval):
+    if needs_interval(direction.angle_deg, direction.sd_deg, interval):
         turn = _turned(direction.angle_deg) - direction.angle_deg
         turned_interval = (interval[0] + turn, interval[1] + turn)
         statement = state(direction.angle_deg + turn, direction.sd_deg, turned_interval, "deg")
