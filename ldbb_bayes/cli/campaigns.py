@@ -6,6 +6,7 @@ set of circular tests of one machine.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.campaign_text import parts_of
+from ldbb_bayes.units import inside_name, is_direct
 
 __all__ = ["check", "import_", "simulate"]
 
@@ -83,6 +85,19 @@ def _unit_notes(campaign: lb.Campaign) -> list[str]:
         if remark.kind == "unit":
             notes.append(f"Note: {wording.remark_words(remark)}.")
     return notes
+
+
+def _check_signs(parameters: Mapping[str, float] | None, path: Path) -> None:
+    """Raise an `InputError` if a true direct compliance is negative.
+
+    ``parameters`` are the true values from the file ``path``; None if they are drawn at random.
+    """
+    for name, value in (parameters or {}).items():
+        require(
+            not (value < 0.0 and is_direct(inside_name(name))),
+            f"{path}: true {name} must not be negative, got {value:g}: a joint yields in the"
+            " direction of its load. Correct the sign.",
+        )
 
 
 def _counts_in_brackets(campaign: lb.Campaign) -> str:
@@ -185,6 +200,7 @@ def simulate(
             f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove"
             " one of them.",
         )
+    _check_signs(truths.parameters, truth or source)
     with placed(truth or source):
         simulation = model.simulate(
             plan,

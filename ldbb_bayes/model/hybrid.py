@@ -520,9 +520,8 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            If a name is unknown or a hyper-parameter is outside its range, if parameters are so
-            large that a reading exceeds 100 mm, or if they make a compliance negative that the
-            model does not allow to be negative. If no ``parameters`` are
+            If a name is unknown or a hyper-parameter is outside its range, or if parameters are so
+            large that a reading exceeds 100 mm. If no ``parameters`` are
             given, the error is also raised for a flat prior, and for a prior under which nearly all
             random machines have a negative compliance.
 
@@ -593,21 +592,12 @@ def _check_true_parameters(bound: BoundModel, beta: Array) -> None:
     """Raise an `InputError` if true values of the parameters are impossible.
 
     ``beta``, shape (p,), are the values that a user gives for a simulation, in mm, N and rad. They
-    must be finite, must not make a compliance negative that the model does not allow to be
-    negative, and must not let a reading exceed 100 mm.
+    must be finite, and must not let a reading exceed 100 mm.
     """
     for name, value in zip(bound.names, beta.tolist(), strict=True):
         require(
             np.isfinite(value),
             f"true {name} must be a number, got {value}. Correct it.",
-        )
-    if bound.truncation.active and not bound.truncation.holds(beta):
-        row = bound.truncation.rows[np.argmin(bound.truncation.rows @ beta)]
-        names = [name for name, weight in zip(bound.names, row, strict=True) if weight]
-        raise InputError(
-            f"true {names[0]} must not make a compliance negative, got"
-            f" {beta[bound.names.index(names[0])]:g}. Correct its sign, or take a model that allows"
-            " negative compliances (--without truncation)."
         )
     largest_mm = float(np.abs(bound.interest @ beta).max())
     require(
