@@ -381,9 +381,6 @@ def test_dask(tmp_path: Path) -> None:
     first, *refused = ended.stdout.splitlines()
     assert json.loads(first) == [list(range(20)), [9], True], ended.stderr
     assert (tmp_path / "died").exists()
-    assert (
-        "must be the address of a Dask scheduler that is at work, got 'nonsense' (missing port"
-        " number" in refused[0]
-    )
+    assert "that is at work, with its port, got 'nonsense'. Copy it" in refused[0]
     assert "got 'tcp://127.0.0.1:1' (" in refused[1]
     assert refused[2].startswith("workers must have one thread each, got 2 at inproc://")

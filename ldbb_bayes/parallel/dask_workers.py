@@ -30,8 +30,9 @@ __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
 # Longest time that this program waits for the answer of a Dask scheduler [s].
 ANSWER_S = 10.0
-# Port at the end of the address of a Dask scheduler, such as tcp://10.0.0.1:8786.
-_ADDRESS = re.compile(r":\d+$")
+# Port at the end of the address of a Dask scheduler, such as tcp://10.0.0.1:8786. A scheduler in
+# this process has no port.
+_ADDRESS = re.compile(r":\d+$|^inproc://")
 # Number of threads of this process that wait for results of Dask workers. Each thread waits for one
 # job, so that Dask has at most this number of jobs at a time.
 _WAITING_THREADS = 64
