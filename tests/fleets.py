@@ -177,6 +177,7 @@ def row(statistics: SufficientStatistics, **fields: object) -> dict[str, object]
         "force_max_N": 742.0,
         "converged": True,
         "kinds": [],
+        "terms": [],
         **statistics.columns(),
     }
     return default | fields

@@ -221,17 +221,15 @@ def _joint_posterior(
     size
         Number of coefficients in the joint list.
     """
-    priors = [_prior_of(campaign, common) for campaign in campaigns]
-    best = np.argmax([prior.precision for prior in priors], axis=0)
-    joint_places = [campaigns[0].names.index(name) for name in common]
-    diagonal = np.zeros(size)
-    prior_shift = np.zeros(size)
-    for j, place in enumerate(joint_places):
-        for k, prior in enumerate(priors):
-            times = float(k == best[j]) - 1.0
-            diagonal[place] += times * prior.precision[j]
-            prior_shift[place] += times * prior.precision[j] * prior.mean[j]
-    joint = Gaussian(np.diag(diagonal), prior_shift)
+    # The product contains the priors of both campaigns. The wider of the two priors of each common
+    # coefficient is divided out.
+    wider = _wider_prior(*(_prior_of(campaign, common) for campaign in campaigns))
+    common_places = [campaigns[0].names.index(name) for name in common]
+    divided_precision = np.zeros((size, size))
+    divided_precision[common_places, common_places] = -wider.precision
+    divided_shift = np.zeros(size)
+    divided_shift[common_places] = -wider.precision * wider.mean
+    joint = Gaussian(divided_precision, divided_shift)
     for campaign, places_of_campaign in zip(campaigns, places, strict=True):
         root = campaign.information.root()[0] / campaign.information.scale
         precision = np.zeros((size, size))
@@ -259,16 +257,26 @@ def _joint_rows(
 
 
 class _Prior(NamedTuple):
-    """Independent normal priors of the coefficients that both campaigns have."""
+    """Independent normal priors of the c coefficients that both campaigns have."""
 
-    mean: Array
+    mean: Array  #: prior means of the c coefficients in internal units (mm, N, rad), shape (c,)
+    #: inverse prior variances of the c coefficients in internal units (mm, N, rad), shape (c,)
     precision: Array
 
 
 def _prior_of(campaign: _Campaign, common: Sequence[str]) -> _Prior:
-    """Return the priors that one campaign states of the coefficients named ``common``."""
+    """Return the priors that one campaign states of the c coefficients named ``common``."""
     places = np.array([campaign.names.index(name) for name in common], dtype=int)
     return _Prior(campaign.prior_mean[places], campaign.information.scale[places] ** -2.0)
+
+
+def _wider_prior(first: _Prior, second: _Prior) -> _Prior:
+    """Return, for each coefficient, the prior with the larger standard deviation of two priors."""
+    first_is_wider = first.precision < second.precision
+    return _Prior(
+        np.where(first_is_wider, first.mean, second.mean),
+        np.where(first_is_wider, first.precision, second.precision),
+    )
 
 
 def _joint_places(
@@ -380,12 +388,12 @@ def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
 
 
 def _prior_mean(bound: BoundModel) -> Array:
-    """Return the prior mean of parameters and shared nuisance coefficients, parameters first.
+    """Return the prior means of q parameters and shared nuisance coefficients, shape (q,).
 
-    Shared nuisance coefficients act in several tests. The means have the order of `information_of`.
+    Shared nuisance coefficients act in several tests. The means are in internal units (mm, N, rad)
+    and have the order of `information_of`: parameters first.
     """
     means = [bound.prior_mean]
     for term in shared_terms(bound.nuisance_columns):
-        mean = 0.0 if term.mean is None else term.mean
-        means.append(np.broadcast_to(mean, len(term.names)))
+        means.append(term.prior_mean)
     return np.concatenate(means)

@@ -31,7 +31,8 @@ from ldbb_bayes.analysis.tolerances import (
     tolerances_in,
 )
 from ldbb_bayes.errors import require
-from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of
+from ldbb_bayes.inference.force_curves import draws_at
+from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result
@@ -41,7 +42,6 @@ __all__ = [
     "Conformity",
     "Decision",
     "assess_conformity",
-    "draws_at",
     "normal_conformity",
     "quantity_draws",
     "stiffness_conformity",
@@ -216,25 +216,6 @@ def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) 
         name: stated.values
         for name, stated in _stated_draws(posterior, bound, decisions, force).items()
     }
-
-
-def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
-    """Return posterior draws of every parameter, in units composed of mm, N and rad.
-
-    The result is a dict of arrays of shape (draws,); its keys are the names of the parameters.
-    Compliances are computed at the force ``force_N`` of the bar. Slopes (coefficients of the change
-    of compliances with force) and geometric errors do not depend on this force. If the posterior is
-    an average over models, two parameters' draws with the same index may come from different
-    models.
-    """
-    bound = bound_of(posterior)
-    draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
-    if force_N == bound.setting.reference_force_N:
-        return draws
-    curves = curves_of(posterior, np.array([force_N]))[:, 0]
-    for j, compliance in enumerate(bound.compliances):
-        draws[compliance.label] = curves[:, j]
-    return draws
 
 
 class _StatedDraws(NamedTuple):

@@ -18,10 +18,10 @@ from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_instrument import Conflict, joint_difference
-from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import joint_load_secants
+from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread

@@ -76,12 +76,12 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
         f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.",
     )
     readings = _angles_and_readings(path, columns)
-    unnamed = np.flatnonzero(columns["test"] == "")
-    require(
-        not unnamed.size,
-        f"{path}: every row must name its test, got {unnamed.size} that do not, the first at"
-        f" reading {unnamed[:1].sum() + 1}. Write the name of the test into the column.",
-    )
+    unnamed = np.flatnonzero(columns["test"] == "").tolist()
+    if unnamed:
+        raise InputError(
+            f"{path}: every row must name its test, got {len(unnamed)} that do not, the first at"
+            f" reading {unnamed[0] + 1}. Write the name of the test into the column."
+        )
     tests = []
     for name in dict.fromkeys(columns["test"].tolist()):
         rows = columns["test"] == name

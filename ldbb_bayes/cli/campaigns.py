@@ -87,16 +87,19 @@ def _unit_notes(campaign: lb.Campaign) -> list[str]:
     return notes
 
 
-def _check_signs(parameters: Mapping[str, float] | None, path: Path) -> None:
-    """Raise an `InputError` if a true direct compliance is negative.
+def _check_signs(parameters: Mapping[str, float] | None, model: lb.HybridModel, path: Path) -> None:
+    """Raise an `InputError` if a true direct compliance is negative, but must not be in the model.
 
-    ``parameters`` are the true values from the file ``path``; None if they are drawn at random.
+    ``parameters`` are the true values from the file ``path`` in mm, N and rad; None if they are
+    drawn at random.
     """
+    if not model.prior.truncated:
+        return
     for name, value in (parameters or {}).items():
         require(
             not (value < 0.0 and is_direct(inside_name(name))),
             f"{path}: true {name} must not be negative, got {value:g}: a joint yields in the"
-            " direction of its load. Correct the sign.",
+            " direction of its load. Correct the sign, or allow it (--without truncation).",
         )
 
 
@@ -176,6 +179,7 @@ def simulate(
             " them into the file.",
         )
         truths = read_truths(source)
+        _check_signs(truths.parameters, model, source)
         if truths.plan is None:
             raise InputError(
                 f"{source}: 'forces_N' must be given, found none. List the forces, or give a plan"
@@ -193,6 +197,7 @@ def simulate(
         truths = Truths(None, None, {}, False)
         if truth is not None:
             truths = read_truths(truth)
+            _check_signs(truths.parameters, model, truth)
         elif machine := draw_machine_like_pilot(model, plan, seed):
             truths = Truths(None, machine.parameters, machine.hyper_um, False)
         require(
@@ -200,7 +205,6 @@ def simulate(
             f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove"
             " one of them.",
         )
-    _check_signs(truths.parameters, truth or source)
     with placed(truth or source):
         simulation = model.simulate(
             plan,

@@ -38,23 +38,25 @@ _SEED = 0
 
 @dataclass(frozen=True, eq=False)
 class SufficientStatistics:
-    """Posterior moments of a campaign's parameters and of the errors of its instrument.
+    """Posterior moments of a campaign's parameters and of further coefficients.
 
     There are q quantities: first the parameters (compliances, their changes with force, geometric
-    errors), then the errors of the instrument (of the mount's deflection and of the force). In all
-    campaigns with the same instrument, the errors of the instrument have the same values. All
-    moments are in internal units (mm, N, rad).
+    errors), then further coefficients. These are errors of the instrument (of the mount's
+    deflection and of the force), which have the same values in all campaigns with the same
+    instrument, and coefficients of `JointLoad`, which describe the machine. All moments are in
+    internal units (mm, N, rad).
     """
 
-    names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign's fit
-    #: internal units of all q quantities (parameters and instrument errors); each unit is a product
-    #: of powers of mm, N and rad, such as mm/N
+    #: names of the q parameters and further coefficients of a campaign's fit
+    names: tuple[str, ...]
+    #: internal units of all q quantities (parameters and further coefficients); each unit is a
+    #: product of powers of mm, N and rad, such as mm/N
     units: tuple[str, ...]
-    mean: Array  #: posterior means of the q parameters and instrument errors, shape (q,)
-    #: posterior covariance matrix of the q parameters and instrument errors, shape (q, q)
+    mean: Array  #: posterior means of the q parameters and further coefficients, shape (q,)
+    #: posterior covariance matrix of the q parameters and further coefficients, shape (q, q)
     covariance: Array
-    prior_mean: Array  #: prior means of the q parameters and instrument errors, shape (q,)
-    #: prior standard deviations of the q parameters and instrument errors, shape (q,)
+    prior_mean: Array  #: prior means of the q parameters and further coefficients, shape (q,)
+    #: prior standard deviations of the q parameters and further coefficients, shape (q,)
     prior_sd: Array
 
     def columns(self) -> dict[str, list[Any]]:
@@ -74,10 +76,10 @@ class SufficientStatistics:
 
 @one_blas_thread
 def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
-    """Return the posterior moments of a campaign's parameters and instrument errors.
+    """Return the posterior moments of a campaign's parameters and of further coefficients.
 
-    Instrument errors are the errors of the mount's deflection and of the bar's force. They are the
-    same in all campaigns with the same instrument.
+    Further coefficients are errors of the instrument and coefficients of `JointLoad`; see
+    `SufficientStatistics`.
 
     Parameters
     ----------
@@ -112,28 +114,28 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
 
 class _ChosenCoefficients(NamedTuple):
-    """The q coefficients whose posterior moments are computed: parameters, then instrument errors.
+    """The q coefficients whose posterior moments are computed: parameters, then others.
 
-    Instrument errors are the errors of the mount's deflection and of the force. They have the same
-    values in all campaigns with the same instrument.
+    The others are errors of the instrument and coefficients of `JointLoad`; see
+    `SufficientStatistics`.
     """
 
-    #: indices of the q parameters and instrument errors in the vector that holds all coefficients
-    #: common to the tests of a campaign
+    #: indices of the q parameters and further coefficients in the vector that holds all
+    #: coefficients common to the tests of a campaign
     places: list[int]
-    names: tuple[str, ...]  #: names of the q parameters and instrument errors of a campaign
-    #: internal units of all q quantities (parameters and instrument errors); each unit is a product
-    #: of powers of mm, N and rad, such as mm/N
+    names: tuple[str, ...]  #: names of the q parameters and further coefficients of a campaign
+    #: internal units of all q quantities (parameters and further coefficients); each unit is a
+    #: product of powers of mm, N and rad, such as mm/N
     units: tuple[str, ...]
-    #: prior means of the q parameters and instrument errors in mm, N and rad, shape (q,)
+    #: prior means of the q parameters and further coefficients in mm, N and rad, shape (q,)
     prior_mean: Array
-    #: prior standard deviations of the q parameters and instrument errors in mm, N and rad, shape
-    #: (q,)
+    #: prior standard deviations of the q parameters and further coefficients in mm, N and rad,
+    #: shape (q,)
     prior_sd: Array
 
 
 def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
-    """Return the coefficients whose moments are computed: parameters, then instrument errors.
+    """Return the coefficients whose moments are computed: parameters, then others.
 
     ``bound`` is a model applied to one campaign. The vector of all its coefficients begins with the
     nuisance coefficients, that is, with effects that are modelled but not of interest, such as
@@ -147,20 +149,20 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     places = list(range(first_parameter, first_parameter + len(bound.names)))
     names = list(bound.names)
     units = [parameter.unit for parameter in bound.parameters]
-    instrument_sds = []
+    further_sds = []
     for place, (name, sd) in enumerate(nuisance_sds):
         owner = Term.owner(name)
         if owner.common or owner is JointLoad:
             places.append(place)
             names.append(name)
             units.append(owner.unit_of(name).inside)
-            instrument_sds.append(sd)
+            further_sds.append(sd)
     return _ChosenCoefficients(
         places=places,
         names=tuple(names),
         units=tuple(units),
-        prior_mean=np.concatenate([bound.prior_mean, np.zeros(len(instrument_sds))]),
-        prior_sd=np.concatenate([bound.prior_sd, instrument_sds]),
+        prior_mean=np.concatenate([bound.prior_mean, np.zeros(len(further_sds))]),
+        prior_sd=np.concatenate([bound.prior_sd, further_sds]),
     )
 
 

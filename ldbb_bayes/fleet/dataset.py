@@ -250,10 +250,10 @@ def read_batch(
       ``k_min_YZ``. With three planes there are also ``k_1``, ``k_2`` and ``k_3``; see `stiffness`.
     - ``NAME.probability``, ``NAME.decision``: probability of conformity and decision, for each
       quantity with a tolerance.
-    - ``gaussian_…``: posterior and prior moments of parameters and instrument errors, which
-      `find_trend` and `fit_population` use. The posterior moments are computed without the
-      condition that no compliance is negative. One column holds the covariance matrix, as a list of
-      the elements of its lower triangle, row by row.
+    - ``gaussian_…``: posterior and prior moments of parameters, instrument errors and coefficients
+      of `JointLoad`, which `find_trend` and `fit_population` use. The posterior moments are
+      computed without the condition that no compliance is negative. One column holds the covariance
+      matrix, as a list of the elements of its lower triangle, row by row.
 
     Parameters
     ----------

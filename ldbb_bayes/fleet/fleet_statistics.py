@@ -35,7 +35,7 @@ from ldbb_bayes.fleet.selection import Caveat, CaveatKind, moment
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.prior import Prior, geometric_unit
-from ldbb_bayes.model.terms import Term
+from ldbb_bayes.model.terms import JointLoad, Term
 from ldbb_bayes.model.terms.joints import joint_load_names, secants_along_axis
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import inside_name
@@ -437,6 +437,12 @@ def _joint_load(name: str, force_N: float, row: Mapping[Any, Any]) -> dict[str, 
         raise InputError(
             "reference_force_N must be positive where joints yield to their own load (JointLoad),"
             " got 0. Give a force that was tested."
+        )
+    if JointLoad.__name__ in row["terms"] and coefficients[0] not in row["gaussian_names"]:
+        raise InputError(
+            f"the row of {row['campaign']} must hold what JointLoad adds to {name} at"
+            f" {force_N:g} N, got one of an earlier version. Run batch again, or give the force"
+            f" {reference_N:g} N."
         )
     secants = secants_along_axis(np.array([force_N]), reference_N, float(row["force_max_N"]))
     return dict(zip(coefficients, secants[0].tolist(), strict=True))

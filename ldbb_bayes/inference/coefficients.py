@@ -45,6 +45,7 @@ __all__ = [
     "joint_load_secants",
     "machine_coefficients",
     "mean_shared_coefficients",
+    "names_of_shared",
     "new_circle_coefficients",
     "pool_draws",
     "private_terms",
@@ -242,7 +243,7 @@ def elastic_draws_with(
     joint_load = _joint_load_of(bound)
     if joint_load is None:
         return ElasticDraws(compliances, per_force)
-    names = _names_of_shared(bound)
+    names = names_of_shared(bound)
     secants = joint_load.secants(bound.setting, force_N)
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[type(joint_load)])
     for index, compliance in enumerate(bound.compliances):
@@ -274,7 +275,7 @@ def joint_load_circles(
     if joint_load is None:
         return {}
     shared = draw_shared(bound, draws.phi, draws.beta, rng)
-    names = _names_of_shared(bound)
+    names = names_of_shared(bound)
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[type(joint_load)])
     circles = {}
     for compliance in bound.compliances:
@@ -319,7 +320,7 @@ def _joint_load_of(bound: BoundModel) -> JointLoad | None:
     return None
 
 
-def _names_of_shared(bound: BoundModel) -> list[str]:
+def names_of_shared(bound: BoundModel) -> list[str]:
     """Return the names of the nuisance coefficients that tests share, in the model's order.
 
     Nuisances are effects that are modelled but not of interest. ``bound`` is the model of the

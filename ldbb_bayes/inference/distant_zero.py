@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.inference.coefficients import ModelDraws, shared_terms
+from ldbb_bayes.inference.coefficients import ModelDraws, names_of_shared, shared_terms
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import BarLength
@@ -63,17 +63,13 @@ def distant_zeros(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Distan
     if information.flat or not bar_lengths:
         return
     (bar_length,) = bar_lengths
-    prior_means = bar_length.mean
-    if prior_means is None:
-        prior_means = np.zeros(len(bar_length.names))
-    shared_names: list[str] = []
-    for term in shared_terms(bound.nuisance_columns):
-        shared_names += term.names
+    shared_names = names_of_shared(bound)
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     _, conditional = bound.given_interest.conditional(draws.phi, draws.beta - bound.centre)
     posterior_means = conditional.mean.mean(axis=0)
     remaining_shares = np.diag(information.covariance())
-    for name, prior_mean in zip(bar_length.names, prior_means.tolist(), strict=True):
+    prior_means = bar_length.prior_mean.tolist()
+    for name, prior_mean in zip(bar_length.names, prior_means, strict=True):
         k = information.names.index(name)
         known_share = max(1.0 - float(remaining_shares[k]), _SMALLEST_KNOWN_SHARE)
         posterior_mean = float(posterior_means[shared_names.index(name)])

@@ -1,4 +1,4 @@
-"""Posterior draws of compliances C(F) at the smallest, the reference and the largest force F."""
+"""Posterior draws of compliances C(F): at any force, and at the ends of the tested forces."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 import xarray as xr
 
 from ldbb_bayes.inference.kept_results import kept
-from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
+from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.model.terms import JointLoad
 from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
-__all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
+__all__ = ["CurveDraws", "ForceCurves", "draws_at", "force_curves", "prior_changes"]
 
 # Smallest force at which a compliance C(F) is computed [N]. C(F) is a deflection divided by the
 # force F. A reference force of zero is replaced by this value, to avoid a division by zero.
@@ -63,6 +63,25 @@ class ForceCurves:
     #: posterior draws of each compliance C(F) at three bar forces F; the keys are the names of the
     #: compliances, such as C_XXX
     compliances: dict[str, CurveDraws]
+
+
+def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
+    """Return posterior draws of every parameter, in units composed of mm, N and rad.
+
+    The result is a dict of arrays of shape (draws,); its keys are the names of the parameters.
+    Compliances are computed at the force ``force_N`` of the bar. Slopes (coefficients of the change
+    of compliances with force) and geometric errors do not depend on this force. If the posterior is
+    an average over models, two parameters' draws with the same index may come from different
+    models.
+    """
+    bound = bound_of(posterior)
+    draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
+    if force_N == bound.setting.reference_force_N:
+        return draws
+    curves = curves_of(posterior, np.array([force_N]))[:, 0]
+    for j, compliance in enumerate(bound.compliances):
+        draws[compliance.label] = curves[:, j]
+    return draws
 
 
 @kept

@@ -481,7 +481,7 @@ def _coefficient_priors(
         zeros = np.zeros(len(term.names))
         sd.append(term.sd)
         stated_sd.append(zeros if term.stated is None else term.stated)
-        mean.append(zeros if term.mean is None else term.mean)
+        mean.append(term.prior_mean)
     coefficient_sources: list[Source] = []
     for term in nuisances.shared:
         coefficient_sources += term.sources

@@ -168,7 +168,7 @@ class ReferencePosterior:
             if isinstance(term, Columns) and not term.private:
                 values.append(term.values)
                 sds.append(term.sd_at(self.phi))
-                means.append(np.zeros(len(term.names)) if term.mean is None else term.mean)
+                means.append(term.prior_mean)
         values.append(interest_columns(setting, self.interest.degree)[:, :, free])
         sds.append(self.interest.prior_sd(self.prior, setting)[free])
         means.append(self.interest.prior_mean(self.prior)[free])

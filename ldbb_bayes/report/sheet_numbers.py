@@ -17,11 +17,11 @@ import pandas as pd
 
 from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.compliance_change import change_with_force
-from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.usability import undetermined_parameters
 from ldbb_bayes.inference.fit import limits_of_compliances_near_zero
+from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of

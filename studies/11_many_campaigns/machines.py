@@ -95,6 +95,7 @@ def row_of(campaign: lb.Campaign) -> dict[str, Any]:
         "sha256": campaign.sha256,
         "compliances": None,
         "kinds": [],
+        "terms": list(bound.terms),
         "tolerances": None,
         "reference_force_N": bound.setting.reference_force_N,
         "force_min_N": campaign.forces_N.min(),

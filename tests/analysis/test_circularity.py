@@ -13,10 +13,10 @@ from scipy.optimize import minimize
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import circularity
-from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.path_contributions import COMPLIANCE, GEOMETRY, TOGETHER
 from ldbb_bayes.analysis.radial_zones import least_squares_zone, minimum_zone_width
+from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.machine.exact import exact_reading_mm
 
 ANGLE = np.arange(360) * np.pi / 180.0

@@ -19,6 +19,7 @@ from ldbb_bayes.analysis.common_instrument import (
     worst_conflict,
 )
 from ldbb_bayes.analysis.differences import _rows_at_force
+from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
@@ -97,7 +98,7 @@ def test_at_another_force_a_compliance_contains_the_joint_load(same_instrument: 
         lb.sample(model, campaign, seed=1, sampler="independent") for campaign in campaigns
     )
     table = lb.analysis.compare_posteriors(first, second, same_instrument=same_instrument)
-    curve = lb.analysis.conformity.draws_at(second, 389.0)
+    curve = draws_at(second, 389.0)
     for name in ("C_XXX", "C_YYY"):
         sd = curve[name].std()
         assert table.loc[name, "second"] == pytest.approx(curve[name].mean(), abs=0.3 * sd)

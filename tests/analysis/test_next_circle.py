@@ -249,6 +249,7 @@ def test_a_goal_that_circles_cannot_reach_is_said_to_be_out_of_reach(recovered: 
     step = next_circle(MODEL, recovered, goals={"E_C0YX": "2 µrad"}, tolerances={})
     assert step.more_circles is None
     assert step.goals["E_C0YX"].U_floor > step.goals["E_C0YX"].limit
+    assert step.other_kinds == ("both directions", "turned balls", "a second radius")
 
 
 def test_a_tolerance_that_circles_cannot_decide_is_said_to_be_out_of_reach(
@@ -303,6 +304,7 @@ def test_circles_to_go_are_of_any_kind_allowed(recovered: Campaign) -> None:
         tolerances={},
     )
     assert step.more_circles is not None
+    assert step.other_kinds == ("a second radius",)
     assert step.goals["C_XXX"].U_floor < 5.5e-6
 
 

@@ -435,3 +435,15 @@ def test_aliases_by_least_squares() -> None:
         alias["bar_length"], solution * oracle.sd, atol=1e-9 * oracle.sd.max()
     )
     assert alias.loc["E_XX1", "bar_length"] == pytest.approx(9.4e-3 / 150.0, rel=1e-6)
+
+
+def test_the_prior_sd_of_a_geometric_error_is_exact(recovered: lb.Campaign) -> None:
+    """Not that of random draws from the prior."""
+    model = lb.HybridModel.default(1)
+    bound = model.bind(recovered)
+    rule = lb.inference.StoppingRule(ess=400.0)
+    posterior = lb.sample(model, recovered, sampler="independent", seed=1, rule=rule)
+    entries = lb.analysis.judge_posterior(posterior)
+    for name in bound.geometric_errors:
+        place = bound.names.index(name.label)
+        assert entries[name.label].prior_sd == bound.prior_sd[place]

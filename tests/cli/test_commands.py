@@ -282,6 +282,13 @@ def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
     ] == [9.4e-3]
 
 
+def test_a_model_may_allow_a_negative_compliance(tmp_path: Path, invoke: Invoke) -> None:
+    truths = tmp_path / "truths.toml"
+    truths.write_text("schema = 1\nforces_N = [100.0, 300.0, 500.0]\n[parameters]\nC_XXX = -6e-5\n")
+    assert invoke("simulate", truths, "--out", tmp_path / "no")[0] == 2
+    assert invoke("simulate", truths, "--out", tmp_path / "yes", "--without", "truncation")[0] == 0
+
+
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     truths = tmp_path / "truths.toml"
     lines = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from functools import cache
@@ -150,7 +151,10 @@ def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: In
         comparison,
         "--quiet",
     ]
-    assert invoke(*arguments)[0] == 0
+    code, printed, _ = invoke(*arguments)
+    assert code == 0
+    assert "Instruments are taken as independent" in " ".join(printed.split())
+    assert re.search(r"^parameter +first +second +difference", printed, re.MULTILINE)
     table = pd.read_csv(out / "tables" / "differences.csv")
     assert set(table["campaign"]) == {"after | <b>repair</b>"}
     assert table["probability_of_increase"].between(0.0, 1.0).all()

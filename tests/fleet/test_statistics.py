@@ -14,7 +14,6 @@ from campaigns import refuses
 from fleets import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
@@ -26,6 +25,7 @@ from ldbb_bayes.fleet.fleet_statistics import (
     reference_sd,
 )
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, choose
+from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.specification import model_to_toml
@@ -145,6 +145,26 @@ def test_a_compliance_at_another_force_contains_the_joint_load() -> None:
                 draws[name].mean(), abs=0.1 * sd[k]
             )
             assert sd[k] == pytest.approx(draws[name].std(), rel=0.06)
+
+
+def test_a_row_without_the_joint_load_of_its_model_is_refused_at_another_force(
+    campaign_moments: SufficientStatistics,
+) -> None:
+    """It comes from a batch of an earlier version; at its own force nothing is missing."""
+    kept = [name for name in campaign_moments.names if not name.startswith("joint_load_")]
+    places = [campaign_moments.names.index(name) for name in kept]
+    older = SufficientStatistics(
+        tuple(kept),
+        tuple(campaign_moments.units[place] for place in places),
+        campaign_moments.mean[places],
+        campaign_moments.covariance[np.ix_(places, places)],
+        campaign_moments.prior_mean[places],
+        campaign_moments.prior_sd[places],
+    )
+    rows = pd.DataFrame([row(older, terms=["JointLoad"])])
+    assert len(fleet_statistics(rows)) == 1
+    with pytest.raises(InputError, match=r"got one of an earlier version\. Run batch again"):
+        fleet_statistics(rows, reference_force_N=100.0)
 
 
 def test_without_load_a_joint_that_yields_to_its_own_load_has_no_compliance() -> None:

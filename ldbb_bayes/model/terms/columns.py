@@ -206,6 +206,13 @@ class Columns(Shown):
         )
 
     @property
+    def prior_mean(self) -> Array:
+        """Prior mean of each of the p coefficients in their internal units, shape (p,)."""
+        if self.mean is None:
+            return np.zeros(len(self.names))
+        return np.asarray(self.mean)
+
+    @property
     def sources(self) -> tuple[Source, ...]:
         """For each coefficient, the product of hyper-parameters that multiplies its prior sd.
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["validation_verdict", "workflow_sentences"]
 
-_FILE = SentenceFile("calibration")
+_TEMPLATES = SentenceFile("calibration")
 
 
 def validation_verdict(validation: Validation) -> str:
@@ -21,9 +21,9 @@ def validation_verdict(validation: Validation) -> str:
     The sentence states whether the ranks of true values are uniformly distributed. A rank is the
     number of posterior draws below the true value in a simulated campaign.
     """
-    return _FILE.sentence("validation_verdict", validation)
+    return _TEMPLATES.sentence("validation_verdict", validation)
 
 
 def workflow_sentences(workflow: Workflow) -> tuple[str, ...]:
     """Return one sentence on each check of a Bayesian workflow, and one on the overall result."""
-    return _FILE.sentences("workflow_sentences", workflow)
+    return _TEMPLATES.sentences("workflow_sentences", workflow)

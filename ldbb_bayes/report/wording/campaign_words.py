@@ -22,12 +22,12 @@ __all__ = [
     "travel_words",
 ]
 
-_FILE = SentenceFile("campaign")
+_TEMPLATES = SentenceFile("campaign")
 
 
 def preview_sentences(preview: CampaignPreview) -> tuple[str, ...]:
     """Return sentences that describe a campaign, with remarks on the campaign and on its tests."""
-    return _FILE.sentences("preview_sentences", preview)
+    return _TEMPLATES.sentences("preview_sentences", preview)
 
 
 def travel_words(test: TestPreview) -> str:
@@ -73,15 +73,15 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
     return words.partition(" (")[0], place
 
 
-@_FILE.filter
+@_TEMPLATES.filter
 def remark_words(remark: Remark) -> str:
     """Return the text of a remark on a campaign or on one of its tests."""
     if remark.kind in SENTENCES["remarks"]:
         return str(SENTENCES["remarks"][remark.kind].format(**remark.values))
-    return _FILE.fill(SENTENCES["choices"][remark.kind], remark.values)
+    return _TEMPLATES.fill(SENTENCES["choices"][remark.kind], remark.values)
 
 
-@_FILE.filter
+@_TEMPLATES.filter
 def peculiarity_sentences(preview: CampaignPreview) -> list[str]:
     """Return one sentence on each peculiarity of a campaign's readings.
 

@@ -25,7 +25,7 @@ _STRENGTHS = (
     (5.0, "strong evidence"),
 )
 
-_FILE = SentenceFile("comparison", BARE=_STRENGTHS[0][0], SIGNS=SENTENCES["signs"], SURE=SURE)
+_TEMPLATES = SentenceFile("comparison", BARE=_STRENGTHS[0][0], SIGNS=SENTENCES["signs"], SURE=SURE)
 
 
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
@@ -34,15 +34,15 @@ def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     The sentences state the evidence for each model, and how much it changes with other assumptions.
     Sentences on all other results of the comparison follow.
     """
-    return _FILE.sentences("comparison_sentences", comparison)
+    return _TEMPLATES.sentences("comparison_sentences", comparison)
 
 
 def comparison_screen(comparison: Comparison) -> tuple[str, ...]:
     """Return the most important sentences on a comparison of models."""
-    return _FILE.sentences("comparison_screen", comparison)
+    return _TEMPLATES.sentences("comparison_screen", comparison)
 
 
-@_FILE.filter
+@_TEMPLATES.filter
 def strength_words(log_bayes_factor: float) -> str:
     """Return words for the strength of the evidence that a log Bayes factor [nat] states.
 

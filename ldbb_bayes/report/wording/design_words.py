@@ -23,7 +23,7 @@ __all__ = ["design_notes", "design_screen", "design_sentences"]
 _EQUAL_RATIOS = 2e-3
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 
-_FILE = SentenceFile("design", DEGREES=DEGREE_NAMES)
+_TEMPLATES = SentenceFile("design", DEGREES=DEGREE_NAMES)
 
 
 def design_sentences(design: Design) -> tuple[str, ...]:
@@ -35,7 +35,7 @@ def design_sentences(design: Design) -> tuple[str, ...]:
         gain[name] = -ratio[name]
     most_improved = ranked(ratio, gain.__getitem__, tolerance=_EQUAL_RATIOS)[0]
     least_improved = ranked(ratio, ratio.__getitem__, tolerance=_EQUAL_RATIOS)[0]
-    return _FILE.sentences(
+    return _TEMPLATES.sentences(
         "design_sentences",
         design,
         _tests_to_run(design),
@@ -48,7 +48,9 @@ def design_sentences(design: Design) -> tuple[str, ...]:
 
 def design_screen(design: Design) -> tuple[str, ...]:
     """Return the most important sentences on a design of tests. The first lists the tests."""
-    return _FILE.sentences("design_screen", design, _tests_to_run(design, most=len(design.table)))
+    return _TEMPLATES.sentences(
+        "design_screen", design, _tests_to_run(design, most=len(design.table))
+    )
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
@@ -62,7 +64,7 @@ def design_notes(design: Design) -> tuple[str, ...]:
             relative_errors.append(expected.sd_error / expected.sd)
     alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
     sizes = joined_sizes(design.hyper_um, " ")
-    return _FILE.sentences("design_notes", design, sizes, max(relative_errors), alike)
+    return _TEMPLATES.sentences("design_notes", design, sizes, max(relative_errors), alike)
 
 
 def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:

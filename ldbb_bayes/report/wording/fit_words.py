@@ -39,7 +39,7 @@ _CONTRADICTED = -13.815510557964274
 # the report.
 _MINOR_CONCERNS = ("forces", "centre", "near-zero")
 
-_FILE = SentenceFile("fit", IN_FORCE=IN_FORCE, FEW=_MOST_CHECKS)
+_TEMPLATES = SentenceFile("fit", IN_FORCE=IN_FORCE, FEW=_MOST_CHECKS)
 
 
 def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
@@ -89,12 +89,12 @@ def not_modelled_sentences(terms: Sequence[str]) -> tuple[str, ...]:
 
 def fit_verdict(fit: Fit) -> str:
     """Return a sentence on whether the numbers of a fit can be used."""
-    return _FILE.sentence("fit_verdict", fit)
+    return _TEMPLATES.sentence("fit_verdict", fit)
 
 
 def expectation(fit: Fit) -> str:
     """Return a clause on whether the fitted model predicts readings like the measured readings."""
-    return _FILE.sentence("expectation", fit)
+    return _TEMPLATES.sentence("expectation", fit)
 
 
 def check_notes(fit: Fit) -> tuple[str, ...]:
@@ -103,7 +103,7 @@ def check_notes(fit: Fit) -> tuple[str, ...]:
     Failed checks that affect a credible interval are called misfits, and are not named in the note.
     The result is a tuple with the note; it is empty if there is nothing to note.
     """
-    return _FILE.sentences("check_notes", fit)
+    return _TEMPLATES.sentences("check_notes", fit)
 
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
@@ -168,7 +168,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
 
 def model_words(model: Mapping[str, Any]) -> str:
     """Return a description of the fitted model. ``model`` is the JSON record of the model."""
-    return _FILE.sentence("model_words", model)
+    return _TEMPLATES.sentence("model_words", model)
 
 
 def quality_words(quality: Mapping[str, Any]) -> str:
@@ -176,7 +176,7 @@ def quality_words(quality: Mapping[str, Any]) -> str:
 
     ``quality`` is the entry ``fit`` of the JSON record of the fit.
     """
-    return _FILE.sentence("quality_words", quality)
+    return _TEMPLATES.sentence("quality_words", quality)
 
 
 def sampler_words(sampler: Mapping[str, Any]) -> str:
@@ -186,10 +186,10 @@ def sampler_words(sampler: Mapping[str, Any]) -> str:
     required. The sentence also states the effective sample size reached, and R-hat. ``sampler`` is
     the JSON record of the sampler.
     """
-    return _FILE.sentence("sampler_words", sampler)
+    return _TEMPLATES.sentence("sampler_words", sampler)
 
 
-@_FILE.filter
+@_TEMPLATES.filter
 def sensitive_words(names: Sequence[str]) -> str:
     """Return a string that names the parameters that are sensitive to their prior.
 
@@ -211,7 +211,7 @@ def sensitive_words(names: Sequence[str]) -> str:
     return f"{text} and {coefficients}"
 
 
-@_FILE.filter
+@_TEMPLATES.filter
 def check_words(check: Check) -> str:
     """Return a string that states what a posterior predictive check is about.
 

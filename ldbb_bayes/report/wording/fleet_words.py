@@ -14,10 +14,10 @@ __all__ = ["caveat_words", "population_doubts", "population_sentences", "trend_s
 # If more campaigns than this lie outside the control limits, a sentence names only the first ones.
 _MOST_JOINED = 3
 
-_FILE = SentenceFile("fleet", JOINED=_MOST_JOINED, plus_minus=plus_minus)
+_TEMPLATES = SentenceFile("fleet", JOINED=_MOST_JOINED, plus_minus=plus_minus)
 
 
-@_FILE.filter
+@_TEMPLATES.filter
 def caveat_words(caveat: Any) -> str:
     """Return one or two sentences on a limitation of the results of a trend or a population.
 
@@ -51,7 +51,7 @@ def trend_sentences(trend: Any) -> tuple[str, ...]:
     outside_rows = estimates[estimates["outside"]]
     for name, parameters in outside_rows.groupby("campaign", sort=False)["parameter"]:
         outside.append(f"{name} ({', '.join(map(display_name, parameters))})")
-    return _FILE.sentences("trend_sentences", trend, probability_of_time, outside)
+    return _TEMPLATES.sentences("trend_sentences", trend, probability_of_time, outside)
 
 
 def population_sentences(population: Any) -> tuple[str, ...]:
@@ -66,7 +66,7 @@ def population_sentences(population: Any) -> tuple[str, ...]:
         z_scores = population.machine[name].z
         sizes = {parameter: abs(z) for parameter, z in z_scores.items()}
         most_deviating[name] = ranked(z_scores, sizes.__getitem__)[0]
-    return _FILE.sentences("population_sentences", population, most_deviating)
+    return _TEMPLATES.sentences("population_sentences", population, most_deviating)
 
 
 def population_doubts(doubts: Any) -> tuple[str, ...]:
@@ -75,4 +75,4 @@ def population_doubts(doubts: Any) -> tuple[str, ...]:
     ``doubts`` is the result of `fit_population`; its attribute ``caveats`` lists limitations. They
     matter most if the population serves as a prior for another machine.
     """
-    return _FILE.sentences("population_doubts", doubts)
+    return _TEMPLATES.sentences("population_doubts", doubts)

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 __all__ = ["goal_design_head", "goal_design_sentences", "goal_notes", "holder_in_words"]
 
-_FILE = SentenceFile("goals")
+_TEMPLATES = SentenceFile("goals")
 
 
 def goal_design_head(result: GoalDesign) -> tuple[str, ...]:
     """Return the first sentences on a design for goals: what to run, or that nothing will do."""
     met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
-    return _FILE.sentences("goal_design_head", result, met)
+    return _TEMPLATES.sentences("goal_design_head", result, met)
 
 
 def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
@@ -80,7 +80,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "certificate": near_miss.certificate,
             }
         )
-    return _FILE.sentences("goal_design_reasons", result, obstacles, near_misses) + notes
+    return _TEMPLATES.sentences("goal_design_reasons", result, obstacles, near_misses) + notes
 
 
 def goal_notes(
@@ -123,7 +123,9 @@ def goal_notes(
             if averaged_U is not None:
                 text = f"{display_name(name)} {two_digits(averaged_U, factor)} {unit}"
                 averaged_texts[time].append(text)
-    return _FILE.sentences("goal_notes", percentages, of_fit, measured, *averaged_texts.values())
+    return _TEMPLATES.sentences(
+        "goal_notes", percentages, of_fit, measured, *averaged_texts.values()
+    )
 
 
 def holder_in_words(name: str) -> str:

@@ -54,13 +54,13 @@ _NOTICEABLE = 0.1
 # the present value.
 _NARROWER = 0.9
 
-_FILE = SentenceFile("identifiability", NOTICEABLE=f"{100.0 * _NOTICEABLE:g}")
+_TEMPLATES = SentenceFile("identifiability", NOTICEABLE=f"{100.0 * _NOTICEABLE:g}")
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
     """Return sentences that state the assumptions of an identifiability analysis."""
     sizes = joined_sizes(result.hyper_um, " = ")
-    return _FILE.sentences("identifiability_sentences", result, sizes)
+    return _TEMPLATES.sentences("identifiability_sentences", result, sizes)
 
 
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
@@ -79,7 +79,9 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
         if abs(sd / entry.sd - 1.0) > _NOTICEABLE:
             factor, unit = display_unit(entry.unit)
             averaged.append(f"{display_name(name)} {two_digits(2.0 * sd, factor)} {unit}")
-    return _FILE.sentences("identifiability_screen", result, verdicts, len(parameters), averaged)
+    return _TEMPLATES.sentences(
+        "identifiability_screen", result, verdicts, len(parameters), averaged
+    )
 
 
 def verdict_words(

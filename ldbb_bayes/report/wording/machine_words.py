@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["machine_sentences", "sum_in_words"]
 
-_FILE = SentenceFile("machine")
+_TEMPLATES = SentenceFile("machine")
 
 
 def machine_sentences(machine: Any) -> tuple[str, ...]:
@@ -21,7 +21,7 @@ def machine_sentences(machine: Any) -> tuple[str, ...]:
     The sentences also state how many compliances the readings can separate, and which parameters
     have no effect on the readings.
     """
-    return _FILE.sentences("machine_sentences", machine)
+    return _TEMPLATES.sentences("machine_sentences", machine)
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:

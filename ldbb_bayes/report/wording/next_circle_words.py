@@ -20,7 +20,7 @@ __all__ = [
     "next_circle_tolerances",
 ]
 
-_FILE = SentenceFile("next_circle")
+_TEMPLATES = SentenceFile("next_circle")
 
 
 def next_circle_concerns(step: NextCircle) -> tuple[str, ...]:
@@ -62,7 +62,9 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
                     "needed": f"{needed} {unit}",
                 }
             )
-    return _FILE.sentences("next_circle_head", step, best_circle, aims, out_of_reach, undecidable)
+    return _TEMPLATES.sentences(
+        "next_circle_head", step, best_circle, aims, out_of_reach, undecidable
+    )
 
 
 def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
@@ -83,7 +85,7 @@ def next_circle_tolerances(step: NextCircle) -> tuple[str, ...]:
     """
     if not step.tolerances or step.model is None:
         return ()
-    return _FILE.sentences("next_circle_tolerances")
+    return _TEMPLATES.sentences("next_circle_tolerances")
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:
@@ -93,4 +95,4 @@ def next_circle_model(step: NextCircle) -> tuple[str, ...]:
     """
     if step.model is None:
         return ()
-    return _FILE.sentences("next_circle_model", step)
+    return _TEMPLATES.sentences("next_circle_model", step)

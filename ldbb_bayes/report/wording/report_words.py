@@ -21,7 +21,7 @@ NO_ANNEX = "left out with the annex (--sheets-only)"
 # two estimates is below this value.
 _CONFLICT = 0.01
 
-_FILE = SentenceFile("page", DEGREES=DEGREE_NAMES, PAGE=PAGE, CONFLICT=_CONFLICT)
+_TEMPLATES = SentenceFile("page", DEGREES=DEGREE_NAMES, PAGE=PAGE, CONFLICT=_CONFLICT)
 
 
 def annex_words(degree: int, averaged: bool) -> str:
@@ -31,7 +31,7 @@ def annex_words(degree: int, averaged: bool) -> str:
     ``degree`` is the degree of compliance as a function of force in this model; ``averaged`` states
     whether the numbers of the sheets are averages over models.
     """
-    return _FILE.sentence("annex_words", degree, averaged)
+    return _TEMPLATES.sentence("annex_words", degree, averaged)
 
 
 def instrument_words(force_N: float, same_instrument: bool) -> str:
@@ -40,7 +40,7 @@ def instrument_words(force_N: float, same_instrument: bool) -> str:
     The sentences state the force ``force_N`` [N] at which compliances are compared, and whether
     both campaigns used the same instrument.
     """
-    return _FILE.sentence("instrument_words", force_N, same_instrument)
+    return _TEMPLATES.sentence("instrument_words", force_N, same_instrument)
 
 
 def difference_doubts(
@@ -58,7 +58,7 @@ def difference_doubts(
       the number of compared coefficients (Bonferroni). A sentence names the coefficient only if
       this p-value is below 1 %. ``conflict`` is None if no coefficient can be compared.
     """
-    return _FILE.sentences("difference_doubts", first, other, converged, conflict)
+    return _TEMPLATES.sentences("difference_doubts", first, other, converged, conflict)
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
@@ -79,4 +79,4 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) ->
         interval = (row["ci_low"], row["ci_high"])
         size = plus_minus(row["difference"], row["sd"], interval, row["unit"])
         sizes.append(f"{display_name(str(name))} {size}")
-    return _FILE.sentence("change_sentence", first, other, sizes, f"{100 * prob:g}")
+    return _TEMPLATES.sentence("change_sentence", first, other, sizes, f"{100 * prob:g}")

@@ -14,7 +14,7 @@ from ldbb_bayes.units import display_name, typeset
 
 __all__ = ["SentenceFile"]
 
-Words = TypeVar("Words", bound=Callable[..., Any])
+Filter = TypeVar("Filter", bound=Callable[..., Any])
 
 
 class SentenceFile:
@@ -53,7 +53,7 @@ class SentenceFile:
         ):
             self.filter(function)
 
-    def filter(self, function: Words) -> Words:
+    def filter(self, function: Filter) -> Filter:
         """Decorate a function that the templates of this file use as a filter, by its name."""
         self._filters[function.__name__] = function
         return function
