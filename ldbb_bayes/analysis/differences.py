@@ -1,8 +1,9 @@
 """Difference of every parameter between two campaigns on machines of the same kind.
 
-Examples are a machine before and after a repair, or machines A and B. With different instruments,
-the two posteriors are independent. With the same bar, balls, mount and force device, the errors of
-the instrument largely cancel in the difference (`common_instrument`).
+Examples are a machine before and after a repair, or machines A and B. With different instruments
+and machines, the two posteriors are independent. With the same bar, balls, mount and force device,
+the errors of the instrument largely cancel in the difference. With the same machine, the deflection
+of its joints largely cancels, as far as it is not proportional to the force (`common_effects`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import xarray as xr
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
-from ldbb_bayes.analysis.common_instrument import Conflict, joint_difference
+from ldbb_bayes.analysis.common_effects import Conflict, Shared, joint_difference
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import joint_load_secants
@@ -49,9 +50,9 @@ class _Differences(NamedTuple):
     #: for each of n parameters, the probability that the parameter is larger in the second campaign
     #: than in the first, shape (n,)
     increase: Array
-    #: error of the common instrument about which the readings of the two campaigns disagree most.
-    #: None if the instruments are different, or if there is no error of the instrument about which
-    #: both campaigns give information.
+    #: common effect about which the readings of the two campaigns disagree most. None if
+    #: instruments and machines are different, or if there is no common effect about which both
+    #: campaigns give information.
     conflict: Conflict | None = None
 
 
@@ -62,6 +63,7 @@ def compare_posteriors(
     other: xr.DataTree,
     *,
     same_instrument: bool = False,
+    same_machine: bool = False,
     prob: float = 0.95,
 ) -> pd.DataFrame:
     """Return the difference of every parameter between two campaigns, second minus first.
@@ -77,6 +79,12 @@ def compare_posteriors(
     same_instrument : bool
         Whether bar, balls, mount and force device were the same in both campaigns. If so, the
         errors of these parts largely cancel in the difference.
+    same_machine : bool
+        Whether both campaigns were run on one machine. If so, the coefficients of `JointLoad`,
+        `Position` and `MachinePattern`, divided by their prior standard deviations, are nearly the
+        same in both campaigns (prior correlation 0.99). For the last two, this is assumed only if
+        the circles of both campaigns have the same planes, radii and centres. Compliances, their
+        changes with force and geometric errors may have changed by any amount.
     prob : float
         Probability of the equal-tailed intervals, between 0 and 1.
 
@@ -95,18 +103,17 @@ def compare_posteriors(
         - ``probability_of_increase``: probability that the parameter is larger in the second
           campaign.
 
-        If the instrument was the same, ``attrs["conflict"]`` names the error of the instrument
+        If the instrument or the machine was the same, ``attrs["conflict"]`` names the common effect
         about which the readings of the two campaigns disagree most, and states the p-value of the
-        disagreement (with Bonferroni correction). If the instruments were different, or if there is
-        no error of the instrument about which both campaigns give information,
-        ``attrs["conflict"]`` is None.
+        disagreement (with Bonferroni correction). If both were different, or if there is no common
+        effect about which both campaigns give information, ``attrs["conflict"]`` is None.
 
     Raises
     ------
     InputError
-        If the probability is not between 0 and 1, if ``same_instrument`` is true and a prior is
-        flat, if both posteriors come from the same readings, or if they belong to different
-        machines or different planes.
+        If the probability is not between 0 and 1, if ``same_instrument`` or ``same_machine`` is
+        true and a prior is flat, if both posteriors come from the same readings, or if they
+        belong to different machines or different planes.
 
     Examples
     --------
@@ -128,10 +135,11 @@ def compare_posteriors(
             names.append(name)
     reference_force_N = first.setting.reference_force_N
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
-    if same_instrument:
+    shared = Shared(instrument=same_instrument, machine=same_machine)
+    if shared.anything:
         phi = [draws_of(posterior, first)[1].mean(axis=0), draws_of(other, second)[1].mean(axis=0)]
         rows = [_rows_at_force(bound, names, reference_force_N) for bound in bounds]
-        compared = _compare_one_instrument(bounds, phi, rows, levels)
+        compared = _compare_jointly(bounds, phi, rows, shared, levels)
     else:
         first_values = _values_at_force(posterior, first, names, reference_force_N)
         second_values = _values_at_force(other, second, names, reference_force_N)
@@ -156,23 +164,24 @@ def compare_posteriors(
     return readable(table, f"Second less first, {100 * prob:g} % intervals")
 
 
-def _compare_one_instrument(
+def _compare_jointly(
     bounds: Sequence[BoundModel],
     phi: Sequence[Array],
     rows: Sequence[Mapping[str, Array]],
+    shared: Shared,
     levels: Array,
 ) -> _Differences:
-    """Return the differences of parameters between two campaigns run with one instrument.
+    """Return the differences of parameters between two campaigns with effects in common.
 
     The posterior of each difference is taken to be normal.
 
     ``bounds`` are the models of the two campaigns. ``phi`` holds, for each campaign, the posterior
     mean of the h hyper-parameters, shape (h,). ``rows`` holds, for each campaign, what one unit of
-    each coefficient adds to the n compared parameters; see `_rows_at_force`. ``levels``, shape
-    (2,), are the probabilities below the lower and the upper end of the credible interval of each
-    difference.
+    each coefficient adds to the n compared parameters; see `_rows_at_force`. ``shared`` states what
+    the campaigns have in common. ``levels``, shape (2,), are the probabilities below the lower and
+    the upper end of the credible interval of each difference.
     """
-    joint = joint_difference(bounds, phi, rows)
+    joint = joint_difference(bounds, phi, rows, shared)
     return _Differences(
         means=joint.means,
         difference=joint.difference,

@@ -170,10 +170,11 @@ def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
             name not in settings,
             f"--{name} must go with a fit, got {source.paths[0]}. Leave it out: it is worked out.",
         )
-    require(
-        not settings["same_instrument"],
-        "--same-instrument must go with several fits, got files. Leave it out.",
-    )
+    for name in ("same_instrument", "same_machine"):
+        require(
+            not settings[name],
+            f"--{name.replace('_', '-')} must go with several fits, got files. Leave it out.",
+        )
     require(
         not (settings["sheets_only"] and "tests" in settings),
         "--tests must go with the annex, which recommends circles, got --sheets-only. Leave one of"

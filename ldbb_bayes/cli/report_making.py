@@ -139,10 +139,11 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
     _check_report_folder(folder, force=output.force)
     comparison_file = settings.get("comparison", _stored_result(fit_folder, "comparison"))
     design_file = _design_file(fit_folder, settings)
-    if settings["same_instrument"] and len(paths) == 1:
-        raise InputError(
-            "--same-instrument must go with a second fit, got one alone. Name the fit to set"
-            " beside it."
+    for name in ("same_instrument", "same_machine"):
+        require(
+            not settings[name] or len(paths) > 1,
+            f"--{name.replace('_', '-')} must go with a second fit, got one alone. Name the fit to"
+            " set beside it.",
         )
 
     posteriors = [lb.load(path) for path in paths]
@@ -165,6 +166,7 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
             beside_it=_posteriors_by_name(posteriors, paths),
             tests=settings.get("tests"),
             same_instrument=settings["same_instrument"],
+            same_machine=settings["same_machine"],
             **page_settings(settings),
             tolerances=tolerances,
             comparison=comparison,

@@ -17,6 +17,7 @@ import pandas as pd
 import xarray as xr
 from markupsafe import Markup
 
+from ldbb_bayes.analysis.common_effects import NOTHING_SHARED, Shared
 from ldbb_bayes.analysis.differences import compare_posteriors
 from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.deprecation import renamed_keyword
@@ -122,7 +123,7 @@ def compose(
     findings: Findings,
     others: Sequence[FurtherCampaign] = (),
     *,
-    same_instrument: bool = False,
+    shared: Shared = NOTHING_SHARED,
     language: str = "en",
     annex: bool = False,
     force_N: float | None = None,
@@ -136,7 +137,9 @@ def compose(
         All results of the fit that the report shows.
     others
         Other campaigns that the report compares with the campaign of the fit.
-    same_instrument, language, annex, force_N, progress
+    shared
+        What the other campaigns have in common with the campaign of the fit.
+    language, annex, force_N, progress
         See the arguments of `write_report` with the same names.
 
     Returns
@@ -159,9 +162,7 @@ def compose(
     name = str(findings.result["campaign"]["name"])
     title = f"Loaded double ball bar: {name}"
     if others:
-        side_by_side = beside(
-            findings.result, others, same_instrument=same_instrument, prob=findings.prob
-        )
+        side_by_side = beside(findings.result, others, shared, prob=findings.prob)
         sections.insert(0, Section(BESIDE, "Campaigns side by side", tuple(side_by_side)))
         title += f", beside {wording.joined([other.name for other in others])}"
     document = Document(
@@ -284,6 +285,7 @@ def write_report(
     *,
     beside_it: Mapping[str, xr.DataTree] | None = None,
     same_instrument: bool = False,
+    same_machine: bool = False,
     prob: float = 0.95,
     tests: int | None = None,
     comparison: Compared | None = None,
@@ -312,6 +314,8 @@ def write_report(
         Posteriors of other campaigns that the report compares with this campaign.
     same_instrument : bool
         Whether the other campaigns used the same bar, balls, mount and force device.
+    same_machine : bool
+        Whether the other campaigns were run on the same machine; see `compare_posteriors`.
     prob : float
         Probability of the credible intervals.
     tests : int, optional
@@ -373,7 +377,11 @@ def write_report(
     others = []
     for name, other in (beside_it or {}).items():
         difference = compare_posteriors(
-            posterior, other, same_instrument=same_instrument, prob=prob
+            posterior,
+            other,
+            same_instrument=same_instrument,
+            same_machine=same_machine,
+            prob=prob,
         )
         others.append(FurtherCampaign(name, result_json(other, prob=prob), difference))
     findings = findings_of_fit(
@@ -389,7 +397,7 @@ def write_report(
     document = compose(
         findings,
         others,
-        same_instrument=same_instrument,
+        shared=Shared(instrument=same_instrument, machine=same_machine),
         language=language,
         annex=annex,
         force_N=force_N,

@@ -19,6 +19,7 @@ from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.circle_columns import squareness_name
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
+from ldbb_bayes.analysis.common_effects import Shared
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.analysis.design import Design
@@ -371,8 +372,8 @@ def glossary(findings: Findings) -> Iterator[Part]:
 def beside(
     first: Mapping[str, Any],
     others: Sequence[FurtherCampaign],
+    shared: Shared,
     *,
-    same_instrument: bool,
     prob: float,
 ) -> Iterator[Part]:
     """Yield the section on the differences between the first campaign and other campaigns.
@@ -387,8 +388,8 @@ def beside(
         Results of the fit of the first campaign, as the command ``fit --json`` prints them.
     others
         The other campaigns.
-    same_instrument
-        Whether all campaigns used the same bar, balls, mount and force device.
+    shared
+        What the other campaigns have in common with the first campaign.
     prob
         Probability of the credible intervals.
 
@@ -397,7 +398,7 @@ def beside(
     str, tuple of str, or Table
     """
     name = str(first["campaign"]["name"])
-    yield wording.instrument_words(first["model"]["reference_force_N"], same_instrument)
+    yield wording.common_words(first["model"]["reference_force_N"], shared)
     yield tuple(
         wording.change_sentence(name, other.name, other.differences, prob) for other in others
     )

@@ -15,6 +15,7 @@ change of the linear spring with the bar's force.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -296,15 +297,20 @@ def simulate(
     seed: int,
     forces_N: tuple[float, ...] = FORCES_N,
     plan: lb.Campaign | None = None,
+    grown: Mapping[str, float] | None = None,
 ) -> tuple[lb.Campaign, Machine]:
     """A campaign of one machine, with what its certificates state, and the machine.
 
-    With a ``plan`` the same machine is measured once more, circle by circle as planned.
+    With a ``plan`` the same machine is measured once more, circle by circle as planned. Its
+    compliances have been multiplied by the factors ``grown``.
     """
     rng = np.random.default_rng(seed)
     machine = draw_machine(family, rng)
     if family.seat[1]:
         machine = with_seats(machine, family, np.random.default_rng([seed, 2]))
+    if grown is not None:
+        compliance = {k: value * grown.get(k, 1.0) for k, value in machine.compliance.items()}
+        machine = replace(machine, compliance=compliance)
     ways = ("CW", "CCW") if family.both_ways else ("CW",)
     runs = [(force, way) for force in forces_N for way in ways]
     order = (

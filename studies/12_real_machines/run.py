@@ -42,6 +42,7 @@ from machines import (
     Machine,
     simulate,
 )
+from repairs import repairs
 from shortfalls import holders_of_mild, shortfalls
 from study import DATA, Effort, Study, replicated, run
 
@@ -386,6 +387,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "certificates": worth_of_certificates(rows),
         "published_both_ways": published_both_ways(),
         "left_out": left_out_circles(effort),
+        "repairs": repairs(effort),
     }
 
 

@@ -1,10 +1,10 @@
-"""Differences between campaigns: independent ones by hand, those of one instrument by a dense model
-of both at once."""
+"""Differences between campaigns: independent ones by hand, those of one instrument or machine by a
+dense model of both at once."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -13,8 +13,9 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.common_instrument import (
+from ldbb_bayes.analysis.common_effects import (
     JointDifference,
+    Shared,
     joint_difference,
     worst_conflict,
 )
@@ -168,7 +169,10 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
 def together(bounds: list[BoundModel]) -> tuple[list[str], JointDifference]:
     names = [name for name in bounds[0].names if not name.startswith(("E_Xt", "E_Yt"))]
     return names, joint_difference(
-        bounds, [PHI.copy(), PHI.copy()], [_rows_at_force(bound, names, 389.0) for bound in bounds]
+        bounds,
+        [PHI.copy(), PHI.copy()],
+        [_rows_at_force(bound, names, 389.0) for bound in bounds],
+        Shared(instrument=True),
     )
 
 
@@ -288,6 +292,7 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             )
         conflict = worst_conflict(
             ["length", "form"],
+            [0.0, 0.0],
             [["E", "form", "length"]] * 2,
             informations,
             means,
@@ -297,6 +302,171 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             "form",
             pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6),
         )
+
+
+ELASTIC = MODEL.with_term(lb.terms.JointLoad()).with_term(lb.terms.Position())
+FORCES_N = {"same": (36.0, 238.0, 490.0, 742.0), "other": (50.0, 200.0, 400.0, 800.0)}
+
+
+class DenseCampaign(NamedTuple):
+    """One campaign as it enters the dense model of two campaigns with one machine, at PHI."""
+
+    parameters: np.ndarray  # effect of each parameter on the readings
+    machine: np.ndarray  # effect of each coefficient of the machine's joints on the readings
+    names: list[str]  # of these coefficients
+    sd: np.ndarray  # their prior sd
+    covariance: np.ndarray  # of the readings, from all other effects
+    readings: np.ndarray  # less their prior mean
+
+
+def dense_campaign(bound: BoundModel) -> DenseCampaign:
+    value = dict(zip((scale.name for scale in MODEL.scales), PHI, strict=True)) | {None: 1.0}
+    turns = [basis(test.angles_rad()) for test in bound.campaign.tests]
+    covariance = block_diag(*(np.eye(len(turn)) * value["sigma"] ** 2 for turn in turns))
+    readings = np.concatenate([test.readings_mm() for test in bound.campaign.tests])
+    of_machine = []
+    for term in bound.model.nuisances:
+        for part in term.columns(bound.setting):
+            if isinstance(part, BasisNoise):
+                effects = block_diag(*(turn * part.sd * value[part.hyper] for turn in turns))
+                covariance = covariance + effects @ effects.T
+                continue
+            blocks = [turn @ part.values[r] for r, turn in enumerate(turns)]
+            if part.private:
+                effects = block_diag(*blocks)
+                sd = np.tile(part.sd * value[part.hyper] * np.ones(len(part.names)), len(turns))
+            else:
+                effects = np.concatenate(blocks)
+                sd = part.sd * value[part.hyper]
+            if part.mean is not None:
+                readings = readings - effects @ part.mean
+            if type(term).__name__ in ("JointLoad", "Position"):
+                of_machine.append((effects, part.names, sd))
+            else:
+                covariance = covariance + (effects * sd) @ (effects * sd).T
+    return DenseCampaign(
+        np.concatenate([turn @ bound.interest[r] for r, turn in enumerate(turns)]),
+        np.concatenate([effects for effects, _, _ in of_machine], axis=1),
+        [name for _, names, _ in of_machine for name in names],
+        np.concatenate([sd for _, _, sd in of_machine]),
+        covariance,
+        readings,
+    )
+
+
+def one_law(bounds: list[BoundModel], names: list[str]) -> np.ndarray:
+    """Coefficients of the second campaign for those of the first, written from the laws: a F²/F_max
+    and b F^⅔ F0^⅓ are the same function of F."""
+    first, second = (bound.setting for bound in bounds)
+    values = []
+    for name in names:
+        if name.startswith("position"):
+            values.append(1.0)
+        elif name.endswith("slope"):
+            values.append(second.largest_force_N / first.largest_force_N)
+        else:
+            values.append((first.reference_force_N / second.reference_force_N) ** (1.0 / 3.0))
+    return np.array(values)
+
+
+def stacked_posterior(
+    campaigns: list[DenseCampaign], prior_sd: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of both parameter vectors and of the machine's coefficients in both
+    campaigns, correlated by 0.99."""
+    first, second = campaigns
+    design = np.hstack(
+        [
+            block_diag(first.parameters, second.parameters),
+            block_diag(first.machine, second.machine),
+        ]
+    )
+    across = np.diag(0.99 * first.sd * second.sd)
+    machine = np.block([[np.diag(first.sd**2), across], [across, np.diag(second.sd**2)]])
+    prior = block_diag(np.diag(np.concatenate(prior_sd) ** 2), machine)
+    covariance = block_diag(first.covariance, second.covariance) + design @ prior @ design.T
+    gain = np.linalg.solve(covariance, design @ prior).T
+    readings = np.concatenate([first.readings, second.readings])
+    return gain @ readings, prior - gain @ design @ prior
+
+
+@pytest.mark.parametrize("forces", list(FORCES_N))
+def test_the_same_machine(forces: str) -> None:
+    """Against the dense model of both campaigns at once in which the joints' laws are nearly one;
+    at other forces, one of the campaigns has a narrower prior."""
+    campaigns = [campaign_of(1), campaign_of(2, forces_N=FORCES_N[forces])]
+    bounds = [ELASTIC.bind(campaign) for campaign in campaigns]
+    names = [name for name in bounds[0].names if not name.startswith(("E_Xt0", "E_Yt0"))]
+    rows = [_rows_at_force(bound, names, bounds[0].setting.reference_force_N) for bound in bounds]
+    difference = joint_difference(bounds, [PHI, PHI], rows, Shared(machine=True))
+    dense_campaigns = [dense_campaign(bound) for bound in bounds]
+    ratio = one_law(bounds, dense_campaigns[0].names)
+    first_sd = dense_campaigns[0].sd / np.maximum(ratio, 1.0)
+    second_sd = dense_campaigns[1].sd * np.minimum(ratio, 1.0)
+    dense_campaigns = [
+        dense_campaigns[0]._replace(sd=first_sd),
+        dense_campaigns[1]._replace(sd=second_sd),
+    ]
+    mean, covariance = stacked_posterior(dense_campaigns, [bound.prior_sd for bound in bounds])
+    nothing = np.zeros(len(names))
+    of_first = [rows[0][label] for label in bounds[0].names]
+    of_second = [rows[1][label] for label in bounds[1].names]
+    laws_of_first = [rows[0].get(label, nothing) for label in dense_campaigns[0].names]
+    laws_of_second = [rows[1].get(label, nothing) for label in dense_campaigns[1].names]
+    contrasts = np.concatenate(
+        [-np.array(of_first), of_second, -np.array(laws_of_first), laws_of_second]
+    ).T
+    for k, name in enumerate(names):
+        sd = float(np.sqrt(contrasts[k] @ covariance @ contrasts[k]))
+        assert difference.sd[k] == pytest.approx(sd, rel=1e-5), name
+        assert difference.difference[k] == pytest.approx(contrasts[k] @ mean, abs=1e-5 * sd), name
+
+
+def test_a_law_of_the_joints_is_one_at_other_forces() -> None:
+    """What it adds to the readings differs by a part proportional to F u² alone, which belongs to
+    the compliance."""
+    first, second = (ELASTIC.bind(campaign_of(1, forces_N=FORCES_N[key])) for key in FORCES_N)
+    term = lb.terms.JointLoad()
+    force_N = np.array([50.0, 123.0, 700.0])
+    laws = [term.deflections(bound.setting, 0, 0, force_N) for bound in (first, second)]
+    names = term.columns(first.setting)[0].names
+    u_squared = first.setting.along(0, 2.0)[0]
+    for j, name in enumerate(names):
+        ratio = lb.terms.JointLoad.ratio(name, first.setting, second.setting)
+        rest = ratio * laws[1][:, :, j] - laws[0][:, :, j]
+        proportional = force_N[:, None] * u_squared
+        factor = (rest * proportional).sum() / (proportional**2).sum()
+        np.testing.assert_allclose(rest, factor * proportional, atol=1e-9 * np.abs(rest).max())
+        assert ratio != pytest.approx(1.0, abs=1e-3)
+
+
+def test_one_machine_shows_smaller_changes() -> None:
+    """The joints' laws cancel: changes of compliance are better known, geometric errors as before;
+    at another radius the travel differs, and the laws along it are others."""
+    model = lb.HybridModel.default(1)
+    fits = [
+        lb.sample(model, campaign_of(1, radii_mm=radii), seed=1, sampler="independent")
+        for radii in ((150.0,), (100.0,))
+    ]
+    again = lb.sample(model, campaign_of(2), seed=1, sampler="independent")
+    instrument, both = (
+        lb.analysis.compare_posteriors(
+            fits[0], again, same_instrument=True, same_machine=same_machine
+        )["sd"]
+        for same_machine in (False, True)
+    )
+    assert both["C_XXX"] < 0.85 * instrument["C_XXX"]
+    assert both["C_CYY"] < 0.8 * instrument["C_CYY"]
+    assert both["C_XXX_1"] < 0.6 * instrument["C_XXX_1"]
+    assert both["E_C0YX"] == pytest.approx(instrument["E_C0YX"], rel=1e-3)
+    instrument, both = (
+        lb.analysis.compare_posteriors(
+            fits[1], again, same_instrument=True, same_machine=same_machine
+        )["sd"]
+        for same_machine in (False, True)
+    )
+    assert both["C_XXX_1"] < 0.6 * instrument["C_XXX_1"]
+    assert both["C_CYY"] == pytest.approx(instrument["C_CYY"], rel=0.02)
 
 
 @pytest.mark.slow

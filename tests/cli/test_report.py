@@ -171,6 +171,11 @@ def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: In
         / table.set_index("parameter")["sd"]
     )
     assert narrower["E_XX1"] < 0.6
+    assert invoke(*arguments, "--same-machine", "--force", "--language", "de")[0] == 0
+    german = (out / "report.html").read_text(encoding="utf-8")
+    assert "Die Maschine war dieselbe" in german
+    assert "Die Messgeräte gelten als unabhängig" in german
+    assert "The machine" not in german
     assert (
         invoke("report", result, "--out", out, "--comparison", comparison, "--force", "--quiet")[0]
         == 0

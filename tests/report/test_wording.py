@@ -27,6 +27,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import Degeneracy
+from ldbb_bayes.analysis.common_effects import Shared
 from ldbb_bayes.analysis.comparison import Sign
 from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.machine_description import VisibleParameter
@@ -613,13 +614,16 @@ def test_the_model_of_the_annex(degree: int, name: str) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("same_instrument", "sentence"), [(True, "same_instrument"), (False, "other_instrument")]
-)
-def test_what_differences_rest_on(same_instrument: bool, sentence: str) -> None:
-    words = wording.instrument_words(389.0, same_instrument)
+@pytest.mark.parametrize("instrument", [False, True])
+@pytest.mark.parametrize("machine", [False, True])
+def test_what_differences_rest_on(instrument: bool, machine: bool) -> None:
+    words = wording.common_words(389.0, Shared(instrument=instrument, machine=machine))
     assert words.startswith("Differences are at 389 N; ")
-    assert words.endswith(wording.PAGE[sentence])
+    assert ("The instrument was the same" in words) == instrument
+    assert ("Instruments are taken as independent" in words) == (not instrument)
+    assert ("The machine was the same" in words) == machine
+    assert ("Machines are taken as independent" in words) == (not machine)
+    assert ("no compliance is negative is left out" in words) == (instrument or machine)
 
 
 def test_differences_without_doubts() -> None:
@@ -631,6 +635,10 @@ def test_differences_with_doubts() -> None:
     converged, instrument = wording.difference_doubts("a", "b", False, ("bar_length", 0.004))
     assert converged == "Not converged: b. Do not use its numbers."
     assert "a and b disagree about the bar length (p = 0.004)" in instrument
+    assert instrument.startswith("Not one instrument")
+    conflict = ("joint_load_X_seat", 0.004)
+    (machine,) = wording.difference_doubts("a", "b", True, conflict)
+    assert machine.startswith("Not the same joints: a and b disagree about the seat of axis X")
 
 
 CHANGES = pd.DataFrame(

@@ -421,6 +421,8 @@ class MachinePattern(Term):
     """
 
     stem = "pattern"
+    machine = True
+    of_circle = True
     remedy = "Run more circles with the balls clocked."
     scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)
 

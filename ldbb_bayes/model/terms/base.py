@@ -223,6 +223,12 @@ class Term(Shown):
     #: whether the effect of a nuisance term (an effect modelled but not of interest) belongs to the
     #: instrument (bar, balls, mount or force device)
     instrument: ClassVar[bool] = False
+    #: whether the effect of a nuisance term (an effect modelled but not of interest) belongs to the
+    #: machine and stays the same as long as its joints are not changed
+    machine: ClassVar[bool] = False
+    #: whether the coefficients of a nuisance term (an effect modelled but not of interest) belong
+    #: to circles of a certain plane, radius and centre
+    of_circle: ClassVar[bool] = False
     #: whether the coefficients of a nuisance term (an effect modelled but not of interest) have the
     #: same values in all campaigns with the same instrument
     common: ClassVar[bool] = False
@@ -332,6 +338,16 @@ class Term(Shown):
                 longest = len(assumed.name)
                 stated = assumed.stated
         return stated
+
+    @classmethod
+    def ratio(cls, coefficient: str, first: Setting, second: Setting) -> float:
+        """Return the value of a coefficient in a second campaign if it is one in a first campaign.
+
+        The effect that the coefficient describes is the same in both campaigns, which have the test
+        conditions ``first`` and ``second``. By default, its value is the same too. ``coefficient``
+        is the name of the coefficient.
+        """
+        return 1.0
 
     @classmethod
     def key(cls) -> str:

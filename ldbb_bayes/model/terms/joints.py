@@ -87,6 +87,7 @@ class JointLoad(Term):
     #: the magnitude of the axis' direct compliance
     relative_sd: float = 0.4
     unit = Unit("mm/N", 1e-6, "nm/N")
+    machine = True
     calibration = "a narrower prior of it"
     remedy = "Measure the axis' deflection under its own load."
 
@@ -157,6 +158,20 @@ class JointLoad(Term):
             u_cubed=setting.along(axis, 3.0)[r],
             u_contact=setting.along(axis, _CONTACT_POWER)[r],
         )
+
+    @classmethod
+    def ratio(cls, coefficient: str, first: Setting, second: Setting) -> float:
+        """Return the value of a coefficient in a second campaign if it is one in a first campaign.
+
+        The deflection of the axis is the same function of the force in both campaigns, but for a
+        part that is proportional to the force and belongs to the compliance. This holds if the
+        coefficient of rolling contact is proportional to F_max, and those of bolted contact and
+        seat to F0^(−⅓). ``first`` and ``second`` hold the reference force F0 and the largest force
+        F_max of each campaign.
+        """
+        if coefficient.endswith("_slope"):
+            return second.largest_force_N / first.largest_force_N
+        return float(np.cbrt(first.reference_force_N / second.reference_force_N))
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
@@ -260,6 +275,8 @@ class Position(Term):
     #: the magnitude of the axis' direct compliance
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
+    machine = True
+    of_circle = True
     calibration = "a narrower prior of it"
     remedy = "Run circles at several centres."
 

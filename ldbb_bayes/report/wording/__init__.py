@@ -100,8 +100,8 @@ from ldbb_bayes.report.wording.report_words import (
     NO_ANNEX,
     annex_words,
     change_sentence,
+    common_words,
     difference_doubts,
-    instrument_words,
 )
 from ldbb_bayes.report.wording.worded_records import with_words
 
@@ -128,6 +128,7 @@ __all__ = [
     "changes_by_words",
     "check_notes",
     "check_words",
+    "common_words",
     "comparison_screen",
     "comparison_sentences",
     "concern_sentences",
@@ -148,7 +149,6 @@ __all__ = [
     "held_by_words",
     "identifiability_screen",
     "identifiability_sentences",
-    "instrument_words",
     "interval_of",
     "joined",
     "joined_sizes",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
+from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.wording.fixed_texts import PAGE
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
 from ldbb_bayes.units import display_name, is_slope, plus_minus
@@ -12,13 +13,14 @@ from ldbb_bayes.units import display_name, is_slope, plus_minus
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ldbb_bayes.analysis.common_effects import Shared
 
-__all__ = ["NO_ANNEX", "annex_words", "change_sentence", "difference_doubts", "instrument_words"]
+__all__ = ["NO_ANNEX", "annex_words", "change_sentence", "common_words", "difference_doubts"]
 
 NO_ANNEX = "left out with the annex (--sheets-only)"
-# Two campaigns with the same instrument have two estimates of each error of this instrument. A
-# sentence states that the campaigns disagree about an error if the p-value of the difference of its
-# two estimates is below this value.
+# Two campaigns with the same instrument or machine have two estimates of each effect that they have
+# in common. A sentence states that the campaigns disagree about an effect if the p-value of the
+# difference of its two estimates is below this value.
 _CONFLICT = 0.01
 
 _TEMPLATES = SentenceFile("page", DEGREES=DEGREE_NAMES, PAGE=PAGE, CONFLICT=_CONFLICT)
@@ -34,13 +36,13 @@ def annex_words(degree: int, averaged: bool) -> str:
     return _TEMPLATES.sentence("annex_words", degree, averaged)
 
 
-def instrument_words(force_N: float, same_instrument: bool) -> str:
+def common_words(force_N: float, shared: Shared) -> str:
     """Return sentences on what a comparison of two campaigns assumes.
 
     The sentences state the force ``force_N`` [N] at which compliances are compared, and whether
-    both campaigns used the same instrument.
+    both campaigns used the same instrument and the same machine.
     """
-    return _TEMPLATES.sentence("instrument_words", force_N, same_instrument)
+    return _TEMPLATES.sentence("common_words", force_N, shared)
 
 
 def difference_doubts(
@@ -52,13 +54,15 @@ def difference_doubts(
     reason. There are two possible reasons:
 
     - The fit of the second campaign has not converged; ``converged`` is then false.
-    - The campaigns used the same instrument, but their fits disagree about an error of the
-      instrument, which is a coefficient of the model. ``conflict`` holds the name of the
-      coefficient with the largest disagreement, and the p-value of this disagreement, multiplied by
-      the number of compared coefficients (Bonferroni). A sentence names the coefficient only if
-      this p-value is below 1 %. ``conflict`` is None if no coefficient can be compared.
+    - The campaigns are said to have the instrument or the machine in common, but their fits
+      disagree about an effect of it, which is a coefficient of the model. ``conflict`` holds the
+      name of the coefficient with the largest disagreement, and the p-value of this disagreement,
+      multiplied by the number of compared coefficients (Bonferroni). A sentence names the
+      coefficient only if this p-value is below 1 %. ``conflict`` is None if no coefficient can be
+      compared.
     """
-    return _TEMPLATES.sentences("difference_doubts", first, other, converged, conflict)
+    of_machine = conflict is not None and Term.owner(conflict[0]).machine
+    return _TEMPLATES.sentences("difference_doubts", first, other, converged, conflict, of_machine)
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:

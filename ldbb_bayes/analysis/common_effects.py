@@ -1,10 +1,13 @@
-"""Difference of the parameters between two campaigns that were run with the same instrument.
+"""Difference of the parameters between two campaigns with the same instrument or machine.
 
-Bar, balls, mount and force device are the same in both campaigns. Errors of these parts therefore
+If bar, balls, mount and force device are the same in both campaigns, the errors of these parts
 largely cancel in the difference. These errors are described by nuisance coefficients (of effects
 that are modelled but not of interest), which are common to both campaigns. Their prior is therefore
 used only once. If the campaigns state different knowledge of an error, such as a certificate in
 only one of them, the prior with the smaller standard deviation is used.
+
+If the machine is the same, some of its effects are nearly the same in both campaigns
+(`machine_similarity`).
 
 β are the p parameters of interest; φ are the h hyper-parameters (such as the standard deviation of
 the noise).
@@ -12,12 +15,18 @@ the noise).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
 
+from ldbb_bayes.analysis.machine_similarity import (
+    STANDARDISED_DIFFERENCE,
+    correlate_priors,
+    machine_terms,
+)
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import shared_terms
 from ldbb_bayes.model.bound_information import information_of
@@ -28,26 +37,63 @@ from ldbb_bayes.model.terms import Columns, Term
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import ranked
 
-__all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
+__all__ = [
+    "NOTHING_SHARED",
+    "Conflict",
+    "JointDifference",
+    "Shared",
+    "joint_difference",
+    "worst_conflict",
+]
 
 # The readings of a campaign are called informative about a nuisance coefficient of the instrument
 # if they reduce its variance: the prior variance divided by the posterior variance must exceed 1 by
 # more than this number.
 _LEAST_INFORMATION = 0.05
-# Names of two hyper-parameters of the instrument: the scale of the balls' form errors, and the
-# decay. The decay is the exponent of the power law by which these errors decrease with the number
-# of waves per turn.
+# Names of the hyper-parameters that are common to both campaigns if the instrument is the same: the
+# scale of the balls' form errors, and the decay. The decay is the exponent of the power law by
+# which these errors decrease with the number of waves per turn.
 _INSTRUMENT_HYPERS = ("tau", "decay")
+# Names of the hyper-parameters that are common to both campaigns if the machine is the same: the
+# scale of the machine's pattern.
+_MACHINE_HYPERS = ("omega",)
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What two campaigns have in common."""
+
+    #: whether bar, balls, mount and force device are the same in two campaigns
+    instrument: bool = False
+    machine: bool = False  #: whether two campaigns were run on the same machine
+
+    @property
+    def anything(self) -> bool:
+        """Whether two campaigns have the instrument, the machine or both in common."""
+        return self.instrument or self.machine
+
+    @property
+    def hypers(self) -> tuple[str, ...]:
+        """Names of the hyper-parameters that have the same values in both campaigns."""
+        names: tuple[str, ...] = ()
+        if self.instrument:
+            names += _INSTRUMENT_HYPERS
+        if self.machine:
+            names += _MACHINE_HYPERS
+        return names
+
+
+NOTHING_SHARED = Shared()  #: two campaigns with different instruments on different machines
 
 
 class Conflict(NamedTuple):
-    """The error of the common instrument whose estimates from two campaigns differ most.
+    """The common effect whose estimates from two campaigns differ most.
 
-    ``coefficient`` is the name of the nuisance coefficient that describes the error.
+    ``coefficient`` is the name of the nuisance coefficient that describes the effect.
     """
 
     coefficient: str
-    #: p-value of the disagreement of two campaigns about an error of their common instrument: the
+    #: p-value of the disagreement of two campaigns about an effect that they have in common: the
     #: probability of a larger disagreement by chance. It is multiplied by the number of compared
     #: coefficients (Bonferroni) and limited to 1.
     p_value: float
@@ -62,8 +108,8 @@ class JointDifference(NamedTuple):
     difference: Array
     #: standard uncertainties of the differences of n parameters between two campaigns, shape (n,)
     sd: Array
-    #: the instrument error for which the estimates from the two campaigns disagree most; None if no
-    #: instrument error can be estimated from both campaigns
+    #: the common effect for which the estimates from the two campaigns disagree most; None if no
+    #: common effect can be estimated from both campaigns
     conflict: Conflict | None
 
 
@@ -81,9 +127,12 @@ class _Campaign(NamedTuple):
 
 
 def joint_difference(
-    bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Mapping[str, Array]]
+    bounds: Sequence[BoundModel],
+    phi: Sequence[Array],
+    rows: Sequence[Mapping[str, Array]],
+    shared: Shared,
 ) -> JointDifference:
-    """Return how the parameters differ between two campaigns run with the same instrument.
+    """Return how the parameters differ between two campaigns with effects in common.
 
     Parameters
     ----------
@@ -94,31 +143,35 @@ def joint_difference(
     rows : sequence of mapping
         For each campaign, what one unit of each of its coefficients adds to the n compared
         parameters, shape (n,). The keys are the names of the coefficients; others add nothing.
+    shared : Shared
+        Whether the campaigns have the instrument, the machine or both in common.
     """
-    if _several_clockings(bounds):
+    if shared.instrument and _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
-    phi = _share_hypers(bounds, phi)
+    phi = _share_hypers(bounds, phi, shared)
     campaigns = [
         _information_and_means(bound, values) for bound, values in zip(bounds, phi, strict=True)
     ]
     require(
         not any(campaign.information.flat for campaign in campaigns),
-        "same_instrument must go with proper priors, got flat ones. Fit with the default preset.",
+        "same_instrument and same_machine must go with proper priors, got flat ones. Fit with the"
+        " default preset.",
     )
     first, second = campaigns
-    common = _common_coefficients(first, second)
+    common = _common_coefficients(first, second, shared)
+    similar = _similar_coefficients(first, second, shared, bounds)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
+    size = len(all_names)
     places = [
         _joint_places(campaign, all_names, common, is_first=campaign is first)
         for campaign in campaigns
     ]
-    joint = _joint_posterior(campaigns, places, common, len(all_names))
+    joint = _joint_posterior(campaigns, places, common, size)
+    joint = joint + _correlation(campaigns, places, similar, bounds, size)
     joint_rows = np.stack(
         [
-            _joint_rows(campaign, places_of_campaign, rows_of_campaign, len(all_names))
-            for campaign, places_of_campaign, rows_of_campaign in zip(
-                campaigns, places, rows, strict=True
-            )
+            _joint_rows(first, places[0], rows[0], size),
+            _joint_rows(second, places[1], rows[1], size),
         ]
     )
     difference_rows = joint_rows[1] - joint_rows[0]
@@ -127,7 +180,8 @@ def joint_difference(
         difference_rows @ joint.mean,
         np.sqrt((joint.spread(difference_rows) ** 2).sum(axis=1)),
         worst_conflict(
-            common,
+            [*common, *similar],
+            [0.0] * len(common) + [STANDARDISED_DIFFERENCE] * len(similar),
             [campaign.names for campaign in campaigns],
             [campaign.information for campaign in campaigns],
             [campaign.mean for campaign in campaigns],
@@ -149,24 +203,25 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
     return len(clockings) > 1
 
 
-def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
-    """Return the hyper-parameters of both campaigns, with the same values for the instrument.
+def _share_hypers(
+    bounds: Sequence[BoundModel], phi: Sequence[Array], shared: Shared
+) -> list[Array]:
+    """Return the hyper-parameters of both campaigns, with the same values for common effects.
 
     ``bounds`` are the models of the two campaigns, and ``phi`` holds for each of them the values of
-    its h hyper-parameters, shape (h,); h may differ. Two hyper-parameters describe the instrument:
-    the scale of the balls' form errors, and the decay (the exponent of the power law by which these
-    errors decrease with the number of waves per turn). If the models of both campaigns have one of
-    these hyper-parameters, its two values are replaced by their mean.
+    its h hyper-parameters, shape (h,); h may differ. ``shared`` states which hyper-parameters the
+    campaigns have in common. If the models of both campaigns have one of them, its two values are
+    replaced by their mean.
     """
-    shared = [values.copy() for values in phi]
-    for name in _INSTRUMENT_HYPERS:
+    of_campaigns = [values.copy() for values in phi]
+    for name in shared.hypers:
         if any(name not in bound.hyper_prior.names for bound in bounds):
             continue
         indices = [bound.hyper_prior.names.index(name) for bound in bounds]
-        mean = 0.5 * (shared[0][indices[0]] + shared[1][indices[1]])
-        for values, index in zip(shared, indices, strict=True):
+        mean = 0.5 * (of_campaigns[0][indices[0]] + of_campaigns[1][indices[1]])
+        for values, index in zip(of_campaigns, indices, strict=True):
             values[index] = mean
-    return shared
+    return of_campaigns
 
 
 def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
@@ -188,14 +243,41 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     return _Campaign(information, names, _posterior_mean(bound, phi), _prior_mean(bound))
 
 
-def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
-    """Return the names of the instrument's nuisance coefficients that occur in both campaigns."""
-    common = []
+def _common_coefficients(first: _Campaign, second: _Campaign, shared: Shared) -> list[str]:
+    """Return the names of the coefficients that have the same value in both campaigns.
+
+    They are the nuisance coefficients of the instrument. The list is empty if the campaigns have
+    different instruments.
+    """
+    if not shared.instrument:
+        return []
+    of_instrument = [name for name, kind in Term.kinds.items() if kind.instrument]
+    return _coefficients_in_both(first, second, of_instrument)
+
+
+def _similar_coefficients(
+    first: _Campaign, second: _Campaign, shared: Shared, bounds: Sequence[BoundModel]
+) -> list[str]:
+    """Return the names of the coefficients that have nearly the same value in both campaigns.
+
+    They are the nuisance coefficients of the machine. The list is empty if the campaigns were run
+    on different machines. ``bounds`` are the models of the campaigns.
+    """
+    if not shared.machine:
+        return []
+    return _coefficients_in_both(first, second, machine_terms(bounds))
+
+
+def _coefficients_in_both(first: _Campaign, second: _Campaign, terms: Collection[str]) -> list[str]:
+    """Return the names of nuisance coefficients that occur in both campaigns.
+
+    ``terms`` are the class names of the terms to which the coefficients belong.
+    """
+    names = []
     for name, owner in zip(first.names, first.information.owners, strict=True):
-        of_instrument = owner in Term.kinds and Term.kinds[owner].instrument
-        if of_instrument and name in second.names:
-            common.append(name)
-    return common
+        if owner in terms and name in second.names:
+            names.append(name)
+    return names
 
 
 def _joint_posterior(
@@ -238,6 +320,31 @@ def _joint_posterior(
         shift[places_of_campaign] = root.T @ (root @ campaign.mean)
         joint = joint + Gaussian(precision, shift)
     return joint
+
+
+def _correlation(
+    campaigns: Sequence[_Campaign],
+    places: Sequence[Sequence[int]],
+    similar: Sequence[str],
+    bounds: Sequence[BoundModel],
+    size: int,
+) -> Gaussian:
+    """Return the factor that makes the priors of the machine's coefficients correlated.
+
+    ``similar`` are the names of these coefficients, which are independent in the posteriors of the
+    two ``campaigns``. ``places`` and ``size`` have the same meaning as in `_joint_posterior`.
+    ``bounds`` are the models of the campaigns.
+    """
+    prior_sds = []
+    rows = []
+    for campaign, places_of_campaign in zip(campaigns, places, strict=True):
+        indices = [campaign.names.index(name) for name in similar]
+        prior_sds.append(campaign.information.scale[indices])
+        rows += [places_of_campaign[k] for k in indices]
+    factor = correlate_priors(similar, np.array(prior_sds), bounds)
+    precision = np.zeros((size, size))
+    precision[np.ix_(rows, rows)] = factor.precision
+    return Gaussian(precision, np.zeros(size))
 
 
 def _joint_rows(
@@ -305,24 +412,28 @@ def _joint_places(
 
 def worst_conflict(
     common: Sequence[str],
+    prior_differences: Sequence[float],
     names: Sequence[Sequence[str]],
     information: Sequence[Information],
     means: Sequence[Array],
     prior_means: Sequence[Array],
 ) -> Conflict | None:
-    """Return the error of the instrument about which the readings of two campaigns disagree most.
+    """Return the common effect about which the readings of two campaigns disagree most.
 
-    The campaigns were run with the same instrument; each of its errors is described by a
-    coefficient ν. From the readings y of each campaign, ν is estimated without its prior. The
-    standard uncertainty of the estimate is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior
-    variance of ν. For each ν, the difference of the two estimates is divided by the standard
-    uncertainty of this difference. The campaigns disagree most about the coefficient for which the
-    absolute value of this ratio is largest.
+    The campaigns have the instrument, the machine or both in common; each of the effects that they
+    have in common is described by a coefficient ν. From the readings y of each campaign, ν is
+    estimated without its prior. The standard uncertainty of the estimate is 1/√l, where
+    l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. For each ν, the difference of the two
+    estimates is divided by the standard uncertainty of this difference. The campaigns disagree most
+    about the coefficient for which the absolute value of this ratio is largest.
 
     Parameters
     ----------
     common : sequence of str
-        Names of the instrument's nuisance coefficients that both campaigns have.
+        Names of the nuisance coefficients that both campaigns have in common.
+    prior_differences : sequence of float
+        Prior standard deviation of the difference of each of these coefficients between the
+        campaigns, divided by its prior standard deviation in the first campaign.
     names : sequence of sequence of str
         Names of all coefficients of each campaign.
     information : sequence of Information
@@ -363,7 +474,7 @@ def worst_conflict(
     estimate = prior_mean + (np.array(common_means) - prior_mean) / shrinkage
     distances = {}
     for j in np.flatnonzero(is_informed).tolist():
-        sd = np.sqrt((1.0 / precision[:, j]).sum())
+        sd = np.sqrt((1.0 / precision[:, j]).sum() + (prior_differences[j] * scale[0, j]) ** 2)
         distances[common[j]] = float(abs(estimate[0, j] - estimate[1, j]) / sd)
     worst = ranked(distances, distances.__getitem__)[0]
     p_value = float(2.0 * ndtr(-distances[worst])) * len(distances)
