@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
+from ldbb_bayes.analysis.contradicted_certificates import contradicted_certificates
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
 from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
@@ -37,7 +38,11 @@ from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.paired_remedies import paired_remedies
 from ldbb_bayes.analysis.remedies import Remedy, remedies
 from ldbb_bayes.analysis.tried_remedies import TriedRemedies
-from ldbb_bayes.analysis.value_of_certificates import averaged_moments, worth_of_certificates
+from ldbb_bayes.analysis.value_of_certificates import (
+    averaged_moments,
+    missing_certificates,
+    worth_of_certificates,
+)
 from ldbb_bayes.analysis.variance_sources import (
     AveragedVariance,
     ModelVariance,
@@ -59,9 +64,6 @@ from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByRow, Result
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Identifiability", "identify"]
 
@@ -136,6 +138,9 @@ class Identifiability(Result):
     #: whether the hyper-parameters of a plan are those that the readings of its pilot leave likely;
     #: false for a plan without a measured pilot, and for a campaign with readings
     scales_from_pilot: bool = False
+    #: names of certificates of balls that the readings (of a plan's pilot, too) contradict: the
+    #: balls are less round. They are not among the ``certificates``.
+    contradicted_certificates: tuple[str, ...] = ()
 
 
 @one_blas_thread
@@ -182,7 +187,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """
     require_model(model)
     judged = _judged_plan if campaign.is_plan else _judged_campaign
-    bound, weight, nodes, expected, averaged_sd = judged(model, campaign)
+    bound, weight, nodes, expected, averaged_sd, contradicted = judged(model, campaign)
     phi = weight @ nodes
     information = information_of(bound, phi)
     combinations = degeneracies(bound)
@@ -190,7 +195,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     certificates: dict[str, dict[str, float]] = {}
     if not information.flat:
         effective_parameters -= float(information.variances().sum())
-        certificates = worth_of_certificates(bound, weight, nodes)
+        certificates = worth_of_certificates(bound, weight, nodes, contradicted=contradicted)
     if expected is not None and certificates:
         certificates = _scaled_to_forecast(expected, bound, certificates)
     changes = curve_changes(bound, information)
@@ -201,7 +206,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         expected = SampledSd(prior_sd, posterior_sd)
     parameters = judge_average(variance, bound, expected)
     changes_judged = judge_changes(variance, changes, _prior_sd_of_changes(information, changes))
-    tried = TriedRemedies(bound, phi)
+    tried = TriedRemedies(bound, phi, contradicted)
     found = _remedies_of(tried, parameters, changes_judged)
     found |= _with_averaged_certificates(found, certificates)
     sd_by_parameter = {name: entry.sd for name, entry in parameters.items()}
@@ -227,6 +232,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         measured=not campaign.is_plan,
         averaged_sd=averaged_sd,
         scales_from_pilot=_has_measured_pilot(campaign),
+        contradicted_certificates=contradicted,
     )
 
 
@@ -270,6 +276,7 @@ class _JudgedTests(NamedTuple):
     #: readings, and if priors are flat
     expected: SampledSd | None
     averaged_sd: dict[str, float]  #: see ``Identifiability.averaged_sd``
+    contradicted: tuple[str, ...]  #: see ``Identifiability.contradicted_certificates``
 
 
 def _judged_plan(model: HybridModel, plan: Campaign) -> _JudgedTests:
@@ -277,19 +284,29 @@ def _judged_plan(model: HybridModel, plan: Campaign) -> _JudgedTests:
     bound = bind_plan(model, plan)
     weight, phi = _scales_before(bound, plan)
     if model.prior.flat:
-        return _JudgedTests(bound, weight, phi, None, {})
+        return _JudgedTests(bound, weight, phi, None, {}, ())
     analyses = simulate_analyses(model, plan)
     expected = _expected_sd(bound, plan, analyses)
     averaged = averaged_uncertainties(analyses)
     averaged_sd = {name: entry.sd for name, entry in averaged.items()}
-    return _JudgedTests(bound, weight, phi, expected, averaged_sd)
+    contradicted: tuple[str, ...] = ()
+    if plan.pilot is not None and not plan.pilot.is_plan:
+        pilot = model.bind(plan.pilot)
+        missing = missing_certificates(plan.instrument)
+        contradicted = contradicted_certificates(pilot, missing, *hyper_parameter_nodes(pilot))
+    return _JudgedTests(bound, weight, phi, expected, averaged_sd, contradicted)
 
 
 def _judged_campaign(model: HybridModel, campaign: Campaign) -> _JudgedTests:
     """Return the tests of a campaign with readings."""
     bound = model.bind(campaign)
     weight, phi = hyper_parameter_nodes(bound)
-    return _JudgedTests(bound, weight, phi, None, _averaged_sd_now(bound, weight, phi))
+    contradicted: tuple[str, ...] = ()
+    if not model.prior.flat:
+        missing = missing_certificates(campaign.instrument)
+        contradicted = contradicted_certificates(bound, missing, weight, phi)
+    averaged_sd = _averaged_sd_now(bound, weight, phi)
+    return _JudgedTests(bound, weight, phi, None, averaged_sd, contradicted)
 
 
 def _averaged_sd_now(bound: BoundModel, weight: Array, phi: Array) -> dict[str, float]:

@@ -11,7 +11,7 @@ unchanged campaign, or from its pilot (the campaign from which it was planned).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
@@ -84,16 +84,20 @@ class TriedRemedies:
         Model of a campaign or of a plan.
     phi
         Values of the h hyper-parameters, shape (h,); lengths in mm.
+    contradicted
+        Names of the certificates that the readings contradict. They are no remedies.
     """
 
-    def __init__(self, bound: BoundModel, phi: Array) -> None:
+    def __init__(self, bound: BoundModel, phi: Array, contradicted: Collection[str] = ()) -> None:
         """Store a campaign's model and hyper-parameters, before any remedy is tried.
 
         ``bound`` is the model of the campaign or plan. ``phi`` holds the values of the h
-        hyper-parameters, shape (h,); lengths are in mm.
+        hyper-parameters, shape (h,); lengths are in mm. ``contradicted`` are the names of the
+        certificates that the readings contradict.
         """
         self.bound = bound
         self.phi = phi
+        self.contradicted = contradicted
         self._bound_with: dict[tuple[RemedyStep, ...], BoundModel] = {(): bound}
         self._sd_with: dict[tuple[RemedyStep, ...], dict[str, float]] = {}
         self._confounded_with: dict[tuple[RemedyStep, ...], set[str]] = {}
@@ -106,7 +110,8 @@ class TriedRemedies:
         """
         steps = [RemedyStep(kind, "") for kind in longer_plans(self.bound)]
         for name in missing_certificates(self.bound.campaign.instrument):
-            steps.append(RemedyStep(RemedyKind.CERTIFICATE, name))
+            if name not in self.contradicted:
+                steps.append(RemedyStep(RemedyKind.CERTIFICATE, name))
         return tuple(steps)
 
     def bound_with(self, *steps: RemedyStep) -> BoundModel | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -144,13 +144,14 @@ def _few_values(weight: Array, phi: Array) -> _ScaleValues:
 
 
 def worth_of_certificates(
-    bound: BoundModel, weight: Array, phi: Array
+    bound: BoundModel, weight: Array, phi: Array, *, contradicted: Collection[str] = ()
 ) -> dict[str, dict[str, float]]:
     """Return the standard uncertainties to expect with further certificates of the instrument.
 
     The uncertainties of all parameters are computed for the present instrument, then with each
     missing certificate alone, and finally with all missing certificates. Missing certificates are
-    the certificates in `CERTIFICATES` that the instrument does not have yet.
+    the certificates in `CERTIFICATES` that the instrument does not have yet, without those that the
+    readings contradict.
 
     Parameters
     ----------
@@ -160,6 +161,8 @@ def worth_of_certificates(
         Weights of the w values of the hyper-parameters, shape (w,).
     phi
         Values of the h hyper-parameters, shape (w, h), from `hyper_parameter_nodes`; lengths in mm.
+    contradicted
+        Names of the certificates that the readings contradict.
 
     Returns
     -------
@@ -168,7 +171,10 @@ def worth_of_certificates(
         inner keys are the names of the parameters. The cases are "none of these", the names of the
         missing certificates and, if several certificates are missing, "all of these".
     """
-    missing = missing_certificates(bound.campaign.instrument)
+    missing = {}
+    for name, statements in missing_certificates(bound.campaign.instrument).items():
+        if name not in contradicted:
+            missing[name] = statements
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
     sample = _few_values(weight, phi)
     if len(missing) > 1:

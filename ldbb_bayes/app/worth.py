@@ -10,7 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, worth_of_certificates
+from ldbb_bayes.analysis.contradicted_certificates import contradicted_certificates
+from ldbb_bayes.analysis.value_of_certificates import (
+    CERTIFICATES,
+    missing_certificates,
+    worth_of_certificates,
+)
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.app.fields import linear_model, read_files
 from ldbb_bayes.units import display_name, display_unit, two_digits
@@ -52,7 +57,8 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     -------
     dict
         ``today`` is a list with one row for every parameter, which states U with the certificates
-        that the user has stated so far. ``effects`` is a dict with one entry for each new
+        that the user has stated so far. ``contradicted`` are the names of certificates that the
+        readings contradict. ``effects`` is a dict with one entry for each new
         certificate. The key is the part of the instrument that the certificate would cover, or
         ``all`` for all certificates together. The value holds the name of the certificate, and up
         to four rows: one for each of the largest reductions of U, if U is reduced by more than 5 %.
@@ -63,8 +69,12 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     InputError
         If a file or an entry cannot be used.
     """
-    bound = linear_model().bind(read_files(folder, choices).campaign)
-    sd_by_certificate = worth_of_certificates(bound, *hyper_parameter_nodes(bound))
+    campaign = read_files(folder, choices).campaign
+    bound = linear_model().bind(campaign)
+    nodes = hyper_parameter_nodes(bound)
+    missing = missing_certificates(campaign.instrument)
+    contradicted = contradicted_certificates(bound, missing, *nodes)
+    sd_by_certificate = worth_of_certificates(bound, *nodes, contradicted=contradicted)
     today = sd_by_certificate.pop("none of these")
     units = {
         parameter.name: parameter.unit
@@ -83,7 +93,7 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     rows_today = [
         uncertainty_change(name, today[name], today[name], unit) for name, unit in units.items()
     ]
-    return {"effects": effects, "today": rows_today}
+    return {"effects": effects, "today": rows_today, "contradicted": contradicted}
 
 
 def _part_of_instrument(certificate: str) -> str:

@@ -38,6 +38,7 @@ from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_fo
 from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan, states_of
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY, Goal, goals_in
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
+from ldbb_bayes.analysis.design.possible_certificates import require_possible
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
     present_estimates,
@@ -312,6 +313,7 @@ def design_for_goals(
         "goals must be held against proper priors, got flat ones. Use the default preset.",
     )
     offers = offers_in(certificates or {})
+    require_possible(offers, model, pilot)
     goals = goals_in(model.bind(pilot), stated)
     if forces_N is None:
         low = float(pilot.forces_N.min())

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer
+from ldbb_bayes.analysis.design.possible_certificates import possible_certificates
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
-from ldbb_bayes.analysis.value_of_certificates import missing_certificates
 from ldbb_bayes.analysis.variance_sources import sources_of
+from ldbb_bayes.campaign.campaign import Instrument
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.results import Array, Result
@@ -108,7 +110,7 @@ def near_miss_of(
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
     certificate = ""
     lowest = floor + float(np.log(_WORTH_SHARE))
-    for missing, statements in missing_certificates(family.bound.campaign.instrument).items():
+    for missing, statements in _possible(family, family.bound.campaign.instrument).items():
         distance = _floors_with_certificate(family, missing, statements)[name]
         if distance < lowest:
             certificate = missing
@@ -134,7 +136,7 @@ def obstacles_of(family: CampaignFamily, limits: Mapping[str, float]) -> dict[st
         return {}
     floors_with: dict[str, dict[str, float]] = {}
     statements_of_all: dict[str, object] = {}
-    missing = missing_certificates(family.space.pilot.instrument)
+    missing = _possible(family, family.space.pilot.instrument)
     for certificate, statements in missing.items():
         floors_with[certificate] = _floors_with_certificate(family, certificate, statements)
         statements_of_all.update(statements)
@@ -155,6 +157,11 @@ def obstacles_of(family: CampaignFamily, limits: Mapping[str, float]) -> dict[st
             reached=distance <= 0.0,
         )
     return obstacles
+
+
+def _possible(family: CampaignFamily, instrument: Instrument) -> dict[str, Mapping[str, Any]]:
+    """Return the certificates that ``instrument`` does not have but can have."""
+    return possible_certificates(family.space.model, family.space.pilot, instrument)
 
 
 def _floors_with_certificate(

@@ -1,0 +1,98 @@
+"""Certificates of balls that the readings contradict are no cure, and cannot be bought."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from campaigns import refuses
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.contradicted_certificates import contradicted_certificates
+from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, missing_certificates
+from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
+from ldbb_bayes.report import wording
+
+MODEL = lb.HybridModel.default(1)
+BALLS = "balls of grade G10"
+ROUND = lb.Instrument(**CERTIFICATES[BALLS])
+
+
+@cache
+def campaign_of(balls: str) -> lb.Campaign:
+    """Circles with turned balls: of grade G10, or of a form error ten times as large."""
+    angle = np.arange(0.0, 360.0, 5.0)
+    tests = []
+    for k, force_N in enumerate((50.0, 200.0, 350.0, 500.0, 650.0)):
+        tests.append(
+            lb.CircularTest(
+                force_N,
+                angle,
+                name=f"f{force_N:g}",
+                direction="CW",
+                work_ball_deg=40.0 * k,
+                tool_ball_deg=25.0 * k,
+            )
+        )
+    instrument = ROUND if balls == "round" else lb.Instrument()
+    plan = lb.Campaign(tuple(tests), instrument=instrument)
+    hyper = {} if balls == "round" else {"tau": 2.5}
+    campaign = MODEL.simulate(plan, seed=4, hyper_um=hyper).campaign
+    return replace(campaign, instrument=lb.Instrument())
+
+
+@pytest.mark.parametrize(("balls", "contradicted"), [("round", ()), ("lobed", (BALLS,))])
+def test_balls_less_round_than_a_grade(balls: str, contradicted: tuple[str, ...]) -> None:
+    """As the evidences of both models say, computed by integrals over all scales."""
+    campaign = campaign_of(balls)
+    bound = MODEL.bind(campaign)
+    missing = missing_certificates(campaign.instrument)
+    nodes = hyper_parameter_nodes(bound)
+    assert contradicted_certificates(bound, missing, *nodes) == contradicted
+    certified = replace(campaign, instrument=ROUND)
+    evidences = [lb.log_evidence(MODEL, of, tolerance=0.1) for of in (campaign, certified)]
+    log_ratio = evidences[1].log_value - evidences[0].log_value
+    assert (log_ratio < -5.0) == bool(contradicted)
+
+
+def test_a_plan_contradicts_nothing_by_itself() -> None:
+    plan = campaign_of("lobed").plan()
+    bound = MODEL.bind(replace(plan, pilot=None))
+    missing = missing_certificates(plan.instrument)
+    assert contradicted_certificates(bound, missing, *hyper_parameter_nodes(bound)) == ()
+
+
+def test_identify_offers_no_certificate_that_cannot_be_had() -> None:
+    """No parameter is worse known with a certificate; the plan that is designed from the readings
+    says the same."""
+    campaign = campaign_of("lobed")
+    result = lb.identify(MODEL, campaign)
+    assert result.contradicted_certificates == (BALLS,)
+    assert BALLS not in result.certificates
+    without = result.certificates["none of these"]
+    for sd in result.certificates.values():
+        assert all(sd[name] < 1.02 * without[name] for name in sd)
+    remedies = [entry.remedy for entry in result.parameters.values()]
+    assert not [one for one in remedies if one is not None and one.certificate == BALLS]
+    sentence = f"The readings contradict {BALLS}: the balls are less round."
+    assert sentence in wording.identifiability_screen(result)
+    assert sentence in wording.identifiability_sentences(result)
+    of_plan = lb.identify(MODEL, replace(campaign.plan(), pilot=campaign))
+    assert of_plan.contradicted_certificates == (BALLS,)
+    assert f"The readings of the pilot contradict {BALLS}: the balls are less round." in (
+        wording.identifiability_screen(of_plan)
+    )
+    assert lb.identify(MODEL, campaign_of("round")).contradicted_certificates == ()
+
+
+def test_it_cannot_be_bought() -> None:
+    refuses(
+        "must agree with the readings .* got balls of grade G10",
+        lb.design,
+        MODEL,
+        pilot=campaign_of("lobed"),
+        goals={"E_YX2": "40 %"},
+        certificates={"balls G10": 300.0},
+    )
