@@ -13,9 +13,9 @@ from ldbb_bayes.analysis.design import Costs, GoalDesign, GoalPlan
 from ldbb_bayes.analysis.design.certificate_offers import offers_in
 from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, goals_in
 from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
-from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts
+from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, goals_typed
 from ldbb_bayes.app.page_words import LANGUAGES, words_of_page
-from ldbb_bayes.app.planning import changes_between, pilot_row, test_row
+from ldbb_bayes.app.planning import effort_row, pilot_row, test_row
 from ldbb_bayes.app.understanding import refusal
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
 from ldbb_bayes.cli.goal_designs import files_of_goal_design, find_for_goals
@@ -145,7 +145,7 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     try:
         for parameter, text in goal_texts(asked).items():
             name = GOAL_PREFIX + parameter
-            goals_in(bound, {parameter: text})
+            goals_in(bound, goals_typed({name: text}))
         for field in SEARCH_FIELDS:
             name = field.name
             _check_entry(name, _option_value(name, asked, folder))
@@ -204,7 +204,7 @@ def find_cheapest_campaigns(
     pilot = lb.read_campaign(folder / RESULT / "campaign")
     seed = DESIGN_OPTIONS["seed"].default
     settings = {
-        "goals": goal_texts(asked),
+        "goals": goals_typed(asked),
         "augment": bool(asked.get("augment")),
         "seed": seed,
         **_options_of(asked, folder),
@@ -236,9 +236,10 @@ def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) ->
 
 def _campaign_row(plan: GoalPlan, pilot: lb.Campaign) -> dict[str, Any]:
     """Return the cost of a campaign, and its circles in the order in which to run them."""
-    tests = plan.plan().tests
+    planned = plan.plan()
+    tests = planned.tests
     return {
-        **changes_between(tests),
+        **effort_row(planned),
         "circles": plan.circles,
         "minutes": plan.minutes,
         "price": plan.price,

@@ -36,6 +36,7 @@ __all__ = [
     "report_settings",
     "source_from",
     "typed_value",
+    "with_decimal_points",
 ]
 
 FILES = "campaign"  # subfolder of a session (one browser tab) for the files that the user added
@@ -207,8 +208,22 @@ def _typed_lines(name: str, text: str) -> list[str]:
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line]
     if name == "tolerance":
-        return [re.sub(r"(?<=\d),(?=\d)", ".", line) for line in lines]
+        return [with_decimal_points(line, "a tolerance") for line in lines]
     return lines
+
+
+def with_decimal_points(text: str, what: str) -> str:
+    """Return a text in which decimal commas are replaced by decimal points.
+
+    Raise an `InputError` if a comma may stand between thousands, as in 1,000. ``what`` says in the
+    error message what the text is.
+    """
+    require(
+        re.search(r"(?<![\d.,])[1-9]\d{0,2}(,\d{3})+(?!\d)", text) is None,
+        f"{what} must be a number without marks between thousands, got {text!r}. Write it like 1000"
+        " or 1.5.",
+    )
+    return re.sub(r"(?<=\d),(?=\d)", ".", text)
 
 
 def _typed_number(field_option: Option, flag: str, text: str) -> float:

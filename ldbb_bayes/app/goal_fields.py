@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, goals_in
+from ldbb_bayes.app.fields import with_decimal_points
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.units import display_unit, two_digits
 
-__all__ = ["GOAL_PREFIX", "goal_texts", "with_goals"]
+__all__ = ["GOAL_PREFIX", "goal_texts", "goals_typed", "with_goals"]
 
 # Beginning of the name of every entry field for a goal (limit of an uncertainty); the name of the
 # parameter follows.
@@ -30,7 +31,8 @@ def goal_texts(settings: Mapping[str, Any]) -> dict[str, str]:
     Returns
     -------
     dict
-        Texts such as "10 µrad" or "5 %"; the keys are the names of the parameters.
+        Texts such as "10 µrad" or "5 %", as they were typed; the keys are the names of the
+        parameters.
     """
     texts = {}
     for name, value in settings.items():
@@ -38,6 +40,28 @@ def goal_texts(settings: Mapping[str, Any]) -> dict[str, str]:
         if name.startswith(GOAL_PREFIX) and text:
             texts[name.removeprefix(GOAL_PREFIX)] = text
     return texts
+
+
+def goals_typed(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return the goals for uncertainties as `goals_in` reads them, with decimal points.
+
+    Parameters
+    ----------
+    settings
+        Values of the page's sliders and fields; the keys are the names of sliders and fields.
+
+    Returns
+    -------
+    dict
+        Texts such as "0.5 nm/N"; the keys are the names of the parameters.
+
+    Raises
+    ------
+    InputError
+        If a comma may stand between thousands.
+    """
+    texts = goal_texts(settings)
+    return {name: with_decimal_points(text, f"goal of {name}") for name, text in texts.items()}
 
 
 def with_goals(
@@ -91,7 +115,8 @@ def _goal_row(
     """
     name = row["key"]
     try:
-        goal = goals_in(bound, {name: text})[name]
+        typed = with_decimal_points(text, f"goal of {name}")
+        goal = goals_in(bound, {name: typed})[name]
     except InputError as error:
         return {"refused": str(error)}
     limit = float(goal.limit_U(estimates[name]))

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +15,7 @@ import numpy as np
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
 from ldbb_bayes.analysis.design.candidates import grid_of_tests
+from ldbb_bayes.analysis.design.costs import Costs, effort_of, minutes_of
 from ldbb_bayes.analysis.design.forecast import simulate_analyses
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.space import Space
@@ -24,10 +24,11 @@ from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, with_goals
 from ldbb_bayes.app.worth import uncertainty_change
 from ldbb_bayes.campaign.campaign import Direction
 from ldbb_bayes.errors import require
+from ldbb_bayes.report.wording import is_noticeable
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_unit, two_digits
 
-__all__ = ["PLAN", "changes_between", "forecast", "pilot_row", "plan", "test_row"]
+__all__ = ["PLAN", "effort_row", "forecast", "pilot_row", "plan", "test_row"]
 
 PLAN = "plan"  # subfolder of a session (one browser tab) for the plan of the next tests
 _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
@@ -61,10 +62,11 @@ class _Slider(NamedTuple):
     highest: float
 
 
+_USUAL_COSTS = Costs()
 _COSTS = {
-    "minutes": _Slider(6, 0, 600),
-    "turn_minutes": _Slider(5, 0, 600),
-    "radius_minutes": _Slider(20, 0, 600),
+    "minutes": _Slider(_USUAL_COSTS.minutes_per_circle, 1, 600),
+    "setup_minutes": _Slider(_USUAL_COSTS.minutes_per_setup, 0, 600),
+    "turn_minutes": _Slider(_USUAL_COSTS.minutes_per_clocking, 0, 600),
     "hourly": _Slider(0, 0, 1e5),
 }
 
@@ -436,9 +438,9 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         expected after these tests, and its goal (``rows``). Slopes (changes of compliance with
         force) are left out. The dict also has two probabilities of decisive evidence (``settle``):
         for linear compliance if the compliance is linear, and for constant compliance if it is
-        constant. Further entries are the time and cost, the numbers of turns of balls and of
-        changes of the radius, the values of the sliders (``asked``), the campaign on which the plan
-        is based (``pilot``), and the tests in the order in which to run them.
+        constant. Further entries are the time and cost, the numbers of set-ups and of turns of
+        the balls, the values of the sliders (``asked``), the campaign on which the plan is based
+        (``pilot``), and the tests in the order in which to run them.
 
     Raises
     ------
@@ -450,12 +452,12 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     settings_json = _test_settings(settings)
     planned = _planned_tests(report, settings_json)
     expected = _expected_uncertainties(report, settings_json, fine=bool(settings.get("fine", True)))
-    changes = changes_between(planned.plan.tests)
-    minutes = (
-        costs["minutes"] * len(planned.plan.tests)
-        + costs["turn_minutes"] * changes["turns"]
-        + costs["radius_minutes"] * changes["changes"]
+    times = Costs(
+        minutes_per_circle=costs["minutes"],
+        minutes_per_setup=costs["setup_minutes"],
+        minutes_per_clocking=costs["turn_minutes"],
     )
+    minutes = minutes_of(times, planned.plan.tests)
     stated: dict[str, Any] = {
         **planned.sliders,
         **costs,
@@ -471,7 +473,7 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         "settle": expected["settle"],
         "asked": stated,
         "best": bool(settings.get("best")),
-        **changes,
+        **effort_row(planned.plan),
         "minutes": round(minutes),
         "cost": round(minutes / 60.0 * costs["hourly"]),
         "pilot": pilot_row(pilot),
@@ -520,7 +522,7 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
             row = uncertainty_change(name, sd_before, expected.sd, expected.unit)
             row |= {"key": name, "sd": expected.sd, "likely_sd": expected.likely_sd}
             row["averaged"] = None
-            if name in averaged:
+            if name in averaged and is_noticeable(averaged[name].sd, expected.sd):
                 factor, _ = display_unit(expected.unit)
                 row["averaged"] = two_digits(2.0 * averaged[name].sd, factor)
             rows.append(row)
@@ -533,27 +535,21 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     return {"rows": rows, "settle": settle}
 
 
-def changes_between(tests: Sequence[lb.CircularTest]) -> dict[str, int]:
-    """Return how often the balls are turned, and how often the radius is changed, between tests.
+def effort_row(plan: lb.Campaign) -> dict[str, int]:
+    """Return the numbers of set-ups and of turns of the balls that a plan needs.
 
     Parameters
     ----------
-    tests
-        Tests in the order in which they are run.
+    plan
+        Plan of the tests.
 
     Returns
     -------
     dict
-        The key ``turns`` holds the number of turns of the work ball plus the number of turns of the
-        tool ball. The key ``changes`` holds the number of changes of the radius.
+        The keys are ``setups`` and ``turns``.
     """
-    turns = 0
-    radius_changes = 0
-    for test, following in pairwise(tests):
-        turns += test.work_ball_deg != following.work_ball_deg
-        turns += test.tool_ball_deg != following.tool_ball_deg
-        radius_changes += test.radius_mm != following.radius_mm
-    return {"turns": turns, "changes": radius_changes}
+    effort = effort_of(plan.tests)
+    return {"setups": effort.setups, "turns": effort.turns}
 
 
 def test_row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:

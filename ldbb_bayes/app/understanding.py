@@ -244,7 +244,7 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     - ``words``: name of the uncertainty; for a ball, "work" or "tool"
     - ``field``: field of the browser page in which the user can state the uncertainty; an empty
       string if there is no such field
-    - ``size``: text with the uncertainty, or with a ball's grade or sphericity
+    - ``size``: text with the uncertainty, or with a ball's grade, sphericity or stated harmonic
     - ``is_sphericity``: whether ``size`` is the sphericity of a ball
     - ``stated``: whether the campaign's data of the instrument state the uncertainty; for a ball,
       whether they state its sphericity, its grade or the harmonic concerned. Otherwise the
@@ -274,14 +274,24 @@ def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str
     For the keys of the result see `_uncertainties_by_part`.
     """
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
-    # ``assumed.sd`` is the prior sd of one Fourier order of the ball's form error. Convert this sd
-    # to the deviation from sphericity S: the variance of each order is S² / 24.
-    sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
+    order = int(assumed.name.rpartition("_")[2])
+    amplitude_um = {harmonic[0]: harmonic[1] for harmonic in ball.harmonics_um}
+    is_sphericity = False
+    if order in amplitude_um:
+        size = f"n = {order}: {amplitude_um[order]:g} ± {ball.U_um:g} µm"
+    elif ball.grade:
+        size = ball.grade
+    else:
+        # ``assumed.sd`` is the prior sd of one Fourier order n of the ball's form error. Convert it
+        # to the deviation from sphericity S: the variance of the order is S²/24 min(1, 3/n)².
+        sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3 * max(1.0, order / 3.0)
+        size = f"{sphericity_um:.3g} µm"
+        is_sphericity = True
     return {
         "words": ball_name,
         "field": f"{ball_name}_ball",
-        "size": ball.grade or f"{sphericity_um:.3g} µm",
-        "is_sphericity": not ball.grade,
+        "size": size,
+        "is_sphericity": is_sphericity,
         "stated": assumed.stated,
     }
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from datetime import date
 from importlib.resources import files
 from pathlib import Path
@@ -44,6 +44,8 @@ IMPORT_NAME = "import.toml"
 # Largest number of characters of a name, machine_id or date that `labels_of` returns; longer
 # texts are left out.
 _LONGEST_LABEL = 200
+# Fields of `Campaign` that have another name as a table of campaign.toml.
+_TABLE_OF_FIELD = {"force_law": "force", "frames_mm": "frames"}
 
 
 def read_campaign(
@@ -129,13 +131,29 @@ def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
     fields of `Campaign`. ``file_name`` is the name of the TOML file, such as campaign.toml.
     """
     lines = []
+    tables = []
     for name, value in options.items():
         if isinstance(value, str | bool | int | float):
             lines.append(tomli_w.dumps({name: value}).strip())
         else:
-            lines.append(f"[{name}]")
-    written = "the line" if len(lines) == 1 else "the lines"
-    return f"Write {written} {' and '.join(lines)} into {file_name}, above its tables, instead."
+            entries = value if isinstance(value, Mapping) else asdict(value)
+            table = _TABLE_OF_FIELD.get(name, name)
+            tables.append(f"{', '.join(_toml_lines(entries))} under [{table}]")
+    sentences = []
+    if lines:
+        written = "the line" if len(lines) == 1 else "the lines"
+        sentences.append(
+            f"Write {written} {' and '.join(lines)} into {file_name}, above its tables, instead."
+        )
+    if tables:
+        sentences.append(f"Write {' and '.join(tables)} into {file_name} instead.")
+    return " ".join(sentences)
+
+
+def _toml_lines(entries: Any) -> list[str]:
+    """Return the lines of a TOML table with the ``entries`` of a mapping; None is left out."""
+    stated = {name: value for name, value in dict(entries).items() if value is not None}
+    return tomli_w.dumps(stated).strip().splitlines()
 
 
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:

@@ -386,6 +386,25 @@ def test_order_of_clockings(clockings: list[tuple[float, float]], changes: int) 
         }
 
 
+def test_no_order_follows_the_forces() -> None:
+    """Of two forces three times each, one order in ten is sorted; of six forces at two clockings,
+    the turned balls come with the larger forces."""
+    angle = np.arange(36) * 10.0
+    twice = [lb.CircularTest(force, angle) for force in (36.0, 742.0) for _ in range(3)]
+    clocked = [
+        lb.CircularTest(force, angle, work_ball_deg=45.0 * (force > 400.0))
+        for force in (36.0, 177.0, 318.0, 460.0, 601.0, 742.0)
+    ]
+    for seed in range(40):
+        run = running_order(twice, np.random.default_rng(seed))
+        forces_N = [test.force_N for test in run]
+        assert abs(np.corrcoef(forces_N, range(len(run)))[0, 1]) <= 0.5
+        run = running_order(clocked, np.random.default_rng(seed))
+        forces_N = [test.force_N for test in run]
+        # No order that turns the balls once has less than 0.54; sorted ones have 1.
+        assert abs(np.corrcoef(forces_N, range(len(run)))[0, 1]) < 0.7
+
+
 def test_set_ups_are_run_one_after_the_other() -> None:
     """In them one radius after the other; forces at random, the same for the same seed."""
     tests = [
@@ -474,9 +493,9 @@ def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
     space = Space(model, pilot, THREE)
     new = space.plan_of(space.tests)
     bound = bind_plan(model, new)
-    states = states_before(model, pilot, 192, 1, augment=False)
+    states = states_before(model, pilot, 512, 2, augment=False)
     phi = extend_hyper_parameters(bound, states.phi, 0, scattering=True)
-    estimates = draw_reference_estimates(bound, phi, states.beta, 1)
+    estimates = draw_reference_estimates(bound, phi, states.beta, 2)
     added = precision_added_by_slope_priors(bound, estimates)
     assert not added[:, [p.group != "slope" for p in bound.parameters]].any()
     forecast = (added + 1.0) ** -0.5

@@ -36,7 +36,7 @@ from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app import fields, page_words, planning, server, templates, understanding, worker
 from ldbb_bayes.app.answering_process import AnsweringProcess
-from ldbb_bayes.app.goal_fields import goal_texts, with_goals
+from ldbb_bayes.app.goal_fields import goal_texts, goals_typed, with_goals
 from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.session_registry import SessionRegistry
 from ldbb_bayes.app.worth import effects_of_certificates
@@ -185,6 +185,7 @@ UNUSABLE: list[tuple[dict[str, str], str]] = [
     ({"angle_U_deg": "400"}, "at most 10,"),
     ({"radius_mm": "1,000"}, "without marks between thousands"),
     ({"radius_mm": "1.000"}, "without marks between thousands"),
+    ({"tolerance": "C_XXX=1,000 nm/N"}, "a tolerance must be a number without marks between"),
 ]
 
 
@@ -278,6 +279,24 @@ def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab:
         asked["bar ± 1 µm"]["E_XX1"] / asked["none of these"]["E_XX1"], abs=1e-3
     )
     assert f"→ {row['after']} µm/m" in tab.ask("GET", "part/worth")[1]
+
+
+def balls_shown(instrument: lb.Instrument) -> list[str]:
+    """Return what the page says of the work ball."""
+    campaign = replace(lb.read_campaign(RECOVERED), instrument=instrument)
+    entries = understanding._uncertainties_by_part(campaign)["balls"]
+    return [entry["size"] for entry in entries if entry["words"] == "work"]
+
+
+def test_the_form_of_a_ball_is_shown_as_it_is_stated() -> None:
+    """Once for all orders; a stated harmonic as such."""
+    assert balls_shown(lb.Instrument()) == ["2.5 µm"]
+    assert balls_shown(lb.Instrument(work=lb.Ball(sphericity_um=0.5))) == ["0.5 µm"]
+    assert balls_shown(lb.Instrument(work=lb.Ball(grade="G10"))) == ["G10"]
+    lobe = lb.Ball(harmonics_um=((2, 0.21, 30.0),), U_um=0.05)
+    assert balls_shown(lb.Instrument(work=lobe)) == ["n = 2: 0.21 ± 0.05 µm", "2.5 µm"]
+    both = replace(lobe, sphericity_um=0.6)
+    assert balls_shown(lb.Instrument(work=both)) == ["n = 2: 0.21 ± 0.05 µm", "0.6 µm"]
 
 
 @pytest.fixture(scope="module")
@@ -395,6 +414,13 @@ def test_a_goal_in_percent_is_of_the_estimate() -> None:
     assert _row_with_goal("20 %")["wanted"] == "10"
 
 
+def test_a_goal_may_have_a_decimal_comma_but_no_thousands() -> None:
+    assert _row_with_goal("2,5 nm/N")["wanted"] == "2.5"
+    assert goals_typed({"goal_C_XXX": "0,5 nm/N"}) == {"C_XXX": "0.5 nm/N"}
+    refused = _row_with_goal("1,000 nm/N")["refused"]
+    assert "goal of C_XXX must be a number without marks between thousands" in refused
+
+
 def test_a_goal_that_cannot_be_read_says_why() -> None:
     refused = _row_with_goal("10 µrad")["refused"]
     assert "goal of C_XXX must be a number with its unit" in refused
@@ -440,7 +466,7 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
         "radius": 100,
         "minutes": 6,
         "turn_minutes": 5,
-        "radius_minutes": 20,
+        "setup_minutes": 20,
         "hourly": 60,
     }
     planned = worker.answer(planning.plan, str(fitted), asked)
@@ -450,8 +476,13 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     assert len(set(settings(many, "force", "work", "radius"))) == 24  # each force with each kind
     turns = count_changes(settings(planned["tests"], "work"))
     changes = count_changes(settings(planned["tests"], "radius"))
-    assert (planned["changes"], planned["turns"]) == (changes, turns)
-    assert planned["minutes"] == planned["cost"] == 8 * 6 + turns * 5 + changes * 20
+    setups = changes + 1
+    # Where the radius is changed, the balls are turned in the same set-up.
+    of_both = settings(planned["tests"], "work", "radius")
+    turns_within = count_changes(of_both) - changes
+    assert (planned["setups"], planned["turns"]) == (setups, turns_within)
+    assert turns >= turns_within
+    assert planned["minutes"] == planned["cost"] == 8 * 6 + turns_within * 5 + setups * 20
     plan = lb.read_campaign(fitted / "plan")
     assert plan.is_plan
     assert (plan.date, plan.operator) == (None, None)  # of the campaign before
@@ -466,7 +497,18 @@ def test_a_plan_of_one_force_turns_both_balls(fitted: Path) -> None:
     assert set(settings(one["tests"], "force")) == {("742",)}
     clockings = {("0", "0"), ("45", "45"), ("90", "90")}
     assert set(settings(one["tests"], "work", "tool")) == clockings
-    assert one["turns"] == 4
+    assert one["turns"] == 2  # both balls at once, as in the search for the cheapest campaign
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_states")
+def test_the_order_of_a_plan_does_not_follow_the_forces(fitted: Path) -> None:
+    """Also where a clocking has forces of its own."""
+    for asked in ({"circles": 6, "levels": 2}, {"circles": 6, "work": 4, "directions": "both"}):
+        planned = worker.answer(planning.forecast, str(fitted), asked | {"fine": False})
+        forces_N = [float(test["force"]) for test in planned["tests"]]
+        correlation = np.corrcoef(forces_N, np.arange(len(forces_N)))[0, 1]
+        assert abs(correlation) < 0.6, forces_N
 
 
 def test_a_short_plan_has_both_radii(fitted: Path) -> None:

@@ -687,6 +687,7 @@ def test_at_what_an_identifiability_holds() -> None:
         hyper_um={"sigma": 0.3},
         measured=False,
         scales_from_pilot=False,
+        contradicted_certificates=(),
         effective_parameters=1.5,
         parameters=("a", "b"),
         changes={"a": SimpleNamespace(smallest_force_N=36.0, largest_force_N=742.0)},

@@ -33,6 +33,11 @@ __all__ = [
     "templates",
 ]
 
+# An order of tests is not used if the absolute correlation between the forces of the tests and
+# their positions exceeds ``_MOST_SORTED``. At most ``_MOST_ORDERS`` random orders are drawn.
+_MOST_SORTED = 0.5
+_MOST_ORDERS = 24
+
 # Clocking of a test: pair of angles by which the work ball and the tool ball are turned in their
 # sockets [°].
 Clocking = tuple[float, float]
@@ -329,6 +334,39 @@ def running_order(
     tests: Sequence[CircularTest], rng: np.random.Generator
 ) -> tuple[CircularTest, ...]:
     """Return ``tests`` in a random order, so that a drift is not mistaken for an effect of force.
+
+    Random orders are drawn until the correlation between force and position is between −0.5 and
+    0.5, but at most 24. If none of them is suitable, the one with the smallest correlation is
+    returned; `_random_order` describes how an order is drawn.
+    """
+    best = _random_order(tests, rng)
+    for _ in range(_MOST_ORDERS - 1):
+        if _likeness_to_sorted(best) <= _MOST_SORTED:
+            break
+        other = _random_order(tests, rng)
+        if _likeness_to_sorted(other) < _likeness_to_sorted(best):
+            best = other
+    return best
+
+
+def _likeness_to_sorted(tests: Sequence[CircularTest]) -> float:
+    """Return the absolute correlation between the forces of tests and their positions, 0 to 1.
+
+    It is 0 if all forces are equal, or if there is only one test.
+    """
+    forces_N = np.array([float(test.force_N or 0.0) for test in tests])
+    from_mean_N = forces_N - forces_N.mean()
+    positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
+    size = float(np.linalg.norm(from_mean_N) * np.linalg.norm(positions))
+    if size == 0.0:
+        return 0.0
+    return abs(float(from_mean_N @ positions)) / size
+
+
+def _random_order(
+    tests: Sequence[CircularTest], rng: np.random.Generator
+) -> tuple[CircularTest, ...]:
+    """Return ``tests`` in a random order in which balls and radius are changed rarely.
 
     Tests are grouped by set-up, within a set-up by plane and radius, and within these groups by the
     angle of the work ball. At each of these three levels, the groups are in random order. Within a

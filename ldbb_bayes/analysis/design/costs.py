@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ldbb_bayes.campaign.campaign import CircularTest
 from ldbb_bayes.errors import require
 from ldbb_bayes.results import Result
 
-__all__ = ["Costs", "minutes_of", "price_of"]
+__all__ = ["Costs", "Effort", "effort_of", "minutes_of", "price_of"]
 
 _MINUTES_PER_HOUR = 60.0
 # Pairs of ball angles [°] that agree to this number of decimals are treated as one clocking.
@@ -78,10 +79,18 @@ class Costs(Result):
         return self.hours is None or minutes <= _MINUTES_PER_HOUR * self.hours
 
 
-def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
-    """Return the machine time of ``tests`` [min], computed from the times in ``costs``.
+class Effort(NamedTuple):
+    """What has to be done to run the tests of a campaign."""
 
-    The machine time does not depend on the order of the tests.
+    circles: int  #: number of circles of a campaign
+    setups: int  #: number of set-ups of a campaign
+    turns: int  #: number of turns of the balls in a campaign, both balls at once
+
+
+def effort_of(tests: Iterable[CircularTest]) -> Effort:
+    """Return the numbers of circles, set-ups and turns of the balls that ``tests`` need.
+
+    The numbers do not depend on the order of the tests.
     """
     clockings_by_setup: dict[tuple[str, float, int], set[tuple[float, float]]] = {}
     circles = 0
@@ -95,10 +104,19 @@ def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
         clockings_by_setup.setdefault(setup, set()).add(clocking)
     setups = len(clockings_by_setup)
     turns = sum(len(clockings) for clockings in clockings_by_setup.values()) - setups
+    return Effort(circles, setups, turns)
+
+
+def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
+    """Return the machine time of ``tests`` [min], computed from the times in ``costs``.
+
+    The machine time does not depend on the order of the tests.
+    """
+    effort = effort_of(tests)
     return (
-        costs.minutes_per_circle * circles
-        + costs.minutes_per_setup * setups
-        + costs.minutes_per_clocking * turns
+        costs.minutes_per_circle * effort.circles
+        + costs.minutes_per_setup * effort.setups
+        + costs.minutes_per_clocking * effort.turns
     )
 
 

@@ -30,6 +30,7 @@ __all__ = [
     "held_by_words",
     "identifiability_screen",
     "identifiability_sentences",
+    "is_noticeable",
     "origin_words",
     "origins_in_words",
     "paired_remedy_items",
@@ -76,12 +77,21 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     averaged = []
     for name, sd in result.averaged_sd.items():
         entry = result.parameters[name]
-        if abs(sd / entry.sd - 1.0) > _NOTICEABLE:
+        if is_noticeable(sd, entry.sd):
             factor, unit = display_unit(entry.unit)
             averaged.append(f"{display_name(name)} {two_digits(2.0 * sd, factor)} {unit}")
     return _TEMPLATES.sentences(
         "identifiability_screen", result, verdicts, len(parameters), averaged
     )
+
+
+def is_noticeable(averaged_sd: float, sd: float) -> bool:
+    """Return whether averaging over constant and linear compliance changes u noticeably.
+
+    ``sd`` is the standard uncertainty u of linear compliance, and ``averaged_sd`` the average. The
+    change is noticeable if it is larger than 10 %.
+    """
+    return abs(averaged_sd / sd - 1.0) > _NOTICEABLE
 
 
 def verdict_words(
