@@ -26,6 +26,7 @@ from ldbb_bayes.errors import InputError, check_probability, check_seed, require
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import draw, sampler_named
 from ldbb_bayes.model.hybrid import HybridModel, require_model
+from ldbb_bayes.model.hyper_prior import HyperPrior
 from ldbb_bayes.parallel import Lost, done
 from ldbb_bayes.results import Array, Numbers, Result, readable
 
@@ -409,9 +410,10 @@ def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> Ranks | str:
     except InputError as error:
         return str(error)
     hyper_prior = bound.hyper_prior
-    true_by_name = dict(simulation.parameters)
+    true_by_name = dict(simulation.parameters) | _values_without_effect(hyper_prior)
     for name, um_per_unit in zip(hyper_prior.names, hyper_prior.shown, strict=True):
-        true_by_name[name] = simulation.hyper_um.get(name, 0.0) / float(um_per_unit)
+        if name in simulation.hyper_um:
+            true_by_name[name] = simulation.hyper_um[name] / float(um_per_unit)
     names = (*bound.names, *hyper_prior.names)
     truth = np.array([true_by_name.get(name, 0.0) for name in names])
     ranks = (np.hstack([beta, phi]) < truth).sum(axis=0)
@@ -422,3 +424,21 @@ def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> Ranks | str:
         ranks=np.append(ranks, log_likelihood_rank),
         by_emcee=by_emcee and study.sampler == "independent",
     )
+
+
+def _values_without_effect(hyper_prior: HyperPrior) -> dict[str, float]:
+    """Return the values of hyper-parameters that a generator without them implies, by name.
+
+    The size of an effect that the generator lacks is zero. A factor that multiplies the noise of a
+    circle is one. The decay of form errors with their order has no effect without form errors; the
+    result has its prior median.
+    """
+    medians = hyper_prior.quantile(np.full(len(hyper_prior.names), 0.5))
+    values = {}
+    for name, law, median in zip(hyper_prior.names, hyper_prior.laws, medians, strict=True):
+        values[name] = 0.0
+        if law == "circle":
+            values[name] = 1.0
+        elif law == "decay":
+            values[name] = float(median)
+    return values

@@ -43,6 +43,7 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.inference.prediction import new_circles
 from ldbb_bayes.inference.sample import draw
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.terms import CircleScale
 from ldbb_bayes.results import Array
 
 __all__ = ["calibrate_posterior"]
@@ -167,11 +168,14 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
     i = seed.spawn_key[-1]
     simulation_seed, sampling_seed = seed.spawn(2)
     measured = with_listed_times(study.campaign)
-    truth = ModelDraws(
-        BoundModel(study.model, measured), study.phi[i : i + 1], study.beta[i : i + 1]
-    )
+    model = study.model
+    if CircleScale.__name__ not in BoundModel(model, measured).terms:
+        # Too few circles were measured for noise factors of circles. The enlarged campaign is
+        # simulated and analysed by the same model, although it has circles enough.
+        model = model.without(CircleScale.key())
+    truth = ModelDraws(BoundModel(model, measured), study.phi[i : i + 1], study.beta[i : i + 1])
     enlarged = _enlarge(measured, truth, np.random.default_rng(simulation_seed))
-    bound = BoundModel(study.model, enlarged, pilot=measured)
+    bound = BoundModel(model, enlarged, pilot=measured)
     start = HyperPosterior(bound, truncated=bound.truncation.active)
     try:
         beta, phi, by_emcee = draw(_SAMPLER, start, study.draws, seed=sampling_seed)

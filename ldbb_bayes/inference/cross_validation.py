@@ -21,7 +21,7 @@ from ldbb_bayes.inference.diagnostics import pareto_smooth
 from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import draws_of, model_draws_of, record_of
-from ldbb_bayes.inference.prediction import readings_drawn
+from ldbb_bayes.inference.prediction import predict_left_out, readings_drawn
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
@@ -82,8 +82,10 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     readings of a new circle for every test. In a model with noise factors, λ_r multiplies the
     set-up shift (of zero and centre) and the discrepancy (unexplained deviations) of circle r. The
     new circle of test r then has the same λ_r as the measured circle. The measured readings are
-    ``observed_data.reading_mm``. ``per_test`` of ``posterior_predictive`` and of ``observed_data``
-    is the range of the readings of each test [mm], which ``arviz_stats.loo_pit`` needs.
+    ``observed_data.reading_mm``. ``observed_data.per_test`` is the range of the readings of each
+    test [mm]. ``posterior_predictive.per_test`` is the range of readings drawn from
+    p(y_r | y_−r, φ), the density that ``log_likelihood`` states. ``arviz_stats.loo_pit`` weights
+    these draws so that φ, too, does not depend on the readings of test r.
 
     ``log_likelihood.per_test``, with the dimensions (chain, draw, test), is ln p(y_r | y_−r, φ). It
     is the log density of the readings of test r, given the readings of all other tests and the
@@ -131,7 +133,12 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     )
     thinned = _thin_chains(posterior, draws // chains)
     beta, phi = draws_of(thinned, bound)
-    readings_by_test = _draw_readings(bound, phi, beta, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    readings_by_test = _draw_readings(bound, phi, beta, rng)
+    left_out_by_test = []
+    for name in bound.test_names:
+        remaining = _without_test(bound, name)
+        left_out_by_test.append(predict_left_out(bound, remaining, phi, name, rng))
     observed_by_test = [test.readings_mm() for test in bound.campaign.tests]
     log_density = _with_moderate_tails(bound, log_likelihood_of_tests(bound, phi))
     observed = thinned["observed_data"].to_dataset()
@@ -141,7 +148,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     )
     predicted = {
         "reading_mm": ("reading", np.concatenate(readings_by_test, axis=1)),
-        "per_test": ("test", _ranges(readings_by_test)),
+        "per_test": ("test", _ranges(left_out_by_test)),
     }
     coordinates = {"reading": observed["reading"].values, "test": names}
     thinned["posterior_predictive"] = _sampled_group(predicted, chains, coordinates)

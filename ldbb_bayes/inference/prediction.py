@@ -32,13 +32,20 @@ from ldbb_bayes.inference.coefficients import (
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import model_draws_of
 from ldbb_bayes.inference.residuals import matrix_to_harmonics
-from ldbb_bayes.inference.shared_draws import draw_with_shared
+from ldbb_bayes.inference.shared_draws import SharedDraws, draw_with_shared
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
-__all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_left_out"]
+__all__ = [
+    "band_um",
+    "new_circles",
+    "predict",
+    "predict_left_out",
+    "readings_drawn",
+    "replicate_left_out",
+]
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
@@ -302,9 +309,7 @@ def replicate_left_out(
     nodes = -(-size // (draws_per_node * circles_per_draw))
     free = remaining.integral.resample(nodes, rng)
     draws = draw_with_shared(remaining.bound, free, draws_per_node, rng)
-    machine = draws.beta @ bound.interest[r].T + bound.known_offset[r]
-    shared = draws.shared @ shared_columns(bound)[r].T
-    coefficients = np.repeat(machine + shared, circles_per_draw, axis=0)[:size]
+    coefficients = np.repeat(_expected_circle(bound, draws, r), circles_per_draw, axis=0)[:size]
     phi = np.repeat(draws.phi, circles_per_draw, axis=0)[:size]
     phi = _with_new_noise_factor(bound, phi, r, rng)
     factor = bound.reduced[r].factor
@@ -312,6 +317,48 @@ def replicate_left_out(
     noise = sigma * rng.standard_normal((size, len(factor)))
     circle = (coefficients + draw_of_circle(bound, phi, r, rng)) @ factor.T + noise
     return np.asarray(circle @ matrix_to_harmonics(bound, r).T)
+
+
+def predict_left_out(
+    bound: BoundModel, remaining: BoundModel, phi: Array, name: str, rng: np.random.Generator
+) -> Array:
+    """Return random readings of a test that is left out, for given hyper-parameters [mm].
+
+    Each row is drawn from p(y_r | y_−r, φ), the density of the test's n readings given the readings
+    of the other tests and one value of the hyper-parameters φ. If the model has a factor that
+    multiplies the noise of the test, the factor is drawn from its prior. The result has the shape
+    (w, n).
+
+    Parameters
+    ----------
+    bound : BoundModel
+        Model applied to all tests, including the test left out.
+    remaining : BoundModel
+        The same model applied to all other tests.
+    phi : ndarray, shape (w, h)
+        Values of the h hyper-parameters of ``bound``; lengths in mm.
+    name : str
+        Name of the test left out.
+    rng : Generator
+        Generator of random numbers.
+    """
+    r = bound.test_names.index(name)
+    draws = draw_with_shared(remaining, remaining.hyper_prior.free(phi), 1, rng)
+    with_new_factor = _with_new_noise_factor(bound, draws.phi, r, rng)
+    circle = _expected_circle(bound, draws, r) + draw_of_circle(bound, with_new_factor, r, rng)
+    sigma = with_new_factor[:, bound.hyper_prior.names.index("sigma")]
+    return readings_drawn(circle, sigma, bound.campaign.tests[r].angles_rad(), rng)
+
+
+def _expected_circle(bound: BoundModel, draws: SharedDraws, r: int) -> Array:
+    """Return the circle of test r without its own effects and without noise, shape (n, 25) [mm].
+
+    The circle is given by its Fourier coefficients, for each of n draws of the parameters and of
+    the nuisance coefficients (of effects that are modelled but not of interest) that act in several
+    tests.
+    """
+    machine = draws.beta @ bound.interest[r].T + bound.known_offset[r]
+    return np.asarray(machine + draws.shared @ shared_columns(bound)[r].T)
 
 
 def _with_new_noise_factor(

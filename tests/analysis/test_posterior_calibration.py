@@ -135,6 +135,17 @@ def test_circles_that_scatter_differently_are_calibrated(
 
 
 @pytest.mark.slow
+def test_three_circles_are_calibrated() -> None:
+    """Too few for noise factors of circles; of six, three measured and three simulated, each would
+    have one."""
+    three = simulated(plan([40] * 3, forces_N=(100.0, 400.0, 700.0)))
+    posterior = lb.sample(lb.HybridModel.default(1), three, sampler="independent", seed=1)
+    for seed in (1, 2):
+        validation = calibrate_posterior(posterior, replicates=60, draws=99, seed=seed)
+        assert validation.calibrated, validation
+
+
+@pytest.mark.slow
 def test_readings_that_the_model_does_not_simulate_are_found(
     posterior: xr.DataTree, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 from campaigns import cases, plan, refuses
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation
+from ldbb_bayes.analysis.calibration import LOG_LIKELIHOOD, Validation, _values_without_effect
 from ldbb_bayes.analysis.rank_uniformity import ecdf, simultaneous_band
 from ldbb_bayes.report.wording import validation_verdict
 
@@ -110,6 +110,23 @@ def test_holds_with_the_probability_it_claims(replicates: int, draws: int, prob:
 def test_quadrature_is_calibrated(degree: int, planned: lb.Campaign, replicates: int) -> None:
     validation = lb.calibrate(lb.HybridModel.first(degree), planned, replicates=replicates, seed=11)
     assert validation.calibrated, validation.outside
+
+
+@pytest.mark.slow
+def test_what_a_generator_lacks_has_no_effect() -> None:
+    """Circles that scatter alike have a factor of one, and not of zero."""
+    assert lb.HybridModel.default(0).bind(CIRCLES).setting.circle[0]
+    model = lb.HybridModel.default(0)
+    hyper_prior = model.bind(CIRCLES).hyper_prior
+    values = _values_without_effect(hyper_prior)
+    for name, law in zip(hyper_prior.names, hyper_prior.laws, strict=True):
+        expected = {"circle": 1.0, "decay": 2.0}.get(law, 0.0)
+        assert values[name] == pytest.approx(expected, abs=0.1), name
+    generator = model.without("circle-scale")
+    validation = lb.calibrate(model, CIRCLES, generator=generator, replicates=20, draws=19, seed=3)
+    for name in (name for name in validation.names if name.startswith("lambda")):
+        ranks = validation.ranks[:, validation.names.index(name)]
+        assert 0.2 * 19 < ranks.mean() < 0.8 * 19
 
 
 @pytest.mark.slow
