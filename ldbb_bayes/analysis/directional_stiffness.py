@@ -69,6 +69,8 @@ _WIDEST_DEG = 90.0
 # Radius [mm] of a circle so small that the compliance on it practically equals the compliance at
 # its centre.
 _CENTRE_RADIUS_MM = 1e-6
+# Lever arm [mm] above which a compliance of a tilt counts as part of a compliance tensor.
+_LEAST_LEVER_MM = 1e-3
 # Angles of three directions in a plane [rad]: its first axis, its second axis, and midway between
 # both axes. The compliance tensor is computed from the compliances in these directions.
 _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
@@ -175,6 +177,9 @@ class PlaneStiffness(Result):
     stiffest: AxialDirection  #: direction in the plane in which the stiffness is greatest
     #: direction of the softer principal axis of the compliance tensor at the circle's centre
     principal_axis: AxialDirection
+    #: names of the compliances on which the compliance tensor at the circle's centre depends. If
+    #: the centre is not at the machine's zero, compliances of tilts are among them.
+    tensor_of: tuple[str, ...]
     #: name of the cross compliance (deflection along one axis of the plane per unit of force along
     #: the other), such as C_XYX; empty if the model has no cross compliance in this plane
     cross_name: str
@@ -524,6 +529,7 @@ def _plane_stiffness(
         softest=_direction(ANGLE_RAD[extremes.index_of_largest], prob),
         stiffest=_direction(ANGLE_RAD[extremes.index_of_smallest], prob),
         principal_axis=_direction(principal_rad, prob),
+        tensor_of=tensor.compliances,
         cross_name=cross_name,
         cross=cross,
         difference_name=f"{first.name} − {second.name}",
@@ -570,6 +576,8 @@ class _Tensor(NamedTuple):
     first: Array  #: diagonal element of the compliance tensor for the plane's first axis
     second: Array  #: diagonal element of the compliance tensor for the plane's second axis
     cross: Array  #: off-diagonal element of the compliance tensor of a plane
+    #: names of the compliances on which the compliance tensor of a plane depends
+    compliances: tuple[str, ...]
 
 
 def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:
@@ -585,7 +593,9 @@ def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> 
         bound.campaign.machine(), centre, _TENSOR_ANGLES_RAD, bound.compliances
     )
     first, second, between = (compliances @ columns.T).T
-    return _Tensor(first, second, between - 0.5 * (first + second))
+    is_used = np.abs(columns).max(axis=0) > _LEAST_LEVER_MM
+    names = [name.label for name, used in zip(bound.compliances, is_used, strict=True) if used]
+    return _Tensor(first, second, between - 0.5 * (first + second), tuple(names))
 
 
 def _principal_stiffness(

@@ -54,6 +54,7 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
         finished=step.finished,
         settings=zip(in_language(*names), in_language(*values), strict=True),
         passages=in_language(*aims_passages(step)),
+        advice=in_language(*_advice(plan)),
     )
 
 
@@ -96,11 +97,31 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         lead=in_language("Run the circles in this order.")[0],
         common=zip(in_language(*common_names), in_language(*common_values), strict=True),
         circles=in_language(table)[0],
-        closing=in_language(
-            "Save the readings of each circle under its file name in the folder of the plan, and"
-            " enter this name as file in campaign.toml."
-        )[0],
+        advice=in_language(*_advice(plan)),
     )
+
+
+def _advice(plan: Campaign) -> tuple[str, ...]:
+    """Return sentences for the operator: how to run circles, and where the readings belong.
+
+    If a ball is turned in a circle of the ``plan``, a sentence states about which axis, in which
+    sense and from which position the angles of the balls are measured.
+    """
+    sentences = [
+        "Warm up the machine first, keep one set-up, and write down the time at which each circle"
+        " starts.",
+    ]
+    if any(test.work_ball_deg or test.tool_ball_deg for test in plan.tests):
+        sentences.append(
+            "Turn a ball in its socket about the normal of the circle's plane, counterclockwise as"
+            " the angles of the circle count. Its position in the circles run before is 0°; without"
+            " such circles, mark it when the bar is mounted."
+        )
+    sentences.append(
+        "Save the readings of each circle under its file name in the folder of the plan, and"
+        " enter this name as file in campaign.toml."
+    )
+    return tuple(sentences)
 
 
 def _settings(plan: Campaign, test: CircularTest) -> list[tuple[str, str]]:

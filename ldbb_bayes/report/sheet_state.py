@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ldbb_bayes.analysis.usability import Use, state_of
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.report.blocks import Banner
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.sheet_instrument import instrument_pieces
@@ -132,11 +133,13 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     unknown_signs = _changes_of_unknown_sign(numbers)
     if unknown_signs and probability_of_change > _CHANGE_IS_LIKELY:
         items.append(words("notes.unknown_signs", symbols=words.joined(unknown_signs)))
-    of_the_path = [*numbers.path.values(), *numbers.unloaded_path.values()]
-    confounded = [quantity for quantity in of_the_path if quantity.confounding_effects]
+    confounded = {}
+    for key, quantity in (numbers.path | numbers.unloaded_path).items():
+        if quantity.confounding_effects:
+            confounded[_with_plane(quantity.symbol, key)] = quantity
     if confounded:
-        symbols = words.joined([quantity.symbol for quantity in confounded])
-        without_note = replace(confounded[0], note="")
+        symbols = words.joined(list(confounded))
+        without_note = replace(next(iter(confounded.values())), note="")
         items.append(f"{symbols}: {remark(without_note, words)}")
     if _CHANGE_IS_EXCLUDED < probability_of_change < _CHANGE_IS_CERTAIN:
         probability = words.percent(probability_of_change)
@@ -148,6 +151,17 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
         continued = words("sheet.continued", count=str(excess))
         return [*items[:_MOST_UNDETERMINED], continued]
     return items
+
+
+def _with_plane(symbol: str, key: str) -> str:
+    """Return the symbol of a circular deviation, with its plane if ``key`` names one.
+
+    ``key`` is the key of the deviation in `SheetNumbers.path`, such as ``G_no_load_YZ``.
+    """
+    plane = key.rpartition("_")[2]
+    if plane in PLANES:
+        return f"{symbol} ({plane})"
+    return symbol
 
 
 def _changes_of_unknown_sign(numbers: SheetNumbers) -> list[str]:

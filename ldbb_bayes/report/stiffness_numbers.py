@@ -149,13 +149,15 @@ def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
     """Return a remark that names the compliances from which a principal axis is computed.
 
     The directions of least and greatest stiffness, which stand above the principal axis on the
-    certificate, also depend on the compliances that describe tilts of the axes. Without the remark,
-    a reader might wonder why they differ from the principal axis.
+    certificate, are those along the whole circle. They also depend on the compliances that describe
+    tilts of the axes. Without the remark, a reader might wonder why they differ from the principal
+    axis.
     """
-    symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
-    if plane.cross_name:
-        symbols.insert(1, plane.cross_name)
-    return words("remarks.without_tilts", symbols=words.joined(symbols))
+    direct_and_cross = {f"C_{axis}{axis}{axis}" for axis in plane.plane} | {plane.cross_name}
+    remark = "remarks.at_centre"
+    if direct_and_cross.issuperset(plane.tensor_of):
+        remark = "remarks.without_tilts"
+    return words(remark, symbols=words.joined(plane.tensor_of))
 
 
 def _stated_stiffness(

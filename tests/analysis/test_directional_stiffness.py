@@ -21,6 +21,8 @@ from ldbb_bayes.inference.coefficients import ModelDraws, elastic_draws
 from ldbb_bayes.machine.exact import exact_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.report.stiffness_numbers import _principal_axis_note
+from ldbb_bayes.report.translation import words_of
 
 ANGLE = np.deg2rad(np.arange(360))
 FORCE_N = 500.0
@@ -176,6 +178,22 @@ def test_difference_cross_and_principal_axis_are_those_of_the_draws(
     np.testing.assert_allclose(plane.cross.mean, draws["C_XYX"].mean(), rtol=0.03)
     axis_deg = np.degrees(0.5 * np.arctan2(draws["C_XYX"], difference)).mean()
     np.testing.assert_allclose(plane.principal_axis.angle_deg, axis_deg, atol=0.1)
+
+
+def test_off_the_machines_zero_tilts_are_in_the_tensor(posterior: xr.DataTree) -> None:
+    """C_CXY, C_CYY and C_CCY turn the table about the machine's zero: a lever to the circle's
+    centre makes a displacement of it. The remark on the sheet names them."""
+    plane = plane_of(posterior)
+    assert set(plane.tensor_of) == {"C_XXX", "C_XYX", "C_YYY"}
+    tests = tuple(replace(t, centre_x_mm=300.0, centre_y_mm=-80.0) for t in campaign_of().tests)
+    moved = plane_of(posterior_of(replace(campaign_of(), tests=tests)))
+    tilts = {"C_CXY", "C_CYY", "C_CCY"}
+    assert set(moved.tensor_of) == {"C_XXX", "C_XYX", "C_YYY"} | tilts
+    english = words_of("en")
+    assert "C_CCY" not in _principal_axis_note(plane, english)
+    remark = _principal_axis_note(moved, english)
+    assert remark.startswith("at the circle's centre, of C_XXX, C_XYX, C_YYY")
+    assert "C_CCY" in remark
 
 
 def test_expanded_uncertainty_is_twice_the_standard_uncertainty(posterior: xr.DataTree) -> None:

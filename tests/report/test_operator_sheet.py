@@ -135,6 +135,15 @@ def test_the_sheet_of_a_plan_lists_every_circle_in_order() -> None:
     assert "Work ball turned" not in dict(common)
 
 
+def test_the_operator_is_told_how_to_turn_a_ball_where_one_is_turned() -> None:
+    assert "about the normal of the circle&#39;s plane" in operator_sheet.page_of_plan(planned())
+    unturned = plan().plan()
+    assert "about the normal" not in operator_sheet.page_of_plan(unturned)
+    for page in (operator_sheet.page_of_plan(planned()), operator_sheet.page_of_plan(unturned)):
+        assert "Warm up the machine first" in page
+        assert "Save the readings of each circle under its file name" in page
+
+
 def test_the_sheet_of_a_plan_is_german() -> None:
     words = words_of(operator_sheet.page_of_plan(planned(), "de"))
     assert words.startswith("Kreise von Mill 7, autumn")

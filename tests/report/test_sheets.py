@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import plan, refuses, simulated
-from reports import NOT_COMPARED, fitted, undrawn
+from reports import NOT_COMPARED, awkward, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.directional_stiffness import AxialDirection
@@ -217,6 +217,16 @@ def test_an_uncertain_change_with_force_is_stated_with_its_probability(
     monkeypatch.setattr(Findings, "probability_of_change", 0.6)
     numbers = SheetNumbers(varying, words_of(language), 36.0)
     assert sentence in [text.replace("\u00a0", " ") for text in undetermined_texts(numbers)]
+
+
+@pytest.mark.slow
+def test_deviations_of_several_planes_name_their_plane(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ldbb_bayes.report.sheet_state._MOST_UNDETERMINED", 100)
+    findings = findings_of_fit(awkward("three planes"), sheets_only=True)
+    numbers = SheetNumbers(findings, words_of("en"), 400.0)
+    (listed,) = [text for text in undetermined_texts(numbers) if text.startswith("G (XY)")]
+    for plane in ("XY", "YZ", "ZX"):
+        assert f"F_max ({plane})" in listed
 
 
 def test_a_tolerance_of_a_slope_is_decided_on(varying_by_language: dict[str, Sheets]) -> None:
