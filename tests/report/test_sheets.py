@@ -221,7 +221,7 @@ def test_an_uncertain_change_with_force_is_stated_with_its_probability(
 
 @pytest.mark.slow
 def test_deviations_of_several_planes_name_their_plane(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ldbb_bayes.report.sheet_state._MOST_UNDETERMINED", 100)
+    monkeypatch.setattr(SheetNumbers, "_partners_of_geometry", lambda self: ("BallForm",))
     findings = findings_of_fit(awkward("three planes"), sheets_only=True)
     numbers = SheetNumbers(findings, words_of("en"), 400.0)
     (listed,) = [text for text in undetermined_texts(numbers) if text.startswith("G (XY)")]
