@@ -3,11 +3,12 @@
 If bar, balls, mount and force device are the same in both campaigns, the errors of these parts
 largely cancel in the difference. These errors are described by nuisance coefficients (of effects
 that are modelled but not of interest), which are common to both campaigns. Their prior is therefore
-used only once. If the campaigns state different knowledge of an error, such as a certificate in
+used only once. (Without a certificate, the error of the bar's length is only similar.) If the
+campaigns state different knowledge of an error, such as a certificate in
 only one of them, the prior with the smaller standard deviation is used.
 
 If the machine is the same, some of its effects are nearly the same in both campaigns
-(`machine_similarity`).
+(`similar_effects`).
 
 β are the p parameters of interest; φ are the h hyper-parameters (such as the standard deviation of
 the noise).
@@ -22,10 +23,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from ldbb_bayes.analysis.machine_similarity import (
-    STANDARDISED_DIFFERENCE,
+from ldbb_bayes.analysis.similar_effects import (
     correlate_priors,
     machine_terms,
+    prior_difference,
+    similar_units,
 )
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.coefficients import shared_terms
@@ -158,8 +160,9 @@ def joint_difference(
         " default preset.",
     )
     first, second = campaigns
-    common = _common_coefficients(first, second, shared)
-    similar = _similar_coefficients(first, second, shared, bounds)
+    is_certified = any(bound.campaign.instrument.bar_U_um is not None for bound in bounds)
+    common = _common_coefficients(first, second, shared, is_bar_certified=is_certified)
+    similar = _similar_coefficients(first, second, shared, bounds, common)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
     places = [
@@ -179,14 +182,31 @@ def joint_difference(
         joint_rows @ joint.mean,
         difference_rows @ joint.mean,
         np.sqrt((joint.spread(difference_rows) ** 2).sum(axis=1)),
-        worst_conflict(
-            [*common, *similar],
-            [0.0] * len(common) + [STANDARDISED_DIFFERENCE] * len(similar),
-            [campaign.names for campaign in campaigns],
-            [campaign.information for campaign in campaigns],
-            [campaign.mean for campaign in campaigns],
-            [campaign.prior_mean for campaign in campaigns],
-        ),
+        _conflict(campaigns, common, similar, bounds),
+    )
+
+
+def _conflict(
+    campaigns: Sequence[_Campaign],
+    common: Sequence[str],
+    similar: Sequence[str],
+    bounds: Sequence[BoundModel],
+) -> Conflict | None:
+    """Return the effect about which the readings of two campaigns disagree most, or None.
+
+    ``common`` are the names of the coefficients that have the same value in both campaigns, and
+    ``similar`` those of the coefficients that are similar. ``bounds`` are the models.
+    """
+    similar_sd = np.stack([_prior_sds(campaign, similar) for campaign in campaigns])
+    units = np.hstack([np.ones((2, len(common))), similar_units(similar, similar_sd, bounds)])
+    return worst_conflict(
+        [*common, *similar],
+        units,
+        [0.0] * len(common) + [prior_difference(name) for name in similar],
+        [campaign.names for campaign in campaigns],
+        [campaign.information for campaign in campaigns],
+        [campaign.mean for campaign in campaigns],
+        [campaign.prior_mean for campaign in campaigns],
     )
 
 
@@ -243,29 +263,44 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     return _Campaign(information, names, _posterior_mean(bound, phi), _prior_mean(bound))
 
 
-def _common_coefficients(first: _Campaign, second: _Campaign, shared: Shared) -> list[str]:
+def _common_coefficients(
+    first: _Campaign, second: _Campaign, shared: Shared, *, is_bar_certified: bool
+) -> list[str]:
     """Return the names of the coefficients that have the same value in both campaigns.
 
-    They are the nuisance coefficients of the instrument. The list is empty if the campaigns have
-    different instruments.
+    They are the nuisance coefficients of the instrument; the error of the bar's length is one of
+    them only if a certificate states the length. The list is empty if the campaigns have different
+    instruments.
     """
     if not shared.instrument:
         return []
-    of_instrument = [name for name, kind in Term.kinds.items() if kind.instrument]
-    return _coefficients_in_both(first, second, of_instrument)
+    terms = []
+    for name, kind in Term.kinds.items():
+        if kind.instrument and (kind.likeness == 1.0 or is_bar_certified):
+            terms.append(name)
+    return _coefficients_in_both(first, second, terms)
 
 
 def _similar_coefficients(
-    first: _Campaign, second: _Campaign, shared: Shared, bounds: Sequence[BoundModel]
+    first: _Campaign,
+    second: _Campaign,
+    shared: Shared,
+    bounds: Sequence[BoundModel],
+    common: Collection[str],
 ) -> list[str]:
-    """Return the names of the coefficients that have nearly the same value in both campaigns.
+    """Return the names of the coefficients that are similar in both campaigns.
 
-    They are the nuisance coefficients of the machine. The list is empty if the campaigns were run
-    on different machines. ``bounds`` are the models of the campaigns.
+    They are the nuisance coefficients of the machine, if both campaigns were run on it, and those
+    of the instrument that are not ``common``, if the instrument is the same. ``bounds`` are the
+    models of the campaigns.
     """
-    if not shared.machine:
-        return []
-    return _coefficients_in_both(first, second, machine_terms(bounds))
+    terms: set[str] = set()
+    if shared.machine:
+        terms |= machine_terms(bounds)
+    if shared.instrument:
+        terms |= {name for name, kind in Term.kinds.items() if kind.instrument}
+    in_both = _coefficients_in_both(first, second, terms)
+    return [name for name in in_both if name not in common]
 
 
 def _coefficients_in_both(first: _Campaign, second: _Campaign, terms: Collection[str]) -> list[str]:
@@ -335,16 +370,20 @@ def _correlation(
     two ``campaigns``. ``places`` and ``size`` have the same meaning as in `_joint_posterior`.
     ``bounds`` are the models of the campaigns.
     """
-    prior_sds = []
     rows = []
     for campaign, places_of_campaign in zip(campaigns, places, strict=True):
-        indices = [campaign.names.index(name) for name in similar]
-        prior_sds.append(campaign.information.scale[indices])
-        rows += [places_of_campaign[k] for k in indices]
-    factor = correlate_priors(similar, np.array(prior_sds), bounds)
+        rows += [places_of_campaign[campaign.names.index(name)] for name in similar]
+    prior_sd = np.stack([_prior_sds(campaign, similar) for campaign in campaigns])
+    factor = correlate_priors(similar, prior_sd, bounds)
     precision = np.zeros((size, size))
     precision[np.ix_(rows, rows)] = factor.precision
     return Gaussian(precision, np.zeros(size))
+
+
+def _prior_sds(campaign: _Campaign, names: Sequence[str]) -> Array:
+    """Return the prior standard deviations of the coefficients ``names`` in a campaign, (c,)."""
+    indices = np.array([campaign.names.index(name) for name in names], dtype=int)
+    return np.asarray(campaign.information.scale[indices])
 
 
 def _joint_rows(
@@ -412,6 +451,7 @@ def _joint_places(
 
 def worst_conflict(
     common: Sequence[str],
+    units: Array,
     prior_differences: Sequence[float],
     names: Sequence[Sequence[str]],
     information: Sequence[Information],
@@ -431,9 +471,12 @@ def worst_conflict(
     ----------
     common : sequence of str
         Names of the nuisance coefficients that both campaigns have in common.
+    units : ndarray, shape (2, c)
+        Units in which each of these c coefficients is the same, or nearly the same, in both
+        campaigns.
     prior_differences : sequence of float
         Prior standard deviation of the difference of each of these coefficients between the
-        campaigns, divided by its prior standard deviation in the first campaign.
+        campaigns, in these units.
     names : sequence of sequence of str
         Names of all coefficients of each campaign.
     information : sequence of Information
@@ -471,10 +514,11 @@ def worst_conflict(
         return None
     shrinkage = variance * np.maximum(precision_in_prior_units, _LEAST_INFORMATION)
     prior_mean = np.array(common_prior_means)
-    estimate = prior_mean + (np.array(common_means) - prior_mean) / shrinkage
+    estimate = (prior_mean + (np.array(common_means) - prior_mean) / shrinkage) / units
     distances = {}
     for j in np.flatnonzero(is_informed).tolist():
-        sd = np.sqrt((1.0 / precision[:, j]).sum() + (prior_differences[j] * scale[0, j]) ** 2)
+        variance_of_estimates = 1.0 / (precision[:, j] * units[:, j] ** 2)
+        sd = np.sqrt(variance_of_estimates.sum() + prior_differences[j] ** 2)
         distances[common[j]] = float(abs(estimate[0, j] - estimate[1, j]) / sd)
     worst = ranked(distances, distances.__getitem__)[0]
     p_value = float(2.0 * ndtr(-distances[worst])) * len(distances)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
+from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
@@ -22,6 +23,8 @@ __all__ = ["contradicted_certificates", "is_contradicted"]
 # Readings contradict a certificate if they are less probable with it than without it, and the log
 # of the ratio is below this number [nat].
 _LEAST_LOG_RATIO = -5.0
+# Error allowed in each log evidence with which the ratio is confirmed [nat].
+_TOLERANCE = 0.3
 
 
 def contradicted_certificates(
@@ -57,8 +60,10 @@ def is_contradicted(
 
     With the certificate, the density of the readings is a mean over the hyper-parameters φ of its
     ratio to the density without the certificate, weighted by the posterior of φ. The certificate is
-    contradicted if this ratio is below exp(−5). See `contradicted_certificates` for the arguments;
-    ``statements`` are the fields of the instrument that the certificate states.
+    contradicted if this ratio is below exp(−5), and the ratio of the evidences too. (If the form is
+    much too large, few of the values of φ hold the whole mean, which is then too small.) See
+    `contradicted_certificates` for the arguments; ``statements`` are the fields of the instrument
+    that the certificate states.
     """
     states_a_ball = "work" in statements or "tool" in statements
     if bound.campaign.is_plan or not states_a_ball:
@@ -68,4 +73,11 @@ def is_contradicted(
     certified = BoundModel(bound.model, campaign, pilot=bound.pilot)
     carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
     log_ratio = certified.given(carried)[0] - bound.given(phi)[0]
-    return bool(logsumexp(log_ratio, b=weight / np.sum(weight)) < _LEAST_LOG_RATIO)
+    if logsumexp(log_ratio, b=weight / np.sum(weight)) >= _LEAST_LOG_RATIO:
+        return False
+    return _log_evidence(certified) - _log_evidence(bound) < _LEAST_LOG_RATIO
+
+
+def _log_evidence(bound: BoundModel) -> float:
+    """Return the log evidence of a campaign's model in which compliances may be negative [nat]."""
+    return HyperPosterior(bound, truncated=False).nodes(_TOLERANCE).evidence.log_value

@@ -83,8 +83,8 @@ def compare_posteriors(
         Whether both campaigns were run on one machine. If so, the coefficients of `JointLoad`,
         `Position` and `MachinePattern`, divided by their prior standard deviations, are nearly the
         same in both campaigns (prior correlation 0.99). For the last two, this is assumed only if
-        the circles of both campaigns have the same planes, radii and centres. Compliances, their
-        changes with force and geometric errors may have changed by any amount.
+        the circles of both campaigns have the same planes, radii, centres and directions.
+        Compliances, their changes with force and geometric errors may have changed by any amount.
     prob : float
         Probability of the equal-tailed intervals, between 0 and 1.
 

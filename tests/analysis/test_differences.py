@@ -20,6 +20,7 @@ from ldbb_bayes.analysis.common_effects import (
     worst_conflict,
 )
 from ldbb_bayes.analysis.differences import _rows_at_force
+from ldbb_bayes.analysis.similar_effects import machine_terms
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
@@ -118,37 +119,56 @@ def test_one_instrument_at_the_mean_hyper_parameters(two: tuple[Any, Any]) -> No
     assert ((table["probability_of_increase"] > 0.5) == (table["difference"] > 0.0)).all()
 
 
+def noise_of_tests(parts: list[Any], turns: list[np.ndarray], value: Any) -> list[np.ndarray]:
+    """Covariance of what each test has for itself, one matrix for every test."""
+    noises = []
+    for r, own in enumerate(turns):
+        covariance = np.eye(len(own)) * value["sigma"] ** 2
+        for part in parts:
+            if isinstance(part, BasisNoise) or part.private:
+                values = own if isinstance(part, BasisNoise) else own @ part.values[r]
+                scaled = values * part.sd * value[part.hyper]
+                covariance = covariance + scaled @ scaled.T
+        noises.append(covariance)
+    return noises
+
+
 def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
     """Posterior of both parameter vectors at PHI from all readings stacked: y = J₁ β₁ + J₂ β₂ + N ν
-    + noise, N shared by both."""
+    + noise, N shared by both; without a certificate, a quarter of the variance of the bar's length
+    is (the radii of the balls), and the rest is of each campaign."""
     value = dict(zip((scale.name for scale in MODEL.scales), PHI, strict=True)) | {None: 1.0}
     designs = []
     shared = []
     noises = []
     readings = []
+    lengths = []
     for bound in bounds:
         turns = [basis(test.angles_rad()) for test in bound.campaign.tests]
         designs.append(np.concatenate([own @ bound.interest[r] for r, own in enumerate(turns)]))
         readings.append(np.concatenate([test.readings_mm() for test in bound.campaign.tests]))
         parts = [part for term in bound.model.nuisances for part in term.columns(bound.setting)]
         columns = [part for part in parts if not isinstance(part, BasisNoise) and not part.private]
-        for r, own in enumerate(turns):
-            covariance = np.eye(len(own)) * value["sigma"] ** 2
-            for part in parts:
-                if isinstance(part, BasisNoise) or part.private:
-                    scaled = (
-                        (own if isinstance(part, BasisNoise) else own @ part.values[r])
-                        * part.sd
-                        * value[part.hyper]
-                    )
-                    covariance = covariance + scaled @ scaled.T
-            noises.append(covariance)
+        # The part of the bar's length that is common to both campaigns; the rest is below.
+        is_certified = bounds[0].campaign.instrument.bar_U_um is not None
+        common = {"bar_length": 1.0 if is_certified else 0.5}
+        noises += noise_of_tests(parts, turns, value)
         shared.append(
             [
-                np.concatenate([own @ c.values[r] * c.sd * value[c.hyper] for c in columns], axis=1)
+                np.concatenate(
+                    [
+                        own @ c.values[r] * c.sd * value[c.hyper] * common.get(c.names[0], 1.0)
+                        for c in columns
+                    ],
+                    axis=1,
+                )
                 for r, own in enumerate(turns)
             ]
         )
+        share = 0.75 * (not is_certified)
+        (length,) = [c for c in columns if c.names[0] == "bar_length"]
+        constant = np.concatenate([own @ length.values[r] for r, own in enumerate(turns)])
+        lengths.append(share * length.sd[0] ** 2 * constant @ constant.T)
         expected = []
         for r, own in enumerate(turns):
             known = np.zeros(len(own))
@@ -159,7 +179,7 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
         readings[-1] = readings[-1] - np.concatenate(expected)
     every = np.concatenate([own for campaign in shared for own in campaign])
     jacobian = block_diag(*designs)
-    covariance = every @ every.T + block_diag(*noises)
+    covariance = every @ every.T + block_diag(*noises) + block_diag(*lengths)
     prior = np.concatenate([bound.prior_sd for bound in bounds])
     scaled = jacobian * prior
     gain = np.linalg.solve(covariance + scaled @ scaled.T, scaled).T * prior[:, None]
@@ -232,10 +252,15 @@ def test_a_certificate_in_one_campaign_is_no_disagreement() -> None:
 
 
 def test_another_radius_is_another_length() -> None:
-    """One length at 150 mm in both cancels, those of 150 and 100 mm do not."""
-    first = MODEL.bind(campaign_of(1))
+    """One certified length at 150 mm in both cancels, those of 150 and 100 mm do not."""
+    certified = lb.Instrument(bar_U_um=18.0)
+
+    def bound_of_radii(seed: int, *radii_mm: float) -> BoundModel:
+        return MODEL.bind(replace(campaign_of(seed, radii_mm=radii_mm), instrument=certified))
+
+    first = bound_of_radii(1, 150.0)
     equal_radii, shorter, both = (
-        together([first, MODEL.bind(campaign_of(2, radii_mm=radii))])[1]
+        together([first, bound_of_radii(2, *radii)])[1]
         for radii in ((150.0,), (100.0,), (150.0, 100.0))
     )
     k = together([first, first])[0].index("E_XX1")
@@ -249,6 +274,21 @@ def test_another_radius_is_another_length() -> None:
     assert equal_radii.sd[k] < 0.4 * np.sqrt(2.0) * single_sd
     assert shorter.sd[k] > 0.9 * np.sqrt(2.0) * single_sd
     assert both.sd[k] < 0.4 * shorter.sd[k]
+
+
+def test_the_zero_of_the_bar_is_set_anew() -> None:
+    """Two halves of campaigns whose readings differ by 5 µm in all: the machine's scale has not
+    changed, and no interval says that it has."""
+    first = campaign_of(1)
+    longer = []
+    for test in campaign_of(1).tests:
+        longer.append(test.with_reading_um(np.asarray(test.reading_um) + 5.0))
+    bounds = [MODEL.bind(first), MODEL.bind(replace(first, tests=tuple(longer)))]
+    names, difference = together(bounds)
+    for name in ("E_XX1", "E_YY1"):
+        k = names.index(name)
+        assert 2e-5 < difference.difference[k] < 3.5e-5
+        assert abs(difference.difference[k]) < difference.sd[k]
 
 
 def test_two_instruments_taken_for_one() -> None:
@@ -292,6 +332,7 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             )
         conflict = worst_conflict(
             ["length", "form"],
+            np.ones((2, 2)),
             [0.0, 0.0],
             [["E", "form", "length"]] * 2,
             informations,
@@ -438,6 +479,53 @@ def test_a_law_of_the_joints_is_one_at_other_forces() -> None:
         factor = (rest * proportional).sum() / (proportional**2).sum()
         np.testing.assert_allclose(rest, factor * proportional, atol=1e-9 * np.abs(rest).max())
         assert ratio != pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_pattern_of_each_direction_is_its_own() -> None:
+    """A campaign in one direction and one in the other have no pattern and no travel in common."""
+    bounds = []
+    for direction in ("CW", "CCW"):
+        campaign = campaign_of(1)
+        tests = tuple(replace(test, direction=direction) for test in campaign.tests)
+        bounds.append(ELASTIC.bind(replace(campaign, tests=tests)))
+    assert machine_terms(bounds) == {"JointLoad"}
+    assert machine_terms([bounds[0], bounds[0]]) == {"JointLoad", "Position", "MachinePattern"}
+
+
+def test_a_grown_compliance_is_no_disagreement_about_the_joints() -> None:
+    """Laws of the joints are the same in units of their prior sd, which grows with the compliance;
+    in either order of the campaigns."""
+    informations = []
+    means = []
+    prior_sd = np.array([[1.0], [3.0]])
+    for (scale,) in prior_sd:
+        noises = ({NOISE: np.diag([(0.1 * scale) ** 2])},)
+        informations.append(
+            Information(
+                ("joint_load_X_seat",),
+                ("JointLoad",),
+                np.array([scale]),
+                False,
+                (np.eye(1),),
+                noises,
+            )
+        )
+        means.append(np.array([2.0 * scale]))
+    p_values = {}
+    for units in ("prior sd", "1"):
+        for order in (1, -1):
+            conflict = worst_conflict(
+                ["joint_load_X_seat"],
+                (prior_sd if units == "prior sd" else np.ones((2, 1)))[::order],
+                [0.14],
+                [["joint_load_X_seat"]] * 2,
+                informations[::order],
+                means[::order],
+                [np.zeros(1)] * 2,
+            )
+            p_values[units, order] = conflict.p_value
+    assert p_values["prior sd", 1] == p_values["prior sd", -1] > 0.5
+    assert p_values["1", 1] < 1e-6
 
 
 def test_one_machine_shows_smaller_changes() -> None:

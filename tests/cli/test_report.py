@@ -170,7 +170,7 @@ def test_side_by_side(result: Path, comparison: Path, tmp_path: Path, invoke: In
         pd.read_csv(out / "tables" / "differences.csv").set_index("parameter")["sd"]
         / table.set_index("parameter")["sd"]
     )
-    assert narrower["E_XX1"] < 0.6
+    assert narrower["E_YX2"] < 0.6
     assert invoke(*arguments, "--same-machine", "--force", "--language", "de")[0] == 0
     german = (out / "report.html").read_text(encoding="utf-8")
     assert "Die Maschine war dieselbe" in german

@@ -422,6 +422,7 @@ class MachinePattern(Term):
 
     stem = "pattern"
     machine = True
+    likeness = 0.99
     of_circle = True
     remedy = "Run more circles with the balls clocked."
     scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)

@@ -226,6 +226,10 @@ class Term(Shown):
     #: whether the effect of a nuisance term (an effect modelled but not of interest) belongs to the
     #: machine and stays the same as long as its joints are not changed
     machine: ClassVar[bool] = False
+    #: prior correlation of each coefficient of a nuisance term (an effect modelled but not of
+    #: interest) between two campaigns that have the instrument, or the machine, in common. It is
+    #: below one if a part of the effect is another in every campaign.
+    likeness: ClassVar[float] = 1.0
     #: whether the coefficients of a nuisance term (an effect modelled but not of interest) belong
     #: to circles of a certain plane, radius and centre
     of_circle: ClassVar[bool] = False
