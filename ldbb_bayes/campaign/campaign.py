@@ -235,7 +235,7 @@ class Campaign(CampaignFields):
         if planned and len(planned) < len(tests):
             raise InputError(
                 f"campaign must have readings in all tests or in none, got test {planned[0]!r}"
-                " without. Add its file or plan it apart."
+                " without. Add its file, or take the tests that have not been run out."
             )
         object.__setattr__(self, "frames_mm", dict(self.machine().frames_mm))
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)

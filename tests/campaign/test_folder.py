@@ -119,6 +119,24 @@ def test_numbers_read_back_to_the_same_doubles(
     assert lb.read_campaign(folder).sha256 == campaign.sha256
 
 
+def test_a_plan_is_a_campaign_when_its_circles_have_files(tmp_path: Path) -> None:
+    """As the operator's sheet says: save the readings, enter the file. What the plan says of the
+    circle stays and means nothing."""
+    campaign = simulated(plan())
+    planned = lb.write_campaign(campaign.plan(), tmp_path / "plan")
+    measured = lb.write_campaign(campaign, tmp_path / "measured")
+    text = (planned / "campaign.toml").read_text(encoding="utf-8")
+    for test in campaign.tests:
+        name = f"{test.name}.csv"
+        (planned / name).write_bytes((measured / name).read_bytes())
+        text = text.replace(f'name = "{test.name}"', f'name = "{test.name}"\nfile = "{name}"')
+    assert "readings = " in text
+    (planned / "campaign.toml").write_text(text, encoding="utf-8")
+    run = lb.read_campaign(planned)
+    for test, expected in zip(run.tests, campaign.tests, strict=True):
+        np.testing.assert_allclose(test.readings_mm(), expected.readings_mm())
+
+
 def test_plans_come_back(tmp_path: Path) -> None:
     """Arcs, and circles in both directions."""
     angle = 360.0 - np.arange(720) / 2.0
