@@ -351,10 +351,10 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(
 def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(
     campaign: lb.Campaign,
 ) -> None:
-    """Of 400 independent draws R-hat is above 1.01 for every fifth seed or so, and for 0."""
+    """Of 400 independent draws R-hat is above 1.01 for every fifth seed or so, and for 3."""
     rule = StoppingRule(ess=400.0)
     fits = []
-    for seed in (0, 1):
+    for seed in (0, 3):
         fits.append(lb.sample(CONSTANT, campaign, sampler="independent", seed=seed, rule=rule))
     assert all(record_of(fit)["sampler"]["converged"] for fit in fits)
     assert {fit["posterior"].sizes["draw"] for fit in fits} == {180, 360}
