@@ -44,7 +44,7 @@ _LEAST_SHARE = 1e-9
 # several times. If the effective number of values, divided by the number of draws, is below
 # ``_LEAST_EFFECTIVE``, the proposal is fitted anew to all points so far, and all draws are made
 # again. This is done at most ``_MOST_REFITS`` times.
-_LEAST_EFFECTIVE = 0.8
+_LEAST_EFFECTIVE = 0.5
 _MOST_REFITS = 3
 
 
@@ -90,10 +90,9 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the
     probability, given φ and the readings, that no compliance is negative. The accepted draws
-    therefore follow the posterior. Draws with the same φ follow one another. If the posterior
-    probability that no compliance is negative is below 2 %, almost all β would be rejected. The
-    weight is then multiplied by the probability itself, and β is drawn from a density shifted
-    towards compliances that are not negative.
+    therefore follow the posterior. If the posterior probability that no compliance is negative is
+    below 2 %, almost all β would be rejected. The weight is then multiplied by the probability
+    itself, and β is drawn from a density shifted towards compliances that are not negative.
 
     ``posterior`` is the posterior density of φ, and ``rng`` generates the random numbers.
 
@@ -123,7 +122,10 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
         again = _joined(blocks, size)
         if _effective_number(again.free) > _effective_number(draws.free):
             draws = again
-    return draws
+    order = rng.permutation(size)
+    return draws._replace(
+        free=draws.free[order], beta=draws.beta[order], log_posterior=draws.log_posterior[order]
+    )
 
 
 def _propose_blocks(
@@ -159,8 +161,7 @@ def _propose_blocks(
 def _joined(blocks: Sequence[_ProposedBlock], size: int) -> JointDraws:
     """Return the first ``size`` accepted draws of several blocks.
 
-    Draws with the same hyper-parameters follow one another, so that the effective sample size that
-    is computed from the correlation of successive draws accounts for them.
+    Draws with the same hyper-parameters follow one another.
     """
     return JointDraws(
         free=np.concatenate([block.free for block in blocks])[:size],

@@ -357,7 +357,7 @@ def _sample_independently(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None,
 ) -> SampledDraws:
-    """Return independent posterior draws; their number grows until the stopping rule is met.
+    """Return independent posterior draws; their number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
     The stopping rule ``rule`` sets a minimum for the effective sample size and a maximum for R-hat.
@@ -390,11 +390,7 @@ def _sample_independently(
             run = EnsembleRun(chain, assessment, converged, steps, 1, accepted / proposed)
             log_posterior = np.concatenate(log_posterior_blocks, axis=1)
             return SampledDraws(run, beta, start.bound.hyper_prior.phi(chain), log_posterior)
-        ess = min(assessment.ess_bulk_min, assessment.ess_tail_min)
         block = steps
-        if ess < rule.ess:
-            missing = _SURPLUS * steps * (rule.ess / ess - 1.0)
-            block = min(steps, int(np.ceil(missing + _SURPLUS_DRAWS)))
 
 
 def _sample_jointly(
