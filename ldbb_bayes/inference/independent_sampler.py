@@ -275,7 +275,7 @@ def _propose_untruncated(
         again = draw_parameters_given(posterior.bound, free[index[is_missing]], rng.spawn(1)[0])
         deviation = (again - conditional.mean[index[is_missing]]) / scale[is_missing]
         beta[is_missing] = again
-        z[is_missing] = np.einsum("wij,wj->wi", root[is_missing], deviation)
+        z[is_missing] = np.einsum("wij,wj->wi", np.triu(root[is_missing]), deviation)
     # The Gaussian density of β is that of z, divided by the volume that z = 1 has in β.
     log_volume = np.log(scale).sum(axis=1) - log_diagonal(root)
     log_density = -0.5 * ((z**2).sum(axis=1) + z.shape[1] * np.log(2.0 * np.pi)) - log_volume
