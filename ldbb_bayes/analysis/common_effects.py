@@ -3,12 +3,11 @@
 If bar, balls, mount and force device are the same in both campaigns, the errors of these parts
 largely cancel in the difference. These errors are described by nuisance coefficients (of effects
 that are modelled but not of interest), which are common to both campaigns. Their prior is therefore
-used only once. (Without a certificate, the error of the bar's length is only similar.) If the
-campaigns state different knowledge of an error, such as a certificate in
+used only once. If the campaigns state different knowledge of an error, such as a certificate in
 only one of them, the prior with the smaller standard deviation is used.
 
-If the machine is the same, some of its effects are nearly the same in both campaigns
-(`similar_effects`).
+Other effects are only similar in both campaigns: some effects of the machine, if it is the same,
+and the error of the bar's length, if no certificate states it (`similar_effects`).
 
 β are the p parameters of interest; φ are the h hyper-parameters (such as the standard deviation of
 the noise).
@@ -160,8 +159,7 @@ def joint_difference(
         " default preset.",
     )
     first, second = campaigns
-    is_certified = any(bound.campaign.instrument.bar_U_um is not None for bound in bounds)
-    common = _common_coefficients(first, second, shared, is_bar_certified=is_certified)
+    common = _common_coefficients(first, second, shared, bounds)
     similar = _similar_coefficients(first, second, shared, bounds, common)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
@@ -264,21 +262,31 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
 
 
 def _common_coefficients(
-    first: _Campaign, second: _Campaign, shared: Shared, *, is_bar_certified: bool
+    first: _Campaign, second: _Campaign, shared: Shared, bounds: Sequence[BoundModel]
 ) -> list[str]:
     """Return the names of the coefficients that have the same value in both campaigns.
 
-    They are the nuisance coefficients of the instrument; the error of the bar's length is one of
-    them only if a certificate states the length. The list is empty if the campaigns have different
-    instruments.
+    They are the nuisance coefficients of the instrument. A coefficient of which a part is another
+    in every campaign is among them only if a certificate of one of the campaigns states it. The
+    list is empty if the campaigns have different instruments. ``bounds`` are the models.
     """
     if not shared.instrument:
         return []
-    terms = []
-    for name, kind in Term.kinds.items():
-        if kind.instrument and (kind.likeness == 1.0 or is_bar_certified):
-            terms.append(name)
-    return _coefficients_in_both(first, second, terms)
+    of_instrument = [name for name, kind in Term.kinds.items() if kind.instrument]
+    names = []
+    for name in _coefficients_in_both(first, second, of_instrument):
+        is_constant = Term.owner(name).campaign_correlation == 1.0
+        if is_constant or any(_is_stated(name, bound) for bound in bounds):
+            names.append(name)
+    return names
+
+
+def _is_stated(coefficient: str, bound: BoundModel) -> bool:
+    """Return whether a certificate of a campaign states a nuisance coefficient of its model."""
+    for term in bound.model.nuisances:
+        if type(term) is Term.owner(coefficient):
+            return term.is_stated(coefficient, bound.campaign)
+    return False
 
 
 def _similar_coefficients(
@@ -364,7 +372,7 @@ def _correlation(
     bounds: Sequence[BoundModel],
     size: int,
 ) -> Gaussian:
-    """Return the factor that makes the priors of the machine's coefficients correlated.
+    """Return the factor that makes the priors of similar coefficients correlated.
 
     ``similar`` are the names of these coefficients, which are independent in the posteriors of the
     two ``campaigns``. ``places`` and ``size`` have the same meaning as in `_joint_posterior`.

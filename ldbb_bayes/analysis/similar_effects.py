@@ -52,7 +52,7 @@ def prior_difference(name: str) -> float:
     ``name`` is the name of the coefficient, which is divided by its prior standard deviation in
     each of the two campaigns.
     """
-    return float(np.sqrt(2.0 * (1.0 - Term.owner(name).likeness)))
+    return float(np.sqrt(2.0 * (1.0 - Term.owner(name).campaign_correlation)))
 
 
 def similar_units(names: Sequence[str], prior_sd: Array, bounds: Sequence[BoundModel]) -> Array:
@@ -76,8 +76,9 @@ def correlate_priors(
     in the second. Let s₁ and s₂ be the prior standard deviations of a coefficient in the two
     campaigns, and r its value in the second campaign if it is one in the first (`Term.ratio`). If
     r = 1, the prior covariance matrix becomes [[s₁², ρ s₁ s₂], [ρ s₁ s₂, s₂²]], where ρ is the
-    correlation `Term.likeness`. If r differs from 1, one of the two campaigns must have a narrower
-    prior than it has by itself: s₂ is multiplied by r if r < 1, and s₁ is divided by r if r > 1.
+    correlation `Term.campaign_correlation`. If r differs from 1, one of the two campaigns must have
+    a narrower prior than it has by itself: s₂ is multiplied by r if r < 1, and s₁ is divided by r
+    if r > 1.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def correlate_priors(
     for j, name in enumerate(names):
         ratio = Term.owner(name).ratio(name, first, second)
         sd = prior_sd[:, j] * [min(1.0, 1.0 / ratio), min(1.0, ratio)]
-        correlation = Term.owner(name).likeness
+        correlation = Term.owner(name).campaign_correlation
         covariance = np.outer(sd, sd) * [[1.0, correlation], [correlation, 1.0]]
         places = np.ix_([j, c + j], [j, c + j])
         precision[places] = np.linalg.inv(covariance) - np.diag(prior_sd[:, j] ** -2.0)

@@ -145,7 +145,7 @@ def wrong_entry(folder: Path, asked: Mapping[str, Any]) -> dict[str, Any]:
     try:
         for parameter, text in goal_texts(asked).items():
             name = GOAL_PREFIX + parameter
-            goals_in(bound, goals_typed({name: text}))
+            goals_in(bound, goals_typed({parameter: text}))
         for field in SEARCH_FIELDS:
             name = field.name
             _check_entry(name, _option_value(name, asked, folder))
@@ -204,7 +204,7 @@ def find_cheapest_campaigns(
     pilot = lb.read_campaign(folder / RESULT / "campaign")
     seed = DESIGN_OPTIONS["seed"].default
     settings = {
-        "goals": goals_typed(asked),
+        "goals": goals_typed(goal_texts(asked)),
         "augment": bool(asked.get("augment")),
         "seed": seed,
         **_options_of(asked, folder),

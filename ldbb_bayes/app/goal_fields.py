@@ -42,25 +42,12 @@ def goal_texts(settings: Mapping[str, Any]) -> dict[str, str]:
     return texts
 
 
-def goals_typed(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return the goals for uncertainties as `goals_in` reads them, with decimal points.
+def goals_typed(texts: Mapping[str, str]) -> dict[str, str]:
+    """Return the texts of goals with decimal points, as `goals_in` reads them.
 
-    Parameters
-    ----------
-    settings
-        Values of the page's sliders and fields; the keys are the names of sliders and fields.
-
-    Returns
-    -------
-    dict
-        Texts such as "0.5 nm/N"; the keys are the names of the parameters.
-
-    Raises
-    ------
-    InputError
-        If a comma may stand between thousands.
+    The keys of ``texts`` are names of parameters. Raise an `InputError` if a comma may stand
+    between thousands.
     """
-    texts = goal_texts(settings)
     return {name: with_decimal_points(text, f"goal of {name}") for name, text in texts.items()}
 
 
@@ -115,8 +102,7 @@ def _goal_row(
     """
     name = row["key"]
     try:
-        typed = with_decimal_points(text, f"goal of {name}")
-        goal = goals_in(bound, {name: typed})[name]
+        goal = goals_in(bound, goals_typed({name: text}))[name]
     except InputError as error:
         return {"refused": str(error)}
     limit = float(goal.limit_U(estimates[name]))

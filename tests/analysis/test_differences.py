@@ -528,33 +528,28 @@ def test_a_grown_compliance_is_no_disagreement_about_the_joints() -> None:
     assert p_values["1", 1] < 1e-6
 
 
-def test_one_machine_shows_smaller_changes() -> None:
+@pytest.mark.parametrize("radius_mm", [150.0, 100.0])
+def test_one_machine_shows_smaller_changes(radius_mm: float) -> None:
     """The joints' laws cancel: changes of compliance are better known, geometric errors as before;
     at another radius the travel differs, and the laws along it are others."""
     model = lb.HybridModel.default(1)
-    fits = [
-        lb.sample(model, campaign_of(1, radii_mm=radii), seed=1, sampler="independent")
-        for radii in ((150.0,), (100.0,))
-    ]
-    again = lb.sample(model, campaign_of(2), seed=1, sampler="independent")
+    first, second = (
+        lb.sample(model, campaign, seed=1, sampler="independent")
+        for campaign in (campaign_of(1, radii_mm=(radius_mm,)), campaign_of(2))
+    )
     instrument, both = (
         lb.analysis.compare_posteriors(
-            fits[0], again, same_instrument=True, same_machine=same_machine
+            first, second, same_instrument=True, same_machine=same_machine
         )["sd"]
         for same_machine in (False, True)
     )
-    assert both["C_XXX"] < 0.85 * instrument["C_XXX"]
-    assert both["C_CYY"] < 0.8 * instrument["C_CYY"]
     assert both["C_XXX_1"] < 0.6 * instrument["C_XXX_1"]
     assert both["E_C0YX"] == pytest.approx(instrument["E_C0YX"], rel=1e-3)
-    instrument, both = (
-        lb.analysis.compare_posteriors(
-            fits[1], again, same_instrument=True, same_machine=same_machine
-        )["sd"]
-        for same_machine in (False, True)
-    )
-    assert both["C_XXX_1"] < 0.6 * instrument["C_XXX_1"]
-    assert both["C_CYY"] == pytest.approx(instrument["C_CYY"], rel=0.02)
+    if radius_mm == 150.0:
+        assert both["C_XXX"] < 0.85 * instrument["C_XXX"]
+        assert both["C_CYY"] < 0.8 * instrument["C_CYY"]
+    else:
+        assert both["C_CYY"] == pytest.approx(instrument["C_CYY"], rel=0.02)
 
 
 @pytest.mark.slow

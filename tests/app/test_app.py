@@ -416,7 +416,7 @@ def test_a_goal_in_percent_is_of_the_estimate() -> None:
 
 def test_a_goal_may_have_a_decimal_comma_but_no_thousands() -> None:
     assert _row_with_goal("2,5 nm/N")["wanted"] == "2.5"
-    assert goals_typed({"goal_C_XXX": "0,5 nm/N"}) == {"C_XXX": "0.5 nm/N"}
+    assert goals_typed({"C_XXX": "0,5 nm/N"}) == {"C_XXX": "0.5 nm/N"}
     refused = _row_with_goal("1,000 nm/N")["refused"]
     assert "goal of C_XXX must be a number without marks between thousands" in refused
 

@@ -341,15 +341,15 @@ def running_order(
     """
     best = _random_order(tests, rng)
     for _ in range(_MOST_ORDERS - 1):
-        if _likeness_to_sorted(best) <= _MOST_SORTED:
+        if _correlation_with_order(best) <= _MOST_SORTED:
             break
         other = _random_order(tests, rng)
-        if _likeness_to_sorted(other) < _likeness_to_sorted(best):
+        if _correlation_with_order(other) < _correlation_with_order(best):
             best = other
     return best
 
 
-def _likeness_to_sorted(tests: Sequence[CircularTest]) -> float:
+def _correlation_with_order(tests: Sequence[CircularTest]) -> float:
     """Return the absolute correlation between the forces of tests and their positions, 0 to 1.
 
     It is 0 if all forces are equal, or if there is only one test.

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.model.fourier import MAX_ORDER
 from ldbb_bayes.model.setting import TRAVEL_NAMES, Setting
-from ldbb_bayes.model.terms.base import Term, Uncertainty, order_in_words, plane_in_words
+from ldbb_bayes.model.terms.base import (
+    MACHINE_CORRELATION,
+    Term,
+    Uncertainty,
+    order_in_words,
+    plane_in_words,
+)
 from ldbb_bayes.model.terms.columns import FORM_ORDER, Columns, Scale
 from ldbb_bayes.results import Array
 
@@ -422,7 +428,7 @@ class MachinePattern(Term):
 
     stem = "pattern"
     machine = True
-    likeness = 0.99
+    campaign_correlation = MACHINE_CORRELATION
     of_circle = True
     remedy = "Run more circles with the balls clocked."
     scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)

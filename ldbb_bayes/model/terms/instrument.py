@@ -55,7 +55,7 @@ class BarLength(Term):
     instrument = True
     # Of the variance without a certificate, (9.4 µm)², a quarter comes from the radii of the balls,
     # (4.7 µm)². The zero is set anew in every campaign, and the bar has another temperature.
-    likeness = 0.25
+    campaign_correlation = 0.25
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the bar's length error, one for each nominal radius of a campaign.

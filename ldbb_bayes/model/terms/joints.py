@@ -14,7 +14,7 @@ import numpy as np
 from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.setting import Setting
-from ldbb_bayes.model.terms.base import Term, Unit
+from ldbb_bayes.model.terms.base import MACHINE_CORRELATION, Term, Unit
 from ldbb_bayes.model.terms.columns import BasisNoise, Columns
 from ldbb_bayes.results import Array
 
@@ -26,10 +26,6 @@ __all__ = [
     "secants_along_axis",
 ]
 
-# Prior correlation of a coefficient of the machine between two of its campaigns. If the
-# coefficients were taken as equal, the interval of a change of C_CCY would not contain the true
-# change in 7 of 64 simulated machines whose C_XXX grew by 15 %.
-_MACHINE_LIKENESS = 0.99
 # Exponent a in the effect of a bolted contact on the reading, which is proportional to |u|^a. u is
 # the cosine of the angle between bar and machine axis. If the bar has the force F, the force along
 # the axis is F u, and the contact deflects in proportion to |F u|^(2/3). The reading changes by |u|
@@ -92,7 +88,7 @@ class JointLoad(Term):
     relative_sd: float = 0.4
     unit = Unit("mm/N", 1e-6, "nm/N")
     machine = True
-    likeness = _MACHINE_LIKENESS
+    campaign_correlation = MACHINE_CORRELATION
     calibration = "a narrower prior of it"
     remedy = "Measure the axis' deflection under its own load."
 
@@ -281,7 +277,7 @@ class Position(Term):
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
     machine = True
-    likeness = _MACHINE_LIKENESS
+    campaign_correlation = MACHINE_CORRELATION
     of_circle = True
     calibration = "a narrower prior of it"
     remedy = "Run circles at several centres."
