@@ -26,7 +26,7 @@ from ldbb_bayes.inference.integrals import Integral, LogDensity, in_chunks
 from ldbb_bayes.inference.mixture_proposals import Mixture, SplitT, fit_split_t, refit_mixture
 from ldbb_bayes.results import Array
 
-__all__ = ["importance_sample", "sample_similar"]
+__all__ = ["importance_sample", "refit_sample", "sample_similar"]
 
 # Distances from a mode at which the density to integrate is evaluated, on both sides along every
 # direction. The unit is a standard deviation of the Gaussian fitted at the mode.
@@ -247,6 +247,40 @@ def sample_similar(
     size = 1 << int(np.log2(len(earlier.free) // (2 * _SCRAMBLES)))
     fitted = _without_wider(proposal)
     return _best_after(earlier, log_density, fitted, size, tolerance, seed, max_points)
+
+
+def refit_sample(
+    log_density: LogDensity, earlier: Integral, points: Array, values: Array, *, seed: int = 0
+) -> Integral:
+    """Return a sample from a proposal that is fitted to an earlier sample and to more points.
+
+    The new sample has at least half as many points as the two together.
+
+    Parameters
+    ----------
+    log_density : callable
+        Function that returns the log density to integrate, shape (n,), at n points in h dimensions,
+        shape (n, h).
+    earlier : Integral
+        Sample that `importance_sample` or this function has returned.
+    points : ndarray, shape (m, h)
+        More points drawn from the proposal of the earlier sample.
+    values : ndarray, shape (m,)
+        Log density at these points.
+    seed : int
+        Seed of the randomised quasi-random sequences.
+    """
+    proposal = earlier.proposal
+    if not isinstance(proposal, Mixture):
+        raise TypeError("a lattice has no proposal to fit. Give a sample of importance_sample.")
+    all_points = np.concatenate([earlier.free, points])
+    all_values = np.concatenate([earlier.log_density, values])
+    h = all_points.shape[1]
+    weight = _even_out(all_values - proposal.log_density(all_points), h)
+    fitted = refit_mixture(_without_wider(proposal), all_points, weight)
+    size = 1 << int(np.log2(len(all_points) // _SCRAMBLES))
+    uniform = _sobol_sequences(h + 1, seed).of_round(_ROUNDS)
+    return _draw_round(log_density, _add_wider(fitted), size, uniform)
 
 
 def _best_after(

@@ -8,6 +8,7 @@ negative compliance. Free coordinates are φ transformed to be unbounded, mostly
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.conditional import ParameterConditional
-from ldbb_bayes.model.triangular import log_diagonal, solve_upper
 from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
@@ -39,6 +39,12 @@ _ENVELOPE = 2.0
 # The rejection sampler divides by an estimate of the probability that no compliance is negative. An
 # estimate below this number is replaced by this number.
 _LEAST_SHARE = 1e-9
+# Where the posterior density exceeds the envelope, a value of the hyper-parameters is returned
+# several times. If the effective number of values, divided by the number of draws, is below
+# ``_LEAST_EFFECTIVE``, the proposal is fitted anew to all points so far, and all draws are made
+# again. After ``_MOST_REFITS`` such fits the sampler gives up.
+_LEAST_EFFECTIVE = 0.5
+_MOST_REFITS = 3
 
 
 class TooRoughError(Exception):
@@ -77,7 +83,8 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     Gaussian density given φ and the readings. The weight of a draw of φ is the posterior density
     divided by the proposal. Let r be this weight divided by twice an estimate of the mean weight.
     If r is below one, the draw is accepted with the probability r. If r exceeds one, the draw of φ
-    may be returned several times, usually with different β.
+    may be returned several times, each time with another β. If this happens too often, the proposal
+    is fitted anew.
 
     If compliances must not be negative, several β are drawn for each φ, and the weight is
     multiplied by the share of these β without negative compliances. On average, the share is the
@@ -91,44 +98,98 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     Raises
     ------
     TooRoughError
-        If the weights of the points from which the proposal was fitted cannot be trusted, or if
-        almost no draw is accepted.
+        If the weights of the points from which the proposal was fitted cannot be trusted, if almost
+        no draw is accepted, or if few values of φ stand for many draws whatever the proposal.
     """
     share_inside = 1.0
     if posterior.truncated:
         share_inside = max(np.exp(posterior.coarse_probability.log_value), _LEAST_SHARE)
     tilted = share_inside < _SMALLEST_SHARE_INSIDE
-    proposal = posterior.without_truncation.proposal
-    if tilted:
-        proposal = posterior.proposal
+    fitted_to = posterior if tilted else posterior.without_truncation
+    proposal = fitted_to.proposal
     if not proposal.trusted:
         raise TooRoughError(f"Pareto k {proposal.pareto_k:.2f}")
-    blocks: list[_AcceptedDraws] = []
+    for _ in range(1 + _MOST_REFITS):
+        blocks = _propose_blocks(posterior, proposal, size, rng, share_inside, tilted=tilted)
+        draws = _joined(blocks, size)
+        effective = _effective_number(draws.free)
+        if effective >= _LEAST_EFFECTIVE * size:
+            return _shuffled(draws, rng)
+        points = np.concatenate([block.points for block in blocks])
+        log_density = np.concatenate([block.log_density for block in blocks])
+        proposal = fitted_to.refit_proposal(proposal, points, log_density)
+    raise TooRoughError(f"effective number {effective:.0f} of {size} draws")
+
+
+def _propose_blocks(
+    posterior: HyperPosterior,
+    proposal: Integral,
+    size: int,
+    rng: np.random.Generator,
+    share_inside: float,
+    *,
+    tilted: bool,
+) -> list[_ProposedBlock]:
+    """Return blocks of 256 proposed draws, so many that at least ``size`` draws are accepted.
+
+    Raise a `TooRoughError` if almost no draw is accepted. ``proposal`` is the density from which
+    draws are proposed, and ``share_inside`` an estimate of the posterior probability that no
+    compliance is negative. If ``tilted``, the parameters are drawn from a density that is shifted
+    towards compliances that are not negative.
+    """
+    blocks: list[_ProposedBlock] = []
     accepted = 0
-    proposed = 0
     for _ in range(_MOST_ROUNDS * max(1, -(-size // CHUNK))):
         if tilted:
-            draws = _propose_tilted(posterior, proposal, rng)
+            block = _propose_tilted(posterior, proposal, rng)
         else:
-            draws = _propose_untruncated(posterior, proposal, share_inside, rng)
-        blocks.append(draws)
-        accepted = accepted + len(draws.free)
-        proposed = proposed + CHUNK
+            block = _propose_untruncated(posterior, proposal, share_inside, rng)
+        blocks.append(block)
+        accepted += len(block.free)
         if accepted >= size:
-            order = rng.permutation(size)
-            free = np.concatenate([block.free for block in blocks])[order]
-            beta = np.concatenate([block.beta for block in blocks])[order]
-            log_posterior = np.concatenate([block.log_posterior for block in blocks])[order]
-            return JointDraws(free, beta, accepted, proposed, log_posterior)
-    raise TooRoughError(f"{accepted} of {size} draws from {proposed} proposals")
+            return blocks
+    raise TooRoughError(f"{accepted} of {size} draws from {CHUNK * len(blocks)} proposals")
 
 
-class _AcceptedDraws(NamedTuple):
-    """Draws of hyper-parameters φ and parameters β that a rejection sampler has accepted.
+def _joined(blocks: Sequence[_ProposedBlock], size: int) -> JointDraws:
+    """Return the first ``size`` accepted draws of several blocks.
 
-    ``free``, shape (accepted, h), holds the h hyper-parameters φ in unbounded coordinates, mostly
-    ln(φ − lower bound); ``beta``, shape (accepted, p), holds a draw of the p parameters β for each
-    of these φ; ``log_posterior``, shape (accepted,), holds the log posterior density of both.
+    Draws with the same hyper-parameters follow one another.
+    """
+    return JointDraws(
+        free=np.concatenate([block.free for block in blocks])[:size],
+        beta=np.concatenate([block.beta for block in blocks])[:size],
+        accepted=sum(len(block.free) for block in blocks),
+        proposed=CHUNK * len(blocks),
+        log_posterior=np.concatenate([block.log_posterior for block in blocks])[:size],
+    )
+
+
+def _shuffled(draws: JointDraws, rng: np.random.Generator) -> JointDraws:
+    """Return the same draws in a random order."""
+    order = rng.permutation(len(draws.free))
+    return draws._replace(
+        free=draws.free[order], beta=draws.beta[order], log_posterior=draws.log_posterior[order]
+    )
+
+
+def _effective_number(free: Array) -> float:
+    """Return the effective number n²/Σ c² of different values among n draws.
+
+    ``free``, shape (n, h), holds draws of the h hyper-parameters. c is the number of times that a
+    value occurs; equal values follow one another (Kish's effective sample size).
+    """
+    is_new = np.append(True, (free[1:] != free[:-1]).any(axis=1))
+    counts = np.diff(np.append(np.flatnonzero(is_new), len(free)))
+    return float(len(free) ** 2 / np.sum(counts.astype(float) ** 2))
+
+
+class _ProposedBlock(NamedTuple):
+    """Block of 256 proposed draws of hyper-parameters φ, and the accepted draws of φ and β.
+
+    ``free``, shape (accepted, h), holds the accepted φ in unbounded coordinates, mostly ln(φ −
+    lower bound); ``beta``, shape (accepted, p), holds a draw of the p parameters β for each of
+    these φ; ``log_posterior``, shape (accepted,), holds the log posterior density of both.
     """
 
     #: draws of h hyper-parameters that the rejection sampler accepted, in unbounded coordinates
@@ -139,11 +200,16 @@ class _AcceptedDraws(NamedTuple):
     beta: Array
     #: log posterior density at every accepted draw, as `JointDensity` defines it, shape (accepted,)
     log_posterior: Array
+    #: all proposed draws of h hyper-parameters in unbounded coordinates, shape (256, h)
+    points: Array
+    #: log of the density to which the proposal is fitted, at every proposed draw of the
+    #: hyper-parameters, shape (256,)
+    log_density: Array
 
 
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
-) -> _AcceptedDraws:
+) -> _ProposedBlock:
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
     φ is drawn from ``proposal`` and accepted with a probability proportional to its weight. The
@@ -154,18 +220,19 @@ def _propose_tilted(
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
     log_weight = -proposal.log_proposal(free) - log_scale
-    accepted = free[_accept(log_weight + posterior.log_density(free), rng)]
+    log_density = posterior.log_density(free)
+    accepted = free[_accept(log_weight + log_density, rng)]
     beta = draw_parameters_given(posterior.bound, accepted, rng)
     log_evidence, conditional = posterior.given(accepted)
     log_marginal = posterior.bound.hyper_prior.log_density_of_free(accepted) + log_evidence
     log_posterior = log_marginal + conditional.log_density(beta)
     log_posterior -= posterior.bound.log_prob_truncation_prior
-    return _AcceptedDraws(accepted, beta, log_posterior)
+    return _ProposedBlock(accepted, beta, log_posterior, free, log_density)
 
 
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
-) -> _AcceptedDraws:
+) -> _ProposedBlock:
     """Draw 256 values of the hyper-parameters φ; return the accepted φ with draws of parameters β.
 
     φ is drawn from ``proposal``, in coordinates without bounds, such as logarithms of standard
@@ -191,25 +258,27 @@ def _propose_untruncated(
     with np.errstate(divide="ignore"):
         index = _accept(log_weight + np.log(draws.usable / tries), rng)
     # A value of φ may be accepted several times. Each time, it is returned with the next usable
-    # draw of β; if there is none left, the last usable draw is returned again. (If negative
-    # compliances are allowed, a new draw is made each time.) ``repetition`` is the number of times
-    # that the same φ has been accepted before. A draw is usable if it has no negative compliance,
-    # or if negative compliances are allowed. ``draws.standard`` holds the draws of β as standard
-    # normal coordinates, and ``draws.usable`` the number of usable draws for each φ. The usable
-    # draws come before the other draws.
+    # draw of β; if there is none left, a new draw is made. (If negative compliances are allowed, a
+    # new draw is made each time.) ``repetition`` is the number of times that the same φ has been
+    # accepted before. A draw is usable if it has no negative compliance, or if negative compliances
+    # are allowed. ``draws.standard`` holds the draws of β as standard normal coordinates, and
+    # ``draws.usable`` the number of usable draws for each φ. The usable draws come before the other
+    # draws.
     repetition = np.arange(len(index)) - np.searchsorted(index, index)
     z = draws.standard[index, np.minimum(repetition, draws.usable[index] - 1)]
     if not posterior.truncated:
         z = rng.standard_normal(z.shape)
-    root = conditional.root[index]
-    scale = conditional.scale[index]
-    beta = conditional.mean[index] + solve_upper(root, z) * scale
-    # The Gaussian density of β is that of z, divided by the volume that z = 1 has in β.
-    log_volume = np.log(scale).sum(axis=1) - log_diagonal(root)
-    log_density = -0.5 * ((z**2).sum(axis=1) + z.shape[1] * np.log(2.0 * np.pi)) - log_volume
-    log_posterior = log_marginal[index] + log_density
+    accepted = conditional.select(index)
+    beta = accepted.from_standard(z)
+    is_missing = repetition >= draws.usable[index]
+    if posterior.truncated and is_missing.any():
+        # Another generator, so that the draws that follow do not depend on the number of new draws.
+        beta[is_missing] = draw_parameters_given(
+            posterior.bound, free[index[is_missing]], rng.spawn(1)[0]
+        )
+    log_posterior = log_marginal[index] + accepted.log_density(beta)
     log_posterior -= posterior.bound.log_prob_truncation_prior
-    return _AcceptedDraws(free[index], beta, log_posterior)
+    return _ProposedBlock(free[index], beta, log_posterior, free, log_marginal)
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:

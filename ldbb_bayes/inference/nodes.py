@@ -21,7 +21,11 @@ from scipy.stats import qmc
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
-from ldbb_bayes.inference.importance_sampling import importance_sample, sample_similar
+from ldbb_bayes.inference.importance_sampling import (
+    importance_sample,
+    refit_sample,
+    sample_similar,
+)
 from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
 from ldbb_bayes.inference.normal_scores import NormalScores
 from ldbb_bayes.inference.quadrature import integrate
@@ -574,6 +578,23 @@ class HyperPosterior:
             self._smooth_log_density,
             [*self.modes, *self._corners],
             tolerance=_COARSE_TOLERANCE / 4.0,
+            seed=self._seed,
+        )
+        return self._scores.to_free(sample)
+
+    def refit_proposal(self, proposal: Integral, free: Array, log_density: Array) -> Integral:
+        """Return weighted random values from a mixture that is fitted anew, as ``proposal`` does.
+
+        ``proposal`` are earlier values, from this function or from the property of the same name.
+        ``free``, shape (n, h), holds n more values drawn from the same mixture, in unbounded
+        coordinates, and ``log_density``, shape (n,), the log of the posterior density there.
+        """
+        scores = self._scores.scores(free)
+        sample = refit_sample(
+            self._smooth_log_density,
+            self._scores.from_free(proposal),
+            scores,
+            log_density + self._scores.log_jacobian(scores),
             seed=self._seed,
         )
         return self._scores.to_free(sample)

@@ -13,13 +13,20 @@ import arviz_stats
 import numpy as np
 import pytest
 import xarray as xr
-from campaigns import plan, refuses, simulated
+from campaigns import TRUTH, plan, refuses, simulated
 from collapsed import collapsed
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.campaign import Direction
 from ldbb_bayes.inference import posterior as posteriors
+from ldbb_bayes.inference.density import JointDensity
 from ldbb_bayes.inference.fit import State
-from ldbb_bayes.inference.independent_sampler import JointDraws, draw_jointly
+from ldbb_bayes.inference.independent_sampler import (
+    JointDraws,
+    TooRoughError,
+    _effective_number,
+    draw_jointly,
+)
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
@@ -523,6 +530,58 @@ def test_acceptance_of_independent_draws_is_that_of_all_blocks(
     assert len(blocks) == 3
     accepted = sum(block.accepted for block in blocks)
     assert run.acceptance == accepted / sum(block.proposed for block in blocks)
+
+
+def test_equal_draws_are_counted() -> None:
+    """n² / Σ c²: of 1, 2 and 3 equal draws 36 / 14."""
+    free = np.repeat(np.arange(6.0).reshape(3, 2), [1, 2, 3], axis=0)
+    assert _effective_number(free) == pytest.approx(36.0 / 14.0)
+
+
+@pytest.fixture(scope="module")
+def rough() -> HyperPosterior:
+    """A posterior to which the first proposal is fitted badly: the machine's pattern may be nothing
+    at all, and hardly any point lies where it is."""
+    tests = []
+    circles = plan([36] * 5, forces_N=(36.0, 250.0, 450.0, 600.0, 742.0))
+    for k, test in enumerate(circles.tests):
+        direction: Direction = "CW" if k % 2 else "CCW"
+        tests.append(replace(test, direction=direction, work_ball_deg=35.0 * k, name=f"t{k}"))
+    instrument = lb.Instrument(
+        work=lb.Ball(sphericity_um=0.25),
+        bar_length_error_um=3.0,
+        bar_U_um=2.0,
+        mount_U_percent=5.0,
+    )
+    model = lb.HybridModel.default(1)
+    planned = replace(circles, tests=tuple(tests), instrument=instrument)
+    hyper = {"sigma": 0.4, "delta": 0.8, "kappa": 0.5, "tau": 1.2}
+    campaign = model.simulate(planned, seed=5, parameters=TRUTH, hyper_um=hyper).campaign
+    return HyperPosterior(model.bind(campaign), truncated=True, seed=0)
+
+
+def test_few_draws_are_returned_twice_and_no_parameters_are(rough: HyperPosterior) -> None:
+    """The proposal is fitted anew where one value of the scales stood for many. Parameters are
+    drawn anew each time, and their density is the stated one."""
+    size = 3000
+    draws = draw_jointly(rough, size, np.random.default_rng(1))
+    _, place, counts = np.unique(draws.free, axis=0, return_inverse=True, return_counts=True)
+    assert size**2 / np.sum(counts**2) >= 0.5 * size
+    assert len(np.unique(draws.beta[:, 0])) == size
+    density = JointDensity(rough.bound)
+    places = np.flatnonzero(counts[place.ravel()] > 2)[:40]
+    assert len(places) == 40
+    points = density.join(draws.beta[places], draws.free[places])
+    np.testing.assert_allclose(density(points), draws.log_posterior[places], atol=1e-8)
+
+
+def test_emcee_takes_over_where_no_proposal_suffices(
+    rough: HyperPosterior, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A value of the scales that stands for many draws is an error, not a result."""
+    monkeypatch.setattr("ldbb_bayes.inference.independent_sampler._MOST_REFITS", 0)
+    with pytest.raises(TooRoughError, match="effective number"):
+        draw_jointly(rough, 3000, np.random.default_rng(1))
 
 
 def test_a_campaign_of_a_plan_with_a_pilot_is_saved(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_nuisances_against_dense_conditionals(model: lb.HybridModel, drifting: l
             names += term.names
     table = lb.inference.summarize_nuisances(posterior).loc[names]
     _, phi = draws_of(posterior, bound, 1000)
-    moments = [dense_moments(bound, drifting, value) for value in phi[::10]]
+    moments = [dense_moments(bound, drifting, value) for value in phi]
     means = np.array([of_draw.mean for of_draw in moments])
     variances = np.array([of_draw.variance for of_draw in moments])
     sd = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
