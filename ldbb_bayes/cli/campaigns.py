@@ -28,6 +28,9 @@ from ldbb_bayes.units import inside_name, is_direct
 
 __all__ = ["check", "import_", "simulate"]
 
+# name of the file that ``check --out`` writes
+_CHECK_NAME = "check.json"
+
 
 @command
 def import_(
@@ -47,6 +50,7 @@ def import_(
     certificates: arguments.Certificates,
     force: Annotated[bool, arguments.FORCE],
     as_json: Annotated[bool, arguments.JSON],
+    quiet: Annotated[bool, arguments.QUIET],
 ) -> None:
     """Read tables from instruments or spreadsheets, and write their readings as a campaign.
 
@@ -60,7 +64,7 @@ def import_(
     from ldbb_bayes.reading.import_result import Imported
     from ldbb_bayes.reading.layout import layout_to_toml
 
-    output = Output(out, force, as_json, quiet=False)
+    output = Output(out, force, as_json, quiet)
     output.check(*files_of(out))
     instrument = lb.Instrument(**certificates)
 
@@ -109,11 +113,12 @@ def _counts_in_brackets(campaign: lb.Campaign) -> str:
 
 
 @command
-def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.JSON]) -> None:
+def check(campaign: arguments.GivenCampaign, output: arguments.OutputOptions) -> None:
     """Show what is in a campaign, what looks odd, and what a fit will assume.
 
-    The command fits nothing and writes no files.
+    The command fits nothing.
     """
+    output.check(_CHECK_NAME)
     # Raise an error if only some tests of a plane state a direction of travel, or if a tolerance
     # cannot be used. A fit raises the same errors.
     planes_run_both_ways(campaign)
@@ -125,7 +130,7 @@ def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.
         "uncertainties": uncertainties.as_dict()["assumed"],
         "certificates": dict(uncertainties.certificates),
     }
-    Output(as_json=as_json).deliver(record, (*parts_of(preview), *parts_of(uncertainties)))
+    output.deliver(record, (*parts_of(preview), *parts_of(uncertainties)), {_CHECK_NAME: record})
 
 
 def _check_tolerances(campaign: lb.Campaign) -> None:
@@ -156,6 +161,7 @@ def simulate(
     force: Annotated[bool, arguments.FORCE],
     seed: Annotated[int, arguments.SEED],
     as_json: Annotated[bool, arguments.JSON],
+    quiet: Annotated[bool, arguments.QUIET],
 ) -> None:
     """Write a campaign with simulated readings, and truth.json with the true values beside it.
 
@@ -221,7 +227,7 @@ def simulate(
         "units": simulation.units,
         "hyper_um": simulation.hyper_um,
     }
-    output = Output(out, force, as_json, quiet=False, files=tuple(files_of(out)))
+    output = Output(out, force, as_json, quiet, files=tuple(files_of(out)))
     output.deliver(
         record,
         (),

@@ -25,6 +25,8 @@ __all__ = ["demo", "fit", "summarize"]
 
 # Names of the folders that the command ``demo`` of ``ldbb-bayes`` writes.
 _DEMO_FILES = ("campaign", "constant", "linear", "figures")
+# name of the file that ``summarize --out`` writes
+_SUMMARY_NAME = "summary.json"
 
 
 @command
@@ -86,14 +88,15 @@ def summarize(
         Path,
         typer.Argument(help="The --out folder of a fit, or its posterior.nc.", metavar="RESULT"),
     ],
-    as_json: Annotated[bool, arguments.JSON],
+    output: arguments.OutputOptions,
     ci: Annotated[float, arguments.CI],
 ) -> None:
     """Print the results of a stored fit, with credible intervals of the chosen probability."""
     from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
 
+    output.check(_SUMMARY_NAME)
     numbers = full_result(lb.load(result), ci)
-    Output(as_json=as_json).deliver(numbers, parts_of_fit(numbers))
+    output.deliver(numbers, parts_of_fit(numbers), {_SUMMARY_NAME: numbers})
 
 
 @command

@@ -116,6 +116,8 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert names_in(out) == {"model.toml", "posterior.nc", "summary.json"}
     assert lb.read_model(out / "model.toml") == lb.HybridModel.default(0)
     assert json.loads(invoke("summarize", out, "--json")[1]) == result
+    assert invoke("summarize", out, "--out", tmp_path / "s", "--quiet")[0] == 0
+    assert json.loads((tmp_path / "s" / "summary.json").read_text()) == result
     narrow = json.loads(invoke("summarize", out / "posterior.nc", "--json", "--ci", 0.5)[1])[
         "parameters"
     ]["C_XXX"]["ci50"]
@@ -287,6 +289,23 @@ def test_a_model_may_allow_a_negative_compliance(tmp_path: Path, invoke: Invoke)
     truths.write_text("schema = 1\nforces_N = [100.0, 300.0, 500.0]\n[parameters]\nC_XXX = -6e-5\n")
     assert invoke("simulate", truths, "--out", tmp_path / "no")[0] == 2
     assert invoke("simulate", truths, "--out", tmp_path / "yes", "--without", "truncation")[0] == 0
+
+
+def test_check_writes_what_json_prints(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out = tmp_path / "checked"
+    printed = json.loads(invoke("check", folder, "--json")[1])
+    assert f"Written: {out}" in invoke("check", folder, "--out", out)[1]
+    assert json.loads((out / "check.json").read_text()) == printed
+    code, _, err = invoke("check", folder, "--out", out)
+    assert (code, "--force" in err) == (2, True)
+
+
+def test_quiet_commands_do_not_say_what_they_wrote(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    assert "Written" in invoke("simulate", folder, "--out", tmp_path / "loud")[1]
+    assert invoke("simulate", folder, "--out", tmp_path / "quiet", "--quiet") == (0, "", "")
+    assert names_in(tmp_path / "quiet") == names_in(tmp_path / "loud")
 
 
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
