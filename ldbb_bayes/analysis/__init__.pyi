@@ -15,6 +15,8 @@ from .design import NextCircle as NextCircle
 from .design import forecast_plan as forecast_plan
 from .design import next_circle as next_circle
 from .design import read_design as read_design
+from .differences import ChangedParameters as ChangedParameters
+from .differences import changed_parameters as changed_parameters
 from .differences import compare_posteriors as compare_posteriors
 from .directional_stiffness import DirectionalStiffness as DirectionalStiffness
 from .directional_stiffness import PlaneStiffness as PlaneStiffness

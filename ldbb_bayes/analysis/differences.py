@@ -19,6 +19,8 @@ from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_effects import Conflict, Shared, joint_difference
+from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import joint_load_secants
@@ -27,12 +29,25 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
+from ldbb_bayes.units import is_slope
 
-__all__ = ["compare_posteriors"]
+__all__ = ["ChangedParameters", "changed_parameters", "compare_posteriors"]
 
 # Number of pairs of posterior draws from which the credible interval of a difference is computed.
 # Each pair combines a draw of the first campaign with a draw of the second campaign.
 _DRAWS = 20_000
+
+
+class ChangedParameters(NamedTuple):
+    """Parameters in which two campaigns differ; slopes (changes with force) are not compared."""
+
+    #: names of parameters whose difference has a credible interval without zero, each parameter
+    #: considered by itself
+    alone: tuple[str, ...]
+    #: names of those that also differ if all comparisons are considered together
+    together: tuple[str, ...]
+    #: number of parameters compared
+    compared: int
 
 
 class _Differences(NamedTuple):
@@ -111,7 +126,8 @@ def compare_posteriors(
     Raises
     ------
     InputError
-        If the probability is not between 0 and 1, if ``same_instrument`` or ``same_machine`` is
+        If ``same_machine`` is true and the campaigns state different serial numbers or machine_ids,
+        if the probability is not between 0 and 1, if ``same_instrument`` or ``same_machine`` is
         true and a prior is flat, if both posteriors come from the same readings, or if they
         belong to different machines or different planes.
 
@@ -128,7 +144,10 @@ def compare_posteriors(
     check_probability(prob)
     bounds = [bound_of(posterior), bound_of(other)]
     first, second = bounds
-    _check_comparable_machines(first, second, record_of(other)["campaign"]["name"])
+    name_of_other = record_of(other)["campaign"]["name"]
+    _check_comparable_machines(first, second, name_of_other)
+    if same_machine:
+        _check_same_machine(first.campaign, second.campaign, name_of_other)
     names = []
     for name, is_offset in zip(first.names, is_tool_ball_offset(first), strict=True):
         if not is_offset and name in second.names:
@@ -162,6 +181,36 @@ def compare_posteriors(
     if compared.conflict is not None:
         table.attrs["conflict"] = tuple(compared.conflict)
     return readable(table, f"Second less first, {100 * prob:g} % intervals")
+
+
+def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
+    """Return the parameters in which two campaigns differ.
+
+    If many parameters are compared, some intervals exclude zero by chance. The parameters in
+    ``together`` are therefore chosen by Holm's method: if nothing has changed, the probability that
+    one or more of them are named is at most 1 − ``prob``.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Differences of all parameters, from `compare_posteriors`.
+    prob : float
+        Probability of the equal-tailed intervals, between 0 and 1.
+
+    Returns
+    -------
+    ChangedParameters
+    """
+    names = [str(name) for name in table.index if not is_slope(str(name))]
+    increase = table.loc[names, "probability_of_increase"].to_numpy(dtype=float)
+    p_alone = 2.0 * np.minimum(increase, 1.0 - increase)
+    p_together = holm(p_alone)
+    alone = [name for name, p_value in zip(names, p_alone, strict=True) if p_value < 1.0 - prob]
+    together = []
+    for name, p_value in zip(names, p_together, strict=True):
+        if p_value < 1.0 - prob:
+            together.append(name)
+    return ChangedParameters(tuple(alone), tuple(together), len(names))
 
 
 def _compare_jointly(
@@ -243,6 +292,24 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
         f"results must be of the same planes, got {', '.join(first.setting.planes)} and"
         f" {', '.join(second.setting.planes)} ({name!r}): a compliance would stand for other sets."
         " Compare campaigns of the same planes.",
+    )
+
+
+def _check_same_machine(campaign: Campaign, other: Campaign, name: str) -> None:
+    """Raise an `InputError` if two campaigns state that their machines are different ones.
+
+    ``name`` is the name of the second campaign, for the error message.
+    """
+    field = "serial_number"
+    if campaign.serial_number is None and other.serial_number is None:
+        field = "machine_id"
+    first = getattr(campaign, field)
+    second = getattr(other, field)
+    require(
+        first is None or second is None or first == second,
+        f"{field} must be the same in both campaigns of one machine, got {first!r} and {second!r}"
+        f" ({name!r}). Correct it in campaign.toml and fit again, or leave out same_machine"
+        " (--same-machine).",
     )
 
 

@@ -22,6 +22,7 @@ from ldbb_bayes.analysis.posterior_verdicts import (
     judge_posterior,
     judge_quantities,
 )
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.budgets import Budget
     from ldbb_bayes.analysis.conformity import Conformity
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
-    from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["Compared", "Findings", "FurtherCampaign", "Recommended", "findings_of_fit"]
 
@@ -221,6 +221,8 @@ class FurtherCampaign:
     ----------
     name
         Name of the further campaign.
+    campaign
+        The further campaign.
     result
         Results of the fit of the further campaign, as the command ``fit --json`` prints them.
     differences
@@ -228,6 +230,7 @@ class FurtherCampaign:
     """
 
     name: str
+    campaign: Campaign
     result: Mapping[str, Any]
     differences: pd.DataFrame
 

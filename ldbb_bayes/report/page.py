@@ -29,6 +29,7 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.annex_translation import annex_translation, section_in_language
 from ldbb_bayes.report.blocks import Banner, Block, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.dcc_export import write_dcc
+from ldbb_bayes.report.difference_sheet import difference_sheets
 from ldbb_bayes.report.findings import (
     Compared,
     Findings,
@@ -38,7 +39,7 @@ from ldbb_bayes.report.findings import (
 )
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.number_tables import TABLE_FILES, tables
-from ldbb_bayes.report.pdf import pdf_of
+from ldbb_bayes.report.pdf import fit_to_pages, pdf_of
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import SECTIONS, Section, beside
 from ldbb_bayes.report.sheets import sheets
@@ -76,7 +77,8 @@ class Document(Shown):
         Sections of the annex in the order of the page. The tuple is empty if the report has no
         annex.
     sheets
-        The two sheets of the test certificate. They have fields for signatures.
+        The two sheets of the test certificate, and one for each further campaign. They have fields
+        for signatures.
     annex
         Whether a printout of the page contains the annex. It always contains the sheets.
     language
@@ -93,7 +95,7 @@ class Document(Shown):
     shown = ("title", "lines", "alerts")
 
     def _blocks(self) -> Iterator[Block]:
-        """Yield the content of both sheets of the test certificate: texts, tables and figures."""
+        """Yield the content of all sheets of the test certificate: texts, tables and figures."""
         for sheet in self.sheets:
             yield from sheet.blocks
 
@@ -152,7 +154,12 @@ def compose(
     steps = len(writers) + 1
     show_progress = progress or _ignore_progress
     show_progress(0, steps)
-    finished_sheets = sheets(findings, language=language, force_N=force_N)
+    fitted_sheets = fit_to_pages(
+        (
+            *sheets(findings, language=language, force_N=force_N, further=len(others)),
+            *difference_sheets(findings, others, shared, words_of(language)),
+        )
+    )
     sections: list[Section] = []
     for key, (title, write) in writers.items():
         show_progress(len(sections) + 1, steps)
@@ -170,7 +177,7 @@ def compose(
         _lines_below_title(findings),
         tuple(_alerts(findings, others)),
         tuple(sections),
-        finished_sheets,
+        fitted_sheets,
         annex,
         language,
     )
@@ -300,8 +307,8 @@ def write_report(
 ) -> Document:
     """Write the report of a fit into a folder.
 
-    The report consists of report.html, report.pdf (the two sheets of the certificate), dcc.xml (the
-    numbers of the sheets), report.json, and the folder ``tables``, which holds CSV files.
+    The report consists of report.html, report.pdf (the sheets of the certificate), dcc.xml (the
+    numbers of its two sheets), report.json, and the folder ``tables``, which holds CSV files.
 
     Parameters
     ----------
@@ -347,7 +354,7 @@ def write_report(
         model's reference force.
     progress : callable, optional
         Function that is called at the start and after each step with two numbers: the number of
-        finished steps and the number of all steps. Each section is one step, and both sheets
+        finished steps and the number of all steps. Each section is one step, and all sheets
         together are one step.
 
     Returns
@@ -383,7 +390,9 @@ def write_report(
             same_machine=same_machine,
             prob=prob,
         )
-        others.append(FurtherCampaign(name, result_json(other, prob=prob), difference))
+        others.append(
+            FurtherCampaign(name, campaign_of(other), result_json(other, prob=prob), difference)
+        )
     findings = findings_of_fit(
         posterior,
         prob=prob,

@@ -12,7 +12,6 @@ from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.figure_translation import translate_ticks
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.pdf import fit_to_pages
 from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.plain_findings import plain_words
 from ldbb_bayes.report.sheet_fields import (
@@ -29,13 +28,13 @@ from ldbb_bayes.report.wording import sum_in_words
 from ldbb_bayes.results import Table
 from ldbb_bayes.units import display_name, display_unit, state, two_digits
 
-__all__ = ["sheets"]
+__all__ = ["sheet_line", "sheets", "signatures"]
 
 
 def sheets(
-    findings: Findings, *, language: str = "en", force_N: float | None = None
+    findings: Findings, *, language: str = "en", force_N: float | None = None, further: int = 0
 ) -> tuple[ReportSheet, ...]:
-    """Return the two sheets of the test certificate. Sheet 2 has all results.
+    """Return the first two sheets of the test certificate. Sheet 2 has all results.
 
     Parameters
     ----------
@@ -47,11 +46,13 @@ def sheets(
     force_N
         Force at which stiffness and circular deviation are stated [N]. Default: the model's
         reference force.
+    further
+        Number of sheets that follow these two (`difference_sheets`).
 
     Returns
     -------
     tuple of ReportSheet
-        Two sheets, each of which fits one page.
+        Two sheets of any length; see `fit_to_pages`.
 
     Raises
     ------
@@ -62,20 +63,28 @@ def sheets(
     if force_N is None:
         force_N = findings.result["model"]["reference_force_N"]
     numbers = SheetNumbers(findings, words, float(force_N))
-    name = shorten(str(findings.result["campaign"]["name"]))
+    name = str(findings.result["campaign"]["name"])
     first = ReportSheet(
         "certificate",
         words("sheet.first"),
-        words("sheet.of", number="1", name=name),
+        sheet_line(words, 1, 2 + further, name),
         tuple(_first_sheet(numbers)),
     )
     second = ReportSheet(
         "results-sheet",
         words("sheet.second"),
-        words("sheet.of", number="2", name=name),
+        sheet_line(words, 2, 2 + further, name),
         tuple(_second_sheet(numbers)),
     )
-    return fit_to_pages((first, second))
+    return first, second
+
+
+def sheet_line(words: Words, number: int, sheets: int, name: str) -> str:
+    """Return the line below the title of a sheet: its number, and the name of the campaign.
+
+    ``sheets`` is the number of all sheets.
+    """
+    return words("sheet.of", number=str(number), count=str(sheets), name=shorten(name))
 
 
 # ---- sheet 1 of the test certificate: fields, findings and main results
@@ -113,7 +122,7 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     yield _averaged_models(findings, words)
     if findings.sheets_only:
         yield words("notes.sheets_only")
-    yield _signatures(words)
+    yield signatures(words)
 
 
 def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any) -> Picture:
@@ -128,8 +137,8 @@ def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any)
     return drawn
 
 
-def _signatures(words: Words) -> Fields:
-    """Return the form fields for the signatures at the end of both sheets of the certificate."""
+def signatures(words: Words) -> Fields:
+    """Return the form fields for the signatures at the end of each sheet of the certificate."""
     return Fields(((words("fields.signed"), ""), (words("fields.checked"), "")), tall=True)
 
 
@@ -214,7 +223,7 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
         version=provenance["versions"]["ldbb-bayes"],
         started=provenance["started"][:10],
     )
-    yield _signatures(words)
+    yield signatures(words)
 
 
 def _sums(findings: Findings, words: Words) -> Iterator[str]:

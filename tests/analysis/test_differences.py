@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import pytest
 from campaigns import HYPER_UM, TRUTH, plan, refuses
 from scipy import stats
@@ -19,9 +20,10 @@ from ldbb_bayes.analysis.common_effects import (
     joint_difference,
     worst_conflict,
 )
-from ldbb_bayes.analysis.differences import _rows_at_force
+from ldbb_bayes.analysis.differences import _rows_at_force, changed_parameters
 from ldbb_bayes.analysis.similar_effects import machine_terms
 from ldbb_bayes.inference.force_curves import draws_at
+from ldbb_bayes.inference.posterior import campaign_of as campaign_of_posterior
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
@@ -550,6 +552,47 @@ def test_one_machine_shows_smaller_changes(radius_mm: float) -> None:
         assert both["C_CYY"] < 0.8 * instrument["C_CYY"]
     else:
         assert both["C_CYY"] == pytest.approx(instrument["C_CYY"], rel=0.02)
+
+
+def test_chance_among_many_comparisons_is_allowed_for() -> None:
+    """Holm by hand: of three p-values 0.004, 0.02 and 0.04, 3 × 0.004 and 2 × 0.02 are below 5 %,
+    and so is 0.04 alone; of 0.004, 0.03 and 0.04 only the first is."""
+    for p_values, together in (
+        ((0.004, 0.02, 0.04), ("C_XXX", "C_YYY", "E_XX1")),
+        ((0.004, 0.03, 0.04), ("C_XXX",)),
+    ):
+        increase = 1.0 - 0.5 * np.array([*p_values, 0.001, 0.5])
+        table = pd.DataFrame(
+            {"probability_of_increase": [increase[0], 1.0 - increase[1], *increase[2:4]]},
+            index=["C_XXX", "C_YYY", "E_XX1", "C_XXX_1"],
+        )
+        changed = changed_parameters(table, 0.95)
+        assert changed == (("C_XXX", "C_YYY", "E_XX1"), together, 3)
+    assert changed_parameters(table, 0.99).alone == ("C_XXX",)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "named"),
+    [
+        ({"serial_number": "1"}, {"serial_number": "2"}, "serial_number must be the same"),
+        ({"machine_id": "A"}, {"machine_id": "B"}, "machine_id must be the same"),
+        ({"machine_id": "A"}, {"serial_number": "2"}, None),
+        ({"serial_number": "1", "machine_id": "A"}, {"serial_number": "1"}, None),
+        ({"serial_number": "1"}, {}, None),
+    ],
+)
+def test_other_machines_are_not_one(
+    two: tuple[Any, Any], first: dict[str, str], second: dict[str, str], named: str | None
+) -> None:
+    posteriors = [
+        lb.sample(MODEL, replace(campaign_of_posterior(posterior), **stated), sampler="independent")
+        for posterior, stated in zip(two, (first, second), strict=True)
+    ]
+    if named is None:
+        lb.analysis.compare_posteriors(*posteriors, same_machine=True)
+    else:
+        refuses(named, lb.analysis.compare_posteriors, *posteriors, same_machine=True)
+        lb.analysis.compare_posteriors(*posteriors, same_instrument=True)
 
 
 @pytest.mark.slow

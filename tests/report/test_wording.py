@@ -657,7 +657,8 @@ CHANGES = pd.DataFrame(
 def test_parameters_that_have_changed_are_named_with_U() -> None:
     assert wording.change_sentence("a", "b", CHANGES, 0.95) == (
         "b differs from a (± U, k = 2) in: C_XXX 10.0 ± 2.0 nm/N."
-        " 95 % intervals, each parameter by itself."
+        " 95 % intervals, each parameter by itself. Of these, allowing for 2 comparisons (Holm's"
+        " method): C_XXX."
     )
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ldbb_bayes.analysis.differences import changed_parameters
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.wording.fixed_texts import PAGE
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
-from ldbb_bayes.units import display_name, is_slope, plus_minus
+from ldbb_bayes.units import display_name, plus_minus
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,21 +67,21 @@ def difference_doubts(
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
-    """Return a sentence that names the parameters in which two campaigns differ.
+    """Return sentences that name the parameters in which two campaigns differ.
 
     ``first`` and ``other`` are the names of the campaigns; ``table`` holds the differences of all
     parameters. A parameter is named if the credible interval of its difference excludes zero;
     ``prob`` is the probability of this interval. Slopes (coefficients of the change of compliance
-    with force) are not named.
+    with force) are not named. If a parameter is named, a second sentence names those that have
+    changed when the number of comparisons is allowed for (`changed_parameters`).
     """
-    tail = 0.5 - 0.5 * prob
+    changed = changed_parameters(table, prob)
     sizes = []
-    for name, row in table.iterrows():
-        probability = row["probability_of_increase"]
-        interval_excludes_zero = probability > 1.0 - tail or probability < tail
-        if is_slope(str(name)) or not interval_excludes_zero:
-            continue
+    for name, row in table.loc[list(changed.alone)].iterrows():
         interval = (row["ci_low"], row["ci_high"])
         size = plus_minus(row["difference"], row["sd"], interval, row["unit"])
         sizes.append(f"{display_name(str(name))} {size}")
-    return _TEMPLATES.sentence("change_sentence", first, other, sizes, f"{100 * prob:g}")
+    together = [display_name(name) for name in changed.together]
+    return _TEMPLATES.sentence(
+        "change_sentence", first, other, sizes, together, changed.compared, f"{100 * prob:g}"
+    )
