@@ -28,8 +28,10 @@ SENTENCES = [
     "Met already by 'a pilot' (with probability 90 % or more), so that nothing is needed: C_XXX and"
     " E_XX1.",
     "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",
-    "All goals that can be reached are met on 98 % of the machines that the prior allows (90 %"
-    " were asked for).",
+    "The other goals are met on 98 % of the machines that the prior allows (90 % were asked for).",
+    "Out of reach, for the reasons below: C_XXX and E_XX1.",
+    "The circles run so far are not counted in: these circles reach the goals by themselves. With"
+    " --augment circles are added to those run so far.",
     "No circle is needed.",
     "No campaign within 1.5 h reaches the goals on 90 % of the machines. Allow more time, or offer"
     " certificates.",

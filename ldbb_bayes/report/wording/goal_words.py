@@ -29,7 +29,8 @@ _TEMPLATES = SentenceFile("goals")
 def goal_design_head(result: GoalDesign) -> tuple[str, ...]:
     """Return the first sentences on a design for goals: what to run, or that nothing will do."""
     met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
-    return _TEMPLATES.sentences("goal_design_head", result, met)
+    left_out = [name for name in result.goals if name in (*result.unreachable, *result.near_misses)]
+    return _TEMPLATES.sentences("goal_design_head", result, met, left_out)
 
 
 def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
