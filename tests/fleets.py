@@ -172,6 +172,7 @@ def row(statistics: SufficientStatistics, **fields: object) -> dict[str, object]
         "machine_id": "M1",
         "date": None,
         "topology": "wCAFYXZSt",
+        "planes": "XY",
         "reference_force_N": 389.0,
         "force_min_N": 36.0,
         "force_max_N": 742.0,

@@ -2,6 +2,8 @@
 
 from .budgets import budget_uncertainty as budget_uncertainty
 from .calibration import Validation as Validation
+from .changed_parameters import ChangedParameters as ChangedParameters
+from .changed_parameters import changed_parameters as changed_parameters
 from .circularity import predict_circularity as predict_circularity
 from .comparison import Comparison as Comparison
 from .comparison import read_comparison as read_comparison
@@ -15,8 +17,6 @@ from .design import NextCircle as NextCircle
 from .design import forecast_plan as forecast_plan
 from .design import next_circle as next_circle
 from .design import read_design as read_design
-from .differences import ChangedParameters as ChangedParameters
-from .differences import changed_parameters as changed_parameters
 from .differences import compare_posteriors as compare_posteriors
 from .directional_stiffness import DirectionalStiffness as DirectionalStiffness
 from .directional_stiffness import PlaneStiffness as PlaneStiffness

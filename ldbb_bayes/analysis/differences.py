@@ -19,7 +19,7 @@ from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_effects import Conflict, Shared, joint_difference
-from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.analysis.compliance_meaning import same_meaning, stands_for
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
@@ -29,25 +29,12 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
-from ldbb_bayes.units import is_slope
 
-__all__ = ["ChangedParameters", "changed_parameters", "compare_posteriors"]
+__all__ = ["compare_posteriors"]
 
 # Number of pairs of posterior draws from which the credible interval of a difference is computed.
 # Each pair combines a draw of the first campaign with a draw of the second campaign.
 _DRAWS = 20_000
-
-
-class ChangedParameters(NamedTuple):
-    """Parameters in which two campaigns differ; slopes (changes with force) are not compared."""
-
-    #: names of parameters whose difference has a credible interval without zero, each parameter
-    #: considered by itself
-    alone: tuple[str, ...]
-    #: names of those that also differ if all comparisons are considered together
-    together: tuple[str, ...]
-    #: number of parameters compared
-    compared: int
 
 
 class _Differences(NamedTuple):
@@ -89,7 +76,8 @@ def compare_posteriors(
     Parameters
     ----------
     posterior, other : DataTree
-        First and second posterior, from `sample`, `load` or `average`. Their machines must have the
+        First and second posterior, from `sample` or `load`, or, if instruments and machines are
+        independent, from `average`. Their machines must have the
         same topology and joint frames, and the same planes must have been tested.
     same_instrument : bool
         Whether bar, balls, mount and force device were the same in both campaigns. If so, the
@@ -126,10 +114,12 @@ def compare_posteriors(
     Raises
     ------
     InputError
-        If ``same_machine`` is true and the campaigns state different serial numbers or machine_ids,
-        if the probability is not between 0 and 1, if ``same_instrument`` or ``same_machine`` is
-        true and a prior is flat, if both posteriors come from the same readings, or if they
-        belong to different machines or different planes.
+        If the probability is not between 0 and 1; if both posteriors come from the same readings;
+        if they belong to different machines or different planes; or if a compliance is not the sum
+        of the same joint compliances in both, because circles have other centres. If
+        ``same_machine`` is true, also if the campaigns state different serial numbers or
+        machine_ids. If it or ``same_instrument`` is true, also if a prior is flat, or a posterior
+        is averaged over models.
 
     Examples
     --------
@@ -146,6 +136,7 @@ def compare_posteriors(
     first, second = bounds
     name_of_other = record_of(other)["campaign"]["name"]
     _check_comparable_machines(first, second, name_of_other)
+    _check_same_compliances(first, second, name_of_other)
     if same_machine:
         _check_same_machine(first.campaign, second.campaign, name_of_other)
     names = []
@@ -156,6 +147,8 @@ def compare_posteriors(
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
     shared = Shared(instrument=same_instrument, machine=same_machine)
     if shared.anything:
+        for result in (posterior, other):
+            _check_single_model(result)
         phi = [draws_of(posterior, first)[1].mean(axis=0), draws_of(other, second)[1].mean(axis=0)]
         rows = [_rows_at_force(bound, names, reference_force_N) for bound in bounds]
         compared = _compare_jointly(bounds, phi, rows, shared, levels)
@@ -181,36 +174,6 @@ def compare_posteriors(
     if compared.conflict is not None:
         table.attrs["conflict"] = tuple(compared.conflict)
     return readable(table, f"Second less first, {100 * prob:g} % intervals")
-
-
-def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
-    """Return the parameters in which two campaigns differ.
-
-    If many parameters are compared, some intervals exclude zero by chance. The parameters in
-    ``together`` are therefore chosen by Holm's method: if nothing has changed, the probability that
-    one or more of them are named is at most 1 − ``prob``.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Differences of all parameters, from `compare_posteriors`.
-    prob : float
-        Probability of the equal-tailed intervals, between 0 and 1.
-
-    Returns
-    -------
-    ChangedParameters
-    """
-    names = [str(name) for name in table.index if not is_slope(str(name))]
-    increase = table.loc[names, "probability_of_increase"].to_numpy(dtype=float)
-    p_alone = 2.0 * np.minimum(increase, 1.0 - increase)
-    p_together = holm(p_alone)
-    alone = [name for name, p_value in zip(names, p_alone, strict=True) if p_value < 1.0 - prob]
-    together = []
-    for name, p_value in zip(names, p_together, strict=True):
-        if p_value < 1.0 - prob:
-            together.append(name)
-    return ChangedParameters(tuple(alone), tuple(together), len(names))
 
 
 def _compare_jointly(
@@ -292,6 +255,36 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
         f"results must be of the same planes, got {', '.join(first.setting.planes)} and"
         f" {', '.join(second.setting.planes)} ({name!r}): a compliance would stand for other sets."
         " Compare campaigns of the same planes.",
+    )
+
+
+def _check_same_compliances(first: BoundModel, second: BoundModel, name: str) -> None:
+    """Raise an `InputError` if a compliance is the sum of other joint compliances in two campaigns.
+
+    If circles are at another height, for example, or joints' frames stand elsewhere, tilts of the
+    joints add to other compliances. The two compliances would differ although the machine is the
+    same. ``name`` is the name of the second campaign, for the error message.
+    """
+    sums = stands_for(first.campaign)
+    other_sums = stands_for(second.campaign)
+    for compliance in sums:
+        require(
+            compliance not in other_sums
+            or same_meaning(compliance, sums[compliance], other_sums[compliance]),
+            f"results must mean the same by {compliance}, got it as the sum of other compliances"
+            f" in {name!r}: its circles have other centres. Compare campaigns of circles at the"
+            " same places.",
+        )
+
+
+def _check_single_model(posterior: xr.DataTree) -> None:
+    """Raise an `InputError` if a posterior is averaged over several models."""
+    record = record_of(posterior)
+    require(
+        "averaged" not in record,
+        "results must be of one model each to have the instrument or the machine in common, got"
+        f" {record['campaign']['name']!r} averaged over models. Give fits (sample), or leave out"
+        " same_instrument and same_machine.",
     )
 
 

@@ -36,7 +36,7 @@ def machine_terms(bounds: Sequence[BoundModel]) -> frozenset[str]:
     for bound in bounds:
         kinds = set()
         for test in bound.campaign.tests:
-            centre = (test.centre_x_mm, test.centre_y_mm)
+            centre = (test.centre_x_mm, test.centre_y_mm, test.centre_z_mm)
             kinds.add((test.plane, test.radius_mm, centre, test.direction))
         circles.append(kinds)
     names = []

@@ -641,6 +641,6 @@ def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """
     expected = forecast(folder, settings)
     planned = _planned_tests(_report_of(folder), _test_settings(settings))
-    campaign = replace(planned.plan, tolerances={}, date=None, operator=None)
+    campaign = replace(planned.plan, tolerances={})
     lb.write_campaign(campaign, folder / PLAN, force=True)
     return expected

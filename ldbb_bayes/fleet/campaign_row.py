@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ldbb_bayes.analysis.compliance_meaning import stands_for
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.directional_stiffness import stiffness_of_fit
 from ldbb_bayes.analysis.posterior_verdicts import confounded_parameters
@@ -22,7 +23,6 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, check_known, plain_reason
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
-from ldbb_bayes.fleet.compliance_meaning import stands_for
 from ldbb_bayes.fleet.dataset import PARAMETER_COLUMNS
 from ldbb_bayes.fleet.linear_or_constant import linear_over_constant
 from ldbb_bayes.inference.mcmc import StoppingRule

@@ -29,8 +29,8 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 import pandas as pd
 
+from ldbb_bayes.analysis.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.errors import InputError, check_known
-from ldbb_bayes.fleet.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, moment
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian

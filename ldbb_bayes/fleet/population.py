@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import pandas as pd
 from pydantic import Field
 
-from ldbb_bayes.fleet.compliance_meaning import Meaning
+from ldbb_bayes.analysis.compliance_meaning import Meaning
 from ldbb_bayes.fleet.interval_summary import Summary, name_intervals
 from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.fleet.selection import Caveat

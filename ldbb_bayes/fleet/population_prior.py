@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ldbb_bayes.analysis.compliance_meaning import Meaning, same_meaning, stands_for
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.compliance_meaning import Meaning, same_meaning, stands_for
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.wording import PAGE
 from ldbb_bayes.results import Shown, read_result

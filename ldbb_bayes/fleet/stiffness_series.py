@@ -21,7 +21,9 @@ from ldbb_bayes.units import plus_minus
 __all__ = ["StiffnessOfVisit", "stiffness_series", "stiffness_table"]
 
 # Plane at the end of the name of a quantity, such as k_min_YZ.
-_PLANE = re.compile(r"_(?:XY|YZ|ZX)$")
+_PLANE = re.compile(r"_(XY|YZ|ZX)$")
+# Names of the principal stiffnesses of a machine that was tested in three planes.
+_PRINCIPAL = ("k_1", "k_2", "k_3")
 # Text of a table cell for a quantity that the readings do not determine.
 _NOT_DETERMINED = "not determined"
 
@@ -66,9 +68,11 @@ def stiffness_series(
 ) -> dict[str, tuple[StiffnessOfVisit, ...]]:
     """Return the machine's stiffness by direction, computed from each campaign alone.
 
-    The result is a dict. Its keys are the names of quantities, such as ``k_min``. Quantities of a
-    plane that no campaign tested are left out. Each value is a
-    tuple with the results for this quantity from all campaigns, in the order of the rows.
+    The result is a dict. Its keys are the names of quantities, such as ``k_min``. If the campaigns
+    were not all run in one and the same plane, the names end with the plane, as in ``k_min_YZ``.
+    Quantities of a plane that no campaign tested are left out. Each value is a tuple with the
+    results for this quantity from all campaigns, in the order of the rows. A campaign that did not
+    test the plane of the quantity has a result without numbers.
 
     Parameters
     ----------
@@ -78,52 +82,93 @@ def stiffness_series(
     campaigns
         Labels of the campaigns, one for each row.
     """
+    is_one_plane = rows["planes"].nunique() == 1 and len(_planes_of(rows.iloc[0])) == 1
+    columns_of_rows = []
+    for _, row in rows.iterrows():
+        columns_of_rows.append(_columns_by_quantity(row, name_planes=not is_one_plane))
     names: dict[str, None] = {}
-    for column in rows.columns:
-        name, _, number = str(column).rpartition(".")
-        if number == "mean" and STIFFNESS_NAME.fullmatch(name) and _is_tested(name, rows):
-            names[name] = None
+    for columns in columns_of_rows:
+        names |= dict.fromkeys(columns)
     series = {}
     for name in names:
         visits = []
-        for campaign, (_, row) in zip(campaigns, rows.iterrows(), strict=True):
-            visits.append(_stiffness_of_visit(name, campaign, row))
+        for campaign, (_, row), columns in zip(
+            campaigns, rows.iterrows(), columns_of_rows, strict=True
+        ):
+            visits.append(_stiffness_of_visit(columns.get(name), name, campaign, row))
         series[name] = tuple(visits)
     return series
 
 
-def _is_tested(name: str, rows: pd.DataFrame) -> bool:
-    """Return whether at least one campaign tested the plane of a quantity.
+def _planes_of(row: pd.Series) -> list[str]:
+    """Return the planes that the campaign of a row of a batch's table tested."""
+    return str(row["planes"]).split(",")
 
-    ``rows`` are rows of the table of a batch, which has a column for every quantity that any of its
-    campaigns has. A difference of compliances always has a value. Of stiffnesses and directions in
-    a plane, at least one stiffness has a lower limit.
+
+def _columns_by_quantity(row: pd.Series, *, name_planes: bool) -> dict[str, str]:
+    """Return the beginnings of the columns that hold the stiffness quantities of one campaign.
+
+    ``row`` is the campaign's row in the table of a batch, which has columns for the quantities of
+    all its campaigns. The keys of the result are the names of the quantities. If ``name_planes`` is
+    true, names of quantities of a plane end with the plane. The columns of a campaign of one plane
+    do not name it.
     """
-    if "_minus_" in name:
-        return bool(rows[f"{name}.mean"].notna().any())
-    plane = _PLANE.search(name)
-    suffix = plane[0] if plane else ""
-    limits = [f"{stiffness}{suffix}.ci_low" for stiffness in ("k_min", "k_max", "k_ratio")]
-    known = [column for column in limits if column in rows.columns]
-    return bool(rows[known].notna().any(axis=None))
+    planes = _planes_of(row)
+    columns = {}
+    for label in row.index:
+        column, _, number = str(label).rpartition(".")
+        if number != "mean" or not STIFFNESS_NAME.fullmatch(column):
+            continue
+        is_always_known = "_minus_" in column or column in _PRINCIPAL
+        if is_always_known and pd.isna(row[label]):
+            continue  # It belongs to campaigns of other planes.
+        quantity = _quantity_in(column, planes, name_planes=name_planes)
+        if quantity is not None:
+            columns[quantity] = column
+    return columns
 
 
-def _stiffness_of_visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
+def _quantity_in(column: str, planes: Sequence[str], *, name_planes: bool) -> str | None:
+    """Return the name of the quantity that columns of a batch's table hold for a campaign.
+
+    ``column`` is the beginning of the columns' names, such as ``k_min``, and ``planes`` are the
+    planes that the campaign tested. The result is None if the quantity is of another plane.
+    ``name_planes`` has the same meaning as in `_columns_by_quantity`.
+    """
+    if column in _PRINCIPAL:
+        return column
+    plane_of_column = _PLANE.search(column)
+    if len(planes) > 1:
+        is_tested = plane_of_column is not None and plane_of_column[1] in planes
+        return column if is_tested else None
+    if plane_of_column is not None:
+        return None
+    return f"{column}_{planes[0]}" if name_planes else column
+
+
+def _stiffness_of_visit(
+    column: str | None, name: str, campaign: str, row: pd.Series
+) -> StiffnessOfVisit:
     """Return the stiffness with the given name, computed from one campaign alone.
 
     ``row`` is the campaign's row in the table of a batch, and ``campaign`` is its label. If the
-    name is ``k_min``, for example, the stiffness is in the columns ``k_min.mean``, ``k_min.sd`` and
-    so on.
+    ``column`` is ``k_min``, for example, the stiffness is in the columns ``k_min.mean``,
+    ``k_min.sd`` and so on. If it is None, the campaign did not test the plane of the quantity.
     """
-    sd = _number_or_none(row[f"{name}.sd"])
+    numbers: dict[str, float | None] = {}
+    for number in ("mean", "sd", "ci_low", "ci_high"):
+        numbers[number] = None
+        if column is not None:
+            numbers[number] = _number_or_none(row[f"{column}.{number}"])
+    sd = numbers["sd"]
     return StiffnessOfVisit(
         campaign=campaign,
         force_N=float(row["reference_force_N"]),
         unit=_unit_of(name),
-        mean=_number_or_none(row[f"{name}.mean"]),
+        mean=numbers["mean"],
         sd=sd,
         U_k2=None if sd is None else 2.0 * sd,
-        interval=(_number_or_none(row[f"{name}.ci_low"]), _number_or_none(row[f"{name}.ci_high"])),
+        interval=(numbers["ci_low"], numbers["ci_high"]),
     )
 
 

@@ -42,9 +42,10 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
 
     def in_language(*passages: Passage) -> tuple[Passage, ...]:
         """Return tables and sentences in the language of the sheet."""
-        return passages_in_language(passages, language, [campaign])
+        return passages_in_language(passages, language, [campaign, _machine_of(plan)])
 
-    names, values = zip(*_settings(plan, plan.tests[0]), strict=True)
+    entries = [*_entries_of_campaign(plan), *_settings(plan, plan.tests[0])]
+    names, values = zip(*entries, strict=True)
     return template_of("operator.html.j2").render(
         language=language,
         in_language=in_language,
@@ -74,14 +75,14 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         The page as HTML. Settings that are the same for all circles stand above the table of the
         circles.
     """
-    names = [plan.name, *(test.name for test in plan.tests)]
+    names = [plan.name, _machine_of(plan), *(test.name for test in plan.tests)]
 
     def in_language(*passages: Passage) -> tuple[Passage, ...]:
         """Return tables and sentences in the language of the sheet."""
         return passages_in_language(passages, language, names)
 
     circles = [dict(_settings(plan, test)) for test in plan.tests]
-    common = {}
+    common = dict(_entries_of_campaign(plan))
     for name, value in circles[0].items():
         if name not in _OF_EVERY_CIRCLE and all(circle[name] == value for circle in circles):
             common[name] = value
@@ -122,6 +123,19 @@ def _advice(plan: Campaign) -> tuple[str, ...]:
         " enter this name as file in campaign.toml."
     )
     return tuple(sentences)
+
+
+def _machine_of(plan: Campaign) -> str:
+    """Return the type and the name or serial number of a plan's machine; empty if not stated."""
+    return ", ".join(entry for entry in (plan.machine_type, plan.machine_id) if entry)
+
+
+def _entries_of_campaign(plan: Campaign) -> list[tuple[str, str]]:
+    """Return entries of the operator's sheet on the whole plan, each a tuple of name and text.
+
+    Entries that the operator fills in have an empty text.
+    """
+    return [("Machine", _machine_of(plan)), ("Operator", ""), ("Date", "")]
 
 
 def _settings(plan: Campaign, test: CircularTest) -> list[tuple[str, str]]:

@@ -14,13 +14,14 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.changed_parameters import changed_parameters
 from ldbb_bayes.analysis.common_effects import (
     JointDifference,
     Shared,
     joint_difference,
     worst_conflict,
 )
-from ldbb_bayes.analysis.differences import _rows_at_force, changed_parameters
+from ldbb_bayes.analysis.differences import _rows_at_force
 from ldbb_bayes.analysis.similar_effects import machine_terms
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import campaign_of as campaign_of_posterior
@@ -554,6 +555,34 @@ def test_one_machine_shows_smaller_changes(radius_mm: float) -> None:
         assert both["C_CYY"] == pytest.approx(instrument["C_CYY"], rel=0.02)
 
 
+def at_height(z_mm: float, seed: int) -> lb.Campaign:
+    planned = plan()
+    tests = tuple(replace(test, plane="YZ", centre_z_mm=z_mm) for test in planned.tests)
+    return MODEL.simulate(replace(planned, tests=tests), seed=seed, hyper_um=HYPER_UM).campaign
+
+
+def test_circles_at_other_heights_are_other_circles() -> None:
+    """What belongs to circles of one centre is then not the same in both campaigns."""
+    low, same, high = (
+        ELASTIC.bind(at_height(z_mm, seed)) for seed, z_mm in enumerate((0.0, 0.0, 20.0))
+    )
+    assert machine_terms([low, same]) >= {"JointLoad", "Position"}
+    assert machine_terms([low, high]) == {"JointLoad"}
+
+
+def test_compliances_that_are_other_sums_are_not_compared(two: tuple[Any, Any]) -> None:
+    """300 mm higher, tilts of the axes add to C_XXX; one millimetre changes nothing."""
+    for z_mm in (1.0, 300.0):
+        planned = plan()
+        tests = tuple(replace(test, centre_z_mm=z_mm) for test in planned.tests)
+        campaign = SIMULATED.simulate(replace(planned, tests=tests), seed=3).campaign
+        higher = lb.sample(MODEL, campaign, seed=1, sampler="independent")
+        if z_mm == 1.0:
+            lb.analysis.compare_posteriors(two[0], higher)
+        else:
+            refuses("mean the same by C_", lb.analysis.compare_posteriors, two[0], higher)
+
+
 def test_chance_among_many_comparisons_is_allowed_for() -> None:
     """Holm by hand: of three p-values 0.004, 0.02 and 0.04, 3 × 0.004 and 2 × 0.02 are below 5 %,
     and so is 0.04 alone; of 0.004, 0.03 and 0.04 only the first is."""
@@ -610,3 +639,8 @@ def test_refused(two: tuple[Any, Any]) -> None:
         for seed in (1, 2)
     ]
     refuses("proper priors", lb.analysis.compare_posteriors, *flat, same_instrument=True)
+    averaged = lb.average({"linear": lb.HybridModel.first(1)}, campaign_of(1))
+    refuses(
+        "one model each", lb.analysis.compare_posteriors, two[1], averaged, same_instrument=True
+    )
+    lb.analysis.compare_posteriors(two[1], averaged)

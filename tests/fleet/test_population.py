@@ -16,10 +16,10 @@ from fleets import dense, doubts, fleet, of_campaigns, with_likelihood
 from scipy.stats import halfnorm, kstest, norm
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.compliance_meaning import same_meaning, stands_for
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet import outlying_machines
-from ldbb_bayes.fleet.compliance_meaning import same_meaning, stands_for
 from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
 from ldbb_bayes.fleet.outlying_machines import JudgedMachines, judge_machines

@@ -14,10 +14,10 @@ from campaigns import refuses
 from fleets import doubts, drawn_rows, one_campaign, row
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.compliance_meaning import stands_for
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
-from ldbb_bayes.fleet.compliance_meaning import stands_for
 from ldbb_bayes.fleet.fleet_statistics import (
     FleetStatistics,
     _map_to_force,

@@ -89,7 +89,7 @@ def test_a_batch_written_without_stiffness_has_a_trend(batch: Batch) -> None:
 
 
 def test_what_is_not_determined_is_said() -> None:
-    rows = pd.DataFrame({"reference_force_N": [300.0]})
+    rows = pd.DataFrame({"reference_force_N": [300.0], "planes": ["XY"]})
     for number in ("mean", "sd", "median", "ci_low", "ci_high"):
         rows[f"k_max.{number}"] = [None]
         rows[f"softest_direction.{number}"] = [None]
@@ -100,20 +100,64 @@ def test_what_is_not_determined_is_said() -> None:
     assert "at least 25 N/µm" in str(stiffness_table(series))
 
 
+def table_of(values: dict[str, list[float | None]], planes: list[str]) -> pd.DataFrame:
+    """A batch's table with one value for all numbers of a quantity; None if it is not known."""
+    rows = pd.DataFrame({"reference_force_N": [300.0, 400.0], "planes": planes})
+    for name, of_campaigns in values.items():
+        for number in ("mean", "sd", "median", "ci_low", "ci_high"):
+            rows[f"{name}.{number}"] = of_campaigns
+    return rows
+
+
 def test_quantities_of_a_plane_that_was_not_tested_are_left_out() -> None:
     """A batch has a column for what any of its campaigns has."""
-    rows = pd.DataFrame({"reference_force_N": [300.0, 400.0]})
-    tested = ("k_min_XY", "C_XXX_minus_C_YYY")
-    for name in (*tested, "softest_direction_XY", "k_min_YZ", "C_YYY_minus_C_ZZZ"):
-        for number in ("mean", "sd", "median", "ci_low", "ci_high"):
-            rows[f"{name}.{number}"] = 2e4 if name in tested else None
+    rows = table_of(
+        {
+            "k_min": [2e4, 3e4],
+            "C_XXX_minus_C_YYY": [1e-6, 1e-6],
+            "softest_direction": [None, None],
+            "k_min_YZ": [None, None],
+            "C_YYY_minus_C_ZZZ": [None, None],
+        },
+        ["XY", "XY"],
+    )
     series = stiffness_series(rows, ["first", "second"])
-    assert set(series) == {"k_min_XY", "C_XXX_minus_C_YYY", "softest_direction_XY"}
+    assert set(series) == {"k_min", "C_XXX_minus_C_YYY", "softest_direction"}
     assert stiffness_table(series).heads == ("quantity", "first, at 300 N", "newest, at 400 N")
 
 
+def test_other_planes_are_other_quantities() -> None:
+    """Campaigns of one plane do not name it in the table; the stiffness in XY is not that in YZ."""
+    rows = table_of(
+        {
+            "k_min": [2e4, 3e4],
+            "C_XXX_minus_C_YYY": [1e-6, None],
+            "C_YYY_minus_C_ZZZ": [None, 2e-6],
+        },
+        ["XY", "YZ"],
+    )
+    series = stiffness_series(rows, ["first", "second"])
+    means = {name: [visit.mean for visit in visits] for name, visits in series.items()}
+    assert means == {
+        "k_min_XY": [2e4, None],
+        "C_XXX_minus_C_YYY_XY": [1e-6, None],
+        "k_min_YZ": [None, 3e4],
+        "C_YYY_minus_C_ZZZ_YZ": [None, 2e-6],
+    }
+    assert series["k_min_XY"][1].text == "not determined"
+
+
+def test_a_plane_is_one_quantity_whether_it_was_tested_alone_or_with_another() -> None:
+    rows = table_of(
+        {"k_min_YZ": [2e4, None], "k_min_ZX": [4e4, None], "k_min": [None, 3e4]}, ["YZ,ZX", "YZ"]
+    )
+    series = stiffness_series(rows, ["first", "second"])
+    means = {name: [visit.mean for visit in visits] for name, visits in series.items()}
+    assert means == {"k_min_YZ": [2e4, 3e4], "k_min_ZX": [4e4, None]}
+
+
 def test_a_lower_limit_of_a_ratio_has_no_unit() -> None:
-    rows = pd.DataFrame({"reference_force_N": [300.0]})
+    rows = pd.DataFrame({"reference_force_N": [300.0], "planes": ["XY"]})
     for number in ("mean", "sd", "median", "ci_low", "ci_high"):
         rows[f"k_ratio.{number}"] = [None]
     rows["k_ratio.ci_low"] = [1.2]

@@ -135,6 +135,16 @@ def test_the_sheet_of_a_plan_lists_every_circle_in_order() -> None:
     assert "Work ball turned" not in dict(common)
 
 
+def test_the_sheet_names_the_machine_and_leaves_room_for_operator_and_date() -> None:
+    plan = replace(planned(), machine_type="Force VMC", serial_number="4711")
+    page = operator_sheet.page_of_plan(plan)
+    assert "<dt>Machine</dt><dd>Force VMC, 4711</dd>" in page
+    assert "<dt>Operator</dt><dd></dd>" in page
+    assert "<dt>Date</dt><dd></dd>" in page
+    # The machine's name is not translated, although the word is.
+    assert "<dt>Maschine</dt><dd>Force VMC, 4711</dd>" in operator_sheet.page_of_plan(plan, "de")
+
+
 def test_the_operator_is_told_how_to_turn_a_ball_where_one_is_turned() -> None:
     assert "about the normal of the circle&#39;s plane" in operator_sheet.page_of_plan(planned())
     unturned = plan().plan()

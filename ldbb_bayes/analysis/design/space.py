@@ -315,6 +315,8 @@ class Space:
             tests=_with_temperature(ordered, self.pilot, self.model),
             foreseen=(),
             name=f"{self.pilot.name}, next campaign",
+            date=None,
+            operator=None,
             order=None,
             pilot=self.pilot,
             adds_to_pilot=self.augment,

@@ -1,0 +1,57 @@
+"""Parameters in which two campaigns differ, one by one and with all comparisons allowed for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.units import is_slope
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["ChangedParameters", "changed_parameters"]
+
+
+class ChangedParameters(NamedTuple):
+    """Parameters in which two campaigns differ; slopes (changes with force) are not compared."""
+
+    #: names of parameters whose difference has a credible interval without zero, each parameter
+    #: considered by itself
+    alone: tuple[str, ...]
+    #: names of those that also differ if all comparisons are considered together
+    together: tuple[str, ...]
+    #: number of parameters compared
+    compared: int
+
+
+def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
+    """Return the parameters in which two campaigns differ.
+
+    If many parameters are compared, some intervals exclude zero by chance. The parameters in
+    ``together`` are therefore chosen by Holm's method: if nothing has changed, the probability that
+    one or more of them are named is at most 1 − ``prob``.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Differences of all parameters, from `compare_posteriors`.
+    prob : float
+        Probability of the equal-tailed intervals, between 0 and 1.
+
+    Returns
+    -------
+    ChangedParameters
+    """
+    names = [str(name) for name in table.index if not is_slope(str(name))]
+    increase = table.loc[names, "probability_of_increase"].to_numpy(dtype=float)
+    p_alone = 2.0 * np.minimum(increase, 1.0 - increase)
+    p_together = holm(p_alone)
+    alone = [name for name, p_value in zip(names, p_alone, strict=True) if p_value < 1.0 - prob]
+    together = []
+    for name, p_value in zip(names, p_together, strict=True):
+        if p_value < 1.0 - prob:
+            together.append(name)
+    return ChangedParameters(tuple(alone), tuple(together), len(names))
