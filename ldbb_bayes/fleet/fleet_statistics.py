@@ -191,8 +191,15 @@ def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> 
     rows of the table of a batch.
     """
     common_names = _common_parameters(rows)
+    compliances = [name for name in common_names if name.startswith("C_")]
+    if parameters is None and not compliances:
+        planes = "; ".join(sorted(set(rows["planes"])))
+        raise InputError(
+            f"campaigns must have a compliance in common, got those of the planes {planes}. Take"
+            " campaigns of one plane, or name parameters that all have (--parameters)."
+        )
     if parameters is None:
-        chosen = [name for name in common_names if name.startswith("C_")]
+        chosen = compliances
     elif isinstance(parameters, str):
         chosen = [inside_name(parameters)]
     else:

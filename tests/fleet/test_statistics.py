@@ -292,6 +292,19 @@ def test_what_statistics_refuse(campaign_moments: SufficientStatistics) -> None:
     refuses("C_XXX", fleet_statistics, table[:1], parameters=["C_XX"])
 
 
+def test_campaigns_without_a_common_compliance_are_named_by_their_planes(
+    campaign_moments: SufficientStatistics,
+) -> None:
+    other = replace(
+        campaign_moments,
+        names=tuple(name.replace("C_X", "C_Z") for name in campaign_moments.names),
+    )
+    names = [name for name in other.names if not name.startswith(("C_Y", "C_C"))]
+    rows = [row(campaign_moments), row(other, planes="YZ", gaussian_names=names)]
+    table = pd.DataFrame(rows)
+    refuses("in common, got those of the planes XY; YZ. Take", fleet_statistics, table)
+
+
 # ---- which campaigns count
 
 SLIP = ["order", "noise"]
