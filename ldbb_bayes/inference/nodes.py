@@ -27,58 +27,21 @@ from ldbb_bayes.inference.importance_sampling import (
     sample_similar,
 )
 from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
+from ldbb_bayes.inference.mode_search import Mode, ModeSearch
 from ldbb_bayes.inference.normal_scores import NormalScores
 from ldbb_bayes.inference.quadrature import integrate
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.mixtures import mixture_quantiles
-from ldbb_bayes.model.newton import central_differences, newton
 from ldbb_bayes.model.orthant import NoisyLogProbability, Orthant
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 
-# Step of central differences, from which derivatives of the log density of the hyper-parameters are
-# computed. The step is in units of normal scores: coordinates in which every prior is standard
-# normal, except the priors of factors that multiply the noise of single circles.
-_DIFFERENCE_STEP = 0.05
-# If a curvature (negative second derivative) of the log density is below this value, it is replaced
-# by this value. The derivatives are with respect to normal scores. These are coordinates of the
-# hyper-parameters in which every prior is standard normal, except the priors of factors that
-# multiply the noise of single circles.
-_LEAST_CURVATURE = 0.3
-# The search for a mode (maximum) ends when a step increases the log density by at most this value
-# [nat].
-_MODE_GAIN = 1e-5
-# Numbers of points for the search for modes (maxima) of the posterior. The density is computed at
-# ``_STARTS`` points. The starting points of the search are chosen from the ``_BEST_STARTS`` points
-# of highest density.
+# Number of points at which the density is computed to choose the starting points of the search for
+# modes (maxima) of the posterior.
 _STARTS = 256
-_BEST_STARTS = _STARTS // 4
-# Largest number of starting points of the search for modes (maxima) of the posterior.
-_BASINS = 3
-# Two modes (maxima) of the posterior, or two starting points of the search for modes, count as
-# separate if their distance exceeds this value. The distance is measured in normal scores. These
-# are coordinates of the hyper-parameters in which every prior is standard normal, except the priors
-# of factors that multiply the noise of single circles.
-_SEPARATION = 1.5
-# Another maximum of the log posterior density of the hyper-parameters is negligible if it is lower
-# than the highest maximum by this value [nat] or more.
-_NEGLIGIBLE_DEPTH = 12.0
-# Maxima of the posterior density of the hyper-parameters are also sought with one hyper-parameter
-# held near zero. The coordinate of this hyper-parameter is held below its value at the mode by this
-# number of posterior standard deviations.
-_BELOW_MODE = 4.0
-# The posterior density may have a further maximum where one hyper-parameter is near zero. It is not
-# searched for if, at the point where the search would start, the log density is lower than at the
-# mode by more than ``_NEGLIGIBLE_START`` [nat]. If it is found, it is neglected if it is lower than
-# the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
-_NEGLIGIBLE_START = 12.0
-_NEGLIGIBLE_CORNER = 8.0
-# Maxima of the posterior density are also sought with one hyper-parameter held near zero. Such a
-# search ends when a step increases the log density by at most this value [nat].
-_CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from coarse nodes [nat].
 # ``_COARSE_STEP`` is the spacing of coarse nodes on a lattice, in standard deviations of the
@@ -195,7 +158,7 @@ class HyperPosterior:
         return NormalScores(self.bound.hyper_prior)
 
     @cached_property
-    def modes(self) -> list[tuple[Array, Array]]:
+    def modes(self) -> list[Mode]:
         """Modes (maxima) of the smooth posterior density, the highest first.
 
         There are at most three modes, or four if the mode of a similar density (``near``) was
@@ -203,42 +166,15 @@ class HyperPosterior:
         probability that no compliance is negative. The smooth density has a smooth upper bound in
         place of this probability. It is a function of the normal scores of the h hyper-parameters
         (module `normal_scores`). In these coordinates every prior is standard normal, except the
-        priors of factors that multiply the noise of single circles. Modes that are lower than the
-        highest by 12 nat or more are left out.
-
-        Each mode is described by two arrays. The first, shape (h,), holds the coordinates of the
-        mode. The second, shape (h, h), is a square root of the inverse of minus the Hessian of the
-        log density at the mode. Eigenvalues of minus the Hessian that are below 0.3 are first
-        replaced by 0.3.
+        priors of factors that multiply the noise of single circles.
         """
-        summits: list[Array] = []
+        return self._search.modes(self._starts())
 
-        def is_known(point: Array) -> bool:
-            # Whether a point of the search for maxima of the posterior density is near a maximum
-            # that has been reached from an earlier starting point.
-            return not _is_separate(point, summits)
-
-        for start in self._starts():
-            summit = newton(
-                self._smooth_log_density,
-                self._derivatives,
-                start,
-                least_curvature=_LEAST_CURVATURE,
-                gain=_MODE_GAIN,
-                stop=is_known,
-            )
-            summits.append(summit)
-        height = self._smooth_log_density(np.array(summits))
-        modes: list[Array] = []
-        for k in np.argsort(-height):
-            is_high = height[k] > height.max() - _NEGLIGIBLE_DEPTH
-            if is_high and _is_separate(summits[k], modes):
-                modes.append(summits[k])
-        described = []
-        for mode in modes:
-            _, hessian = self._derivatives(mode, exact=True)
-            described.append((mode, _inverse_root(hessian)))
-        return described
+    @cached_property
+    def _search(self) -> ModeSearch:
+        """Search for maxima of the smooth posterior density of normal scores."""
+        is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
+        return ModeSearch(self._smooth_log_density, is_noise_factor)
 
     @property
     def mode(self) -> Array:
@@ -658,82 +594,31 @@ class HyperPosterior:
     def _starts(self) -> list[Array]:
         """Return the starting points of the search for modes (maxima) of the posterior density.
 
-        If the mode of a similar density was given, it is the first point. At most three further
-        points are chosen from many points for their high density and for a sufficient distance from
-        each other. The further points are always needed, because a search from the mode of a
-        similar density may end at a lower maximum. Each point, shape (h,), holds the normal scores
-        of the h hyper-parameters. In these coordinates every prior is standard normal, except the
-        priors of factors that multiply the noise of single circles.
+        If the mode of a similar density was given, it is the first point. Further points are chosen
+        from many points (`ModeSearch.starts`). They are always needed, because a search from the
+        mode of a similar density may end at a lower maximum. Each point, shape (h,), holds the
+        normal scores of the h hyper-parameters.
         """
         similar: list[Array] = []
         if self._near is not None:
             similar.append(self._scores.scores(self._near))
         prior = self.bound.hyper_prior
         points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
-        starts = self._scores.scores(prior.starts(points))
-        starts = starts[np.argsort(-self._smooth_log_density(starts))]
-        basins: list[Array] = []
-        for start in starts[:_BEST_STARTS]:
-            if len(basins) < _BASINS and _is_separate(start, basins):
-                basins.append(start)
-        return similar + basins
+        return similar + self._search.starts(self._scores.scores(prior.starts(points)))
 
     @cached_property
-    def _corners(self) -> list[tuple[Array, Array]]:
+    def _corners(self) -> list[Mode]:
         """Maxima of the smooth posterior density with one hyper-parameter held near zero.
 
         There is at most one maximum for each hyper-parameter that is a length and may be zero;
-        negligible maxima are left out. If the field ``truncated`` is true, one factor of the
-        posterior density is the probability that no compliance is negative; the smooth density has
-        a smooth upper bound in its place. The posterior density may extend far towards zero in one
+        negligible maxima are left out. The posterior density may extend far towards zero in one
         hyper-parameter. Near zero, the most probable values of the other hyper-parameters may
         differ from those at the mode. The proposal (the density from which points are drawn) covers
-        this region if it is also fitted at these maxima. Each maximum is described by two arrays.
-        The first, shape (h,), holds its normal scores: coordinates in which every prior is standard
-        normal, except the priors of factors that multiply the noise of single circles. The second,
-        shape (h, h), is a square root of the inverse of minus the Hessian of the log density there.
-        Eigenvalues of minus the Hessian that are below 0.3 are first replaced by 0.3.
+        this region if it is also fitted at these maxima.
         """
-        mode, root = self.modes[0]
         prior = self.bound.hyper_prior
         axes = np.flatnonzero(prior.in_mm & (prior.lower == 0.0))
-        sd = np.sqrt((root**2).sum(axis=1))
-        starts = mode - _BELOW_MODE * np.diag(sd)[axes]
-        heights = self._smooth_log_density(np.concatenate([mode[None], starts]))
-        corners: list[tuple[Array, Array]] = []
-        for axis, start, height in zip(axes, starts, heights[1:], strict=True):
-            if height < heights[0] - _NEGLIGIBLE_START:
-                continue
-            corner = newton(
-                self._smooth_log_density,
-                self._derivatives_at_fixed(int(axis)),
-                start,
-                least_curvature=_LEAST_CURVATURE,
-                gain=_CORNER_GAIN,
-            )
-            if self._smooth_log_density(corner[None])[0] > heights[0] - _NEGLIGIBLE_CORNER:
-                corners.append((corner, _inverse_root(self._derivatives(corner, exact=True)[1])))
-        return corners
-
-    def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function that computes derivatives with respect to all but one coordinate.
-
-        The function returns gradient and Hessian of the smooth log density (`_derivatives`) of the
-        h hyper-parameters, shapes (h,) and (h, h). All derivatives with respect to the coordinate
-        with the index ``axis`` are set to zero, so that a search for a maximum does not change this
-        coordinate.
-        """
-        may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
-
-        def derivatives(point: Array) -> tuple[Array, Array]:
-            # Return the gradient and the Hessian of the hyper-parameters' log posterior density at
-            # a point. All derivatives with respect to the coordinate ``axis``, which is held
-            # constant, are set to zero.
-            gradient, hessian = self._derivatives(point)
-            both_may_change = np.outer(may_change, may_change)
-            return np.where(may_change, gradient, 0.0), np.where(both_may_change, hessian, 0.0)
-
-        return derivatives
+        return self._search.corners(self.modes[0], axes)
 
     def _smooth_log_density(self, scores: Array) -> Array:
         """Return the log of the smooth posterior density of normal scores at w points, shape (w,).
@@ -746,30 +631,6 @@ class HyperPosterior:
         """
         phi = self.bound.hyper_prior.phi(self._scores.free(scores))
         return self._add_likelihood(self._scores.log_prior(scores), phi, smooth=True)
-
-    def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
-        """Return the gradient and the Hessian of the smooth log density at a point.
-
-        The results have the shapes (h,) and (h, h).
-
-        ``point``, shape (h,), holds the normal scores of the h hyper-parameters, and the density is
-        the posterior density of these scores. In normal scores, every prior is standard normal,
-        except the priors of noise factors. A noise factor is a hyper-parameter that multiplies the
-        noise of one circle. If the field ``truncated`` is true, one factor of the posterior density
-        is the probability that no compliance is negative. The smooth density has a smooth upper
-        bound in place of this probability.
-
-        Two noise factors hardly depend on each other. If ``exact`` is False, mixed second
-        derivatives with respect to two noise factors are therefore set to zero. The work then grows
-        only in proportion to the number of circles.
-        """
-        is_noise_factor = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
-        coupled = np.ones((len(point), len(point)), dtype=bool)
-        if not exact:
-            coupled = ~np.outer(is_noise_factor, is_noise_factor)
-        return central_differences(
-            self._smooth_log_density, point, _DIFFERENCE_STEP, coupled=coupled
-        )
 
 
 def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogProbability:
@@ -788,26 +649,6 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
         max(_NOISE_PER_TOLERANCE * tolerance, _FINEST_TOLERANCE),
         seed=seed,
     )
-
-
-def _is_separate(point: Array, points: list[Array]) -> bool:
-    """Return whether a point is separate from all ``points``: farther than 1.5 from each of them.
-
-    A point, shape (h,), holds the h hyper-parameters (such as the standard deviation of the noise)
-    in normal scores: coordinates in which every prior is standard normal, except the priors of
-    factors that multiply the noise of single circles.
-    """
-    return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
-
-
-def _inverse_root(hessian: Array) -> Array:
-    """Return a square root of the matrix (−H)⁻¹, shape (h, h), for the Hessian H of a log density.
-
-    ``hessian``, shape (h, h), is the Hessian with respect to h coordinates. Eigenvalues of −H that
-    are below 0.3 are first replaced by 0.3.
-    """
-    curvature, vectors = np.linalg.eigh(-hessian)
-    return np.asarray(vectors / np.sqrt(np.maximum(curvature, _LEAST_CURVATURE)))
 
 
 @dataclass(frozen=True)
