@@ -51,12 +51,13 @@ from ldbb_bayes.model.linearisation import (
 )
 from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.prior import EXAMPLES, Prior, degree_of, parameter_to_inside
-from ldbb_bayes.model.reduction import Reduced, reduce_readings
+from ldbb_bayes.model.reduced_readings import reduced_readings
+from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.reference_posterior import ReferencePosterior, fixed_point
 from ldbb_bayes.model.rivals import RIVALS
 from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
+from ldbb_bayes.model.simulation import Simulation, true_hyper_parameters, true_parameters
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, Scale, Term
-from ldbb_bayes.model.terms.columns import Law
 from ldbb_bayes.model.terms.editions import first_edition
 from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
@@ -67,7 +68,6 @@ __all__ = [
     "BoundModel",
     "HybridModel",
     "Preset",
-    "Simulation",
     "require_model",
 ]
 
@@ -93,11 +93,6 @@ _TRUNCATION_TOLERANCE = 1e-4
 # one without a negative compliance. With the default prior and three tested planes, about one in 60
 # machines has no negative compliance.
 _MOST_MACHINES = 20_000
-
-
-# Readings that are simulated from true parameters must stay below this size [mm]; larger ones come
-# from parameters in another unit.
-_LARGEST_READING_MM = 100.0
 
 
 def _default_terms() -> tuple[Term, ...]:
@@ -538,9 +533,8 @@ class HybridModel(Result):
         if parameters is None:
             beta = bound.draw_machine(rng)
         else:
-            beta = _values_by_name(parameters, bound.names)
-            _check_true_parameters(bound, beta)
-        phi = _draw_hyper_parameters(bound, hyper_um or {}, rng)
+            beta = true_parameters(parameters, bound.names, bound.interest)
+        phi = true_hyper_parameters(hyper_um or {}, bound.hyper_prior, rng)
         truth = bound.linearised_at(beta)
         coefficients = bound.interest @ beta + bound.known_offset
         for term in self.nuisances:
@@ -575,107 +569,6 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
         return len(_HYPER_ORDER) + int(scale.law == "circle")
 
     return tuple(sorted(dict.fromkeys(scales), key=place))
-
-
-def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Array:
-    """Return the values of p parameters of interest in the order of ``names``, shape (p,).
-
-    A parameter that ``parameters`` does not name is zero. Raise an `InputError` for an unknown
-    name.
-    """
-    values = {inside_name(name): value for name, value in parameters.items()}
-    check_known("parameter", values, names)
-    return np.array([values.get(name, 0.0) for name in names], dtype=float)
-
-
-def _check_true_parameters(bound: BoundModel, beta: Array) -> None:
-    """Raise an `InputError` if true values of the parameters are impossible.
-
-    ``beta``, shape (p,), are the values that a user gives for a simulation, in mm, N and rad. They
-    must be finite, and must not let a reading exceed 100 mm.
-    """
-    for name, value in zip(bound.names, beta.tolist(), strict=True):
-        require(
-            np.isfinite(value),
-            f"true {name} must be a number, got {value}. Correct it.",
-        )
-    largest_mm = float(np.abs(bound.interest @ beta).max())
-    require(
-        largest_mm < _LARGEST_READING_MM,
-        f"true parameters must be in mm, N and rad, got ones that change readings by"
-        f" {largest_mm:.3g} mm. For 60 nm/N write 60e-6.",
-    )
-
-
-def _draw_hyper_parameters(
-    bound: BoundModel, hyper_um: Mapping[str, float], rng: np.random.Generator
-) -> dict[str, float]:
-    """Return the values of all hyper-parameters of a model in a dict, with lengths in mm.
-
-    The keys are the names of the hyper-parameters of the model ``bound``. ``hyper_um`` holds values
-    that the user gave, with lengths in µm. All other hyper-parameters are drawn at random from
-    their priors. Raise an `InputError` for an unknown name or a value out of range.
-    """
-    prior = bound.hyper_prior
-    check_known("hyper-parameter", hyper_um, prior.names)
-    for name, law, bounds in zip(prior.names, prior.laws, prior.bounds.tolist(), strict=True):
-        if name in hyper_um:
-            _check_hyper_parameter(name, hyper_um[name], law, bounds)
-    draw = prior.draw(1, rng)[0]
-    units = (1.0 / prior.shown).tolist()
-    phi = {}
-    for name, value, unit in zip(prior.names, draw, units, strict=True):
-        phi[name] = hyper_um.get(name, float(value / unit)) * unit
-    return phi
-
-
-def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:
-    """Raise an `InputError` if a true hyper-parameter is out of range.
-
-    ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
-    a simulation. Lengths are in µm; the decay and the factor that multiplies the noise of a circle
-    have no unit. ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest
-    and the largest permitted value; they are used only for the decay p. The decay is an exponent:
-    the prior sds of form errors with n waves around the circle are proportional to n^(−p).
-    """
-    if law == "decay":
-        low, high = bounds
-        require(
-            low <= value <= high,
-            f"hyper-parameter {name} must be a number from {low:g} to {high:g}, got {value}."
-            " Correct it.",
-        )
-    elif law == "circle":
-        require(
-            0.0 < value < np.inf,
-            f"hyper-parameter {name} must be a number > 0, got {value}. Correct it.",
-        )
-    else:
-        require(
-            0.0 <= value < np.inf,
-            f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.",
-        )
-
-
-@dataclass(frozen=True)
-class Simulation(Result):
-    """Simulated campaign, and the true values of all parameters from which it was simulated."""
-
-    campaign: Campaign
-    #: true compliances, their changes with force, and geometric errors of the simulated machine by
-    #: name, in internal units (mm, N, rad)
-    parameters: dict[str, float]
-    #: true hyper-parameters (such as the standard deviation of the noise) of the simulation by
-    #: name; lengths in µm
-    hyper_um: dict[str, float]
-    #: units, made of mm, N and rad, of all compliances, slopes (changes of compliances with force)
-    #: and geometric errors; the keys are the names of these parameters
-    units: dict[str, str]
-
-
-# Cache of the reduced readings of every campaign (at most 25 numbers for each test). It saves time
-# because a comparison applies hundreds of models to the same reduced readings.
-_REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
 class _KnownEstimate(NamedTuple):
@@ -761,7 +654,7 @@ class BoundModel(Shown):
         self._of_interest = ParametersOfInterest(
             model.degree, visible, geometric_errors_of(campaign)
         )
-        reduced = _reduced_readings(campaign)
+        reduced = reduced_readings(campaign)
         campaign_setting = self._setting_of_campaign(reduced)
         self.hyper_prior = model.prior.hyper(
             model.scales_in(campaign_setting), campaign.resolution_um
@@ -1313,33 +1206,3 @@ def _check_force_levels(model: HybridModel, campaign: Campaign) -> None:
         f" {degree}, got {levels}: compliance and geometry cannot be separated. Use the default"
         " preset, a lower degree, or add tests at another force.",
     )
-
-
-def _reduced_readings(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the readings of every test, reduced to at most 25 numbers.
-
-    The reduced readings of every campaign are kept in a cache.
-    """
-    if campaign not in _REDUCED_READINGS:
-        reduce = _reduce_plan if campaign.is_plan else _reduce_campaign
-        _REDUCED_READINGS[campaign] = reduce(campaign)
-    return _REDUCED_READINGS[campaign]
-
-
-def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the readings of every test of a campaign, reduced to at most 25 numbers."""
-    return tuple(reduce_readings(test.angles_rad(), test.readings_mm()) for test in campaign.tests)
-
-
-def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return a `Reduced` object without readings for every test of the plan ``campaign``.
-
-    The object describes how readings at the test's angles are reduced to at most 25 numbers. Tests
-    with equal angles share one `Reduced` object.
-    """
-    reduced_by_angles: dict[bytes, Reduced] = {}
-    for test in campaign.tests:
-        angles = test.angle_deg.tobytes()
-        if angles not in reduced_by_angles:
-            reduced_by_angles[angles] = reduce_readings(test.angles_rad(), None)
-    return tuple(reduced_by_angles[test.angle_deg.tobytes()] for test in campaign.tests)

@@ -24,7 +24,8 @@ from ldbb_bayes.analysis.workflow import Workflow
 from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.least_squares import LeastSquares
-from ldbb_bayes.model.hybrid import HybridModel, Simulation
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.simulation import Simulation
 from ldbb_bayes.report import (
     campaign_text,
     goal_design_text,
