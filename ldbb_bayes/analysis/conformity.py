@@ -20,7 +20,7 @@ import xarray as xr
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import path_draws
-from ldbb_bayes.analysis.directional_stiffness import stiffness_draws
+from ldbb_bayes.analysis.directional_stiffness import stiffness_draws, stiffness_from
 from ldbb_bayes.analysis.tolerances import (
     PATH_QUANTITIES,
     STIFFNESS_QUANTITIES,
@@ -250,7 +250,8 @@ def _stated_draws(
     draws = {}
     for name in names:
         if name in compliances:
-            draws[name] = _StatedDraws(1.0 / values[compliances[name]], force, is_stiffness=True)
+            stiffness = stiffness_from(values[compliances[name]])
+            draws[name] = _StatedDraws(stiffness, force, is_stiffness=True)
         elif name in of_planes:
             is_stiffness = name.startswith(("k_min", "k_max"))
             draws[name] = _StatedDraws(of_planes[name], force, is_stiffness=is_stiffness)

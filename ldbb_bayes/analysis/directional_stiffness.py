@@ -48,6 +48,7 @@ __all__ = [
     "StatedValue",
     "stiffness",
     "stiffness_draws",
+    "stiffness_from",
     "stiffness_of_fit",
 ]
 
@@ -459,8 +460,8 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
     for k, plane in enumerate(bound.setting.planes):
         extremes = extremes_of(draws.per_force[:, k, 0] @ basis(ANGLE_RAD).T)
         by_plane[plane] = {
-            "k_min": _stiffness_from(extremes.largest),
-            "k_max": _stiffness_from(extremes.smallest),
+            "k_min": stiffness_from(extremes.largest),
+            "k_max": stiffness_from(extremes.smallest),
             "k_ratio": _stiffness_ratio(extremes),
         }
     return by_plane
@@ -641,11 +642,11 @@ def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
     determined; the result states this. ``prob`` is the probability of the interval.
     """
     return _stated_value(
-        "N/mm", _stiffness_from(compliance), prob, _hardly_positive(compliance, prob)
+        "N/mm", stiffness_from(compliance), prob, _hardly_positive(compliance, prob)
     )
 
 
-def _stiffness_from(compliance: Array) -> Array:
+def stiffness_from(compliance: Array) -> Array:
     """Return draws of a stiffness from draws of a compliance, shape (draws,).
 
     Draws of the compliance near or below zero are first replaced by a small positive value.

@@ -29,6 +29,7 @@ from ldbb_bayes.results import Array
 __all__ = [
     "TRAVEL_NAMES",
     "TRAVEL_SIGNS",
+    "CirclePath",
     "GroupOfTests",
     "Setting",
     "geometric_errors_of",
@@ -71,6 +72,14 @@ class GroupOfTests(NamedTuple):
     #: For each test of the campaign, whether it belongs to a group of tests with the same plane,
     #: radius or set-up, shape (tests,).
     tests: NDArray[np.bool_]
+
+
+class CirclePath(NamedTuple):
+    """Path of a circle: circles with the same path differ only in force, clocking and set-up."""
+
+    plane: str  #: plane of the circle, such as XY
+    radius_mm: float  #: nominal radius of the circle [mm]
+    travel: float  #: direction of travel: +1 for clockwise, −1 for counterclockwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +143,9 @@ class Setting:
     setups: tuple[int, ...]  #: numbers of the campaign's set-ups, such as 1 and 2
     planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
+    paths: tuple[CirclePath, ...]  #: the different paths of the campaign's circles
+    #: indices of the axes that move in the campaign's tests: X is 0, Y is 1, Z is 2
+    moving_axes: tuple[int, ...]
     largest_force_N: float  #: largest bar force of the whole campaign [N]
     #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
     #: shape (tests,); empty string if circles have no noise factors
@@ -179,8 +191,8 @@ class Setting:
 
     @property
     def travels(self) -> tuple[float, ...]:
-        """Directions of travel that occur in the tests: 1 is clockwise, −1 is counterclockwise."""
-        return tuple(sorted({*self.travel.tolist()}, reverse=True))
+        """Directions of travel in the whole campaign: 1 is clockwise, −1 is counterclockwise."""
+        return tuple(sorted({path.travel for path in self.paths}, reverse=True))
 
     @property
     def bow(self) -> Array:
@@ -193,17 +205,17 @@ class Setting:
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Return the machine axes that move in the tests, and the magnitudes of their compliances.
+        """Return the axes that move in the campaign, and the magnitudes of their compliances.
 
         The result is a list of pairs: the index of an axis (X is 0, Y is 1, Z is 2), and the
         magnitude of the axis' direct compliance, which is the displacement along the axis per force
         along the axis [mm/N]. Axes without a direct compliance are left out.
         """
-        moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
-        for axis, size in enumerate(self.axial_size_estimate):
-            if moves[axis] and size != 0.0:
-                axes.append((axis, float(size)))
+        for axis in self.moving_axes:
+            size = float(self.axial_size_estimate[axis])
+            if size != 0.0:
+                axes.append((axis, size))
         return axes
 
     def along(
@@ -413,15 +425,20 @@ def setting_of(
     if reference_force_N is None:
         reference_force_N = (forces.min() + forces.max()) / 2.0
     setup = np.array([test.setup or 1 for test in tests])
+    radius_mm = np.array([test.radius_mm for test in tests], dtype=float)
+    travel = np.array([TRAVEL_SIGNS[test.direction or "CW"] for test in tests])
+    plane_of_tests = [str(test.plane) for test in tests]
+    paths = map(CirclePath, plane_of_tests, radius_mm.tolist(), travel.tolist())
+    moves = np.abs(columns.direction).max(axis=(0, 1)) > 0.0
     return Setting(
         force_N=campaign.forces_N,
         pressure_bar=campaign.pressures_bar,
-        radius_mm=np.array([test.radius_mm for test in tests], dtype=float),
+        radius_mm=radius_mm,
         work_ball_rad=clockings[:, 0],
         tool_ball_rad=clockings[:, 1],
-        plane=np.array([str(test.plane) for test in tests]),
+        plane=np.array(plane_of_tests),
         setup=setup,
-        travel=np.array([TRAVEL_SIGNS[test.direction or "CW"] for test in tests]),
+        travel=travel,
         time_h=_time_h(campaign, pilot),
         temperature_K=_relative_to_mean("temperature_C", campaign, pilot),
         direction=columns.direction,
@@ -436,6 +453,8 @@ def setting_of(
         setups=tuple(sorted({*setup.tolist()})),
         planes=tuple(machine.planes),
         both_ways=planes_run_both_ways(campaign),
+        paths=tuple(sorted(set(paths))),
+        moving_axes=tuple(np.flatnonzero(moves).tolist()),
         largest_force_N=float(forces.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),

@@ -205,6 +205,20 @@ def test_a_limit_of_a_stiffness_and_of_its_compliance_are_one_statement(
         assert decisions["stiffness_Y"].decision == decisions["C_YYY"].decision
 
 
+def test_a_stiffness_below_the_tested_forces_conforms_where_its_compliance_does() -> None:
+    """With what the joints' load adds, C(F) may be negative there: stiffer than any limit, not
+    softer."""
+    model = lb.HybridModel.default(1)
+    campaign = simulated(plan((36,) * 4, forces_N=(200.0, 300.0, 500.0, 742.0)), seed=1)
+    posterior = lb.sample(model, campaign, sampler="independent", seed=1)
+    limits = {"C_XXX": "60 nm/N", "stiffness_X": lb.analysis.Tolerance(lower=1.0 / 60e-6)}
+    decisions = lb.assess_conformity(posterior, limits, force_N=20.0)
+    compliance = decisions["C_XXX"]
+    assert compliance.mean - 2.0 * compliance.sd < 0.0
+    assert decisions["stiffness_X"].probability == pytest.approx(compliance.probability, abs=1e-9)
+    assert decisions["stiffness_X"].sd < 3.0 * decisions["stiffness_X"].mean
+
+
 def test_texts_are_limits_with_their_units() -> None:
     limits = TABLES["tolerances"]["limits"]
     tolerances = tolerances_in(

@@ -21,6 +21,7 @@ from ldbb_bayes.analysis.design.cheapest_search import (
     shares_of_machines,
 )
 from ldbb_bayes.analysis.design.forecast import StatedByMachines
+from ldbb_bayes.analysis.design.goal_design import _near_misses
 from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters, states_before
@@ -377,6 +378,19 @@ def test_the_probability_is_that_of_one_more_machine(met, probability, reached):
     campaign = FoundCampaign(None, (), None, None, stated)
     goals = {"C_XXX": Goal("C_XXX", "mm/N", absolute=4e-6)}
     assert _Search(goals, Costs(), probability)._is_met(campaign) == reached
+
+
+def test_a_goal_that_most_machines_reach_is_no_near_miss(monkeypatch):
+    """58 of 64 machines are too few for 90 % of one more: that goal is missed, the other is not."""
+    stub = "ldbb_bayes.analysis.design.goal_design.near_miss_of"
+    monkeypatch.setattr(stub, lambda family, name, **numbers: numbers["probability"])
+    u = np.full((64, 2), 1e-6)
+    u[58:, 1] = 3e-6
+    stated = StatedByMachines(("C_XXX", "C_YYY"), np.full((64, 2), 5e-5), u)
+    nearest = FoundCampaign(None, (), None, None, stated)
+    goals = {name: Goal(name, "mm/N", absolute=4e-6) for name in ("C_XXX", "C_YYY")}
+    assert _near_misses(nearest, goals, 0.9) == {"C_YYY": 58 / 64}
+    assert _near_misses(nearest, goals, 0.8) == {"C_YYY": 58 / 64}
 
 
 def test_costs_must_be_costs():

@@ -116,6 +116,38 @@ def test_circles_without_times_follow_the_measured_ones() -> None:
     assert widths[2] > 1.1 * widths[3]
 
 
+BALLS = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("direction", ["CW", "CCW"])
+def test_a_circle_is_predicted_alike_whatever_stands_beside_it_in_the_plan(direction: str) -> None:
+    """The machine's pattern of its direction is known from the circles run so far."""
+    planned = plan((36,) * 6, forces_N=(100.0, 200.0, 300.0, 450.0, 600.0, 742.0))
+    tests = []
+    for k, test in enumerate(planned.tests):
+        tests.append(replace(test, direction=("CW", "CCW")[k % 2], name=f"t{k}"))
+    model = lb.HybridModel.default(1)
+    campaign = model.simulate(
+        replace(planned, tests=tuple(tests), instrument=BALLS),
+        seed=2,
+        hyper_um={"sigma": 0.3, "delta": 0.3, "kappa": 0.3, "omega": 3.0},
+    ).campaign
+    posterior = lb.sample(model, campaign, sampler="independent", seed=1)
+    wanted = replace(tests[2], direction=direction, name="wanted")
+    other = replace(wanted, direction="CCW" if direction == "CW" else "CW", name="other")
+    alone = lb.predict(posterior, replace(planned, tests=(wanted,)))
+    beside = lb.predict(posterior, replace(planned, tests=(wanted, other))).query(
+        "test == 'wanted'"
+    )
+    width = (alone["ci_high_um"] - alone["ci_low_um"]).to_numpy()
+    width_beside = (beside["ci_high_um"] - beside["ci_low_um"]).to_numpy()
+    np.testing.assert_allclose(width, width_beside, rtol=0.15)
+    np.testing.assert_allclose(
+        alone["mean_um"].to_numpy(), beside["mean_um"].to_numpy(), atol=0.1 * width.max()
+    )
+
+
 def test_intervals_hold_the_readings_of_the_fit(posterior: xr.DataTree) -> None:
     table = lb.predict(posterior, CAMPAIGN)
     reading = np.concatenate([test.reading_um for test in CAMPAIGN.tests])

@@ -33,6 +33,7 @@ from ldbb_bayes.results import Array
 __all__ = [
     "CheapestCampaigns",
     "FoundCampaign",
+    "are_enough",
     "find_cheapest",
     "judge_plan",
     "shares_of_machines",
@@ -192,6 +193,27 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
     shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
     shares[""] = float(is_met.all(axis=1).mean())
     return shares
+
+
+def are_enough(share: float, machines: int, probability: float) -> bool:
+    """Return whether so many possible machines reach a goal that one more will probably reach it.
+
+    One more machine is like the n possible machines, which are random draws of the parameters and
+    hyper-parameters. All n + 1 machines are equally likely to be the one with the largest
+    uncertainties. If k of the n machines reach the goal, the probability that one more does is
+    therefore k / (n + 1) or more.
+
+    Parameters
+    ----------
+    share
+        Share of the possible machines that reach the goal, k / n.
+    machines
+        Number n of possible machines.
+    probability
+        Required probability that one more machine reaches the goal.
+    """
+    needed = min(np.ceil(probability * (machines + 1)), machines)
+    return bool(round(share * machines) >= needed)
 
 
 @dataclass
@@ -457,16 +479,9 @@ class _Search:
         return shares_of_machines(campaign.stated, self._goals)[""]
 
     def _is_met(self, campaign: FoundCampaign) -> bool:
-        """Return whether a campaign reaches all uncertainty goals with the required probability.
-
-        The probability is that of one more machine, like the n possible machines (random draws of
-        the parameters and hyper-parameters). All n + 1 machines are equally likely to be the one
-        with the largest uncertainties. If k of the n machines reach the goals, the probability is
-        therefore k / (n + 1) or more.
-        """
+        """Return whether a campaign reaches all uncertainty goals with the required probability."""
         machines = len(campaign.stated.u)
-        needed = min(np.ceil(self._probability * (machines + 1)), machines)
-        return round(self._share_met(campaign) * machines) >= needed
+        return are_enough(self._share_met(campaign), machines, self._probability)
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
         """Return a campaign of a family that meets the uncertainty goals, or None if this fails.

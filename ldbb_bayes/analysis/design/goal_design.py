@@ -28,6 +28,7 @@ from ldbb_bayes.analysis.design.certificate_offers import (
 )
 from ldbb_bayes.analysis.design.cheapest_search import (
     FoundCampaign,
+    are_enough,
     find_cheapest,
     judge_plan,
     shares_of_machines,
@@ -547,14 +548,15 @@ def _near_misses(
     ``nearest``, the expanded uncertainty that is not exceeded on 90 % of the possible machines, and
     the share of these machines on which the goal is met.
 
-    A goal is included if the share of the possible machines on which it is met is below
-    ``probability``. If ``nearest`` meets each goal on enough machines, but not all goals together,
-    all goals are included.
+    A goal is included if it is met on too few of the possible machines to be met with the
+    ``probability`` (`are_enough`). If ``nearest`` meets each goal on enough machines, but not all
+    goals together, the goal that it meets on the fewest machines is included.
     """
     shares = shares_of_machines(nearest.stated, goals)
-    missed = [name for name in goals if shares[name] < probability]
+    machines = len(nearest.stated.u)
+    missed = [name for name in goals if not are_enough(shares[name], machines, probability)]
     near_misses = {}
-    for name in missed or goals:
+    for name in missed or [min(goals, key=lambda goal: shares[goal])]:
         near_misses[name] = near_miss_of(
             nearest.family,
             name,

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.model.fourier import MAX_ORDER
-from ldbb_bayes.model.setting import TRAVEL_NAMES, Setting
+from ldbb_bayes.model.setting import TRAVEL_NAMES, CirclePath, GroupOfTests, Setting
 from ldbb_bayes.model.terms.base import (
     MACHINE_CORRELATION,
     Term,
@@ -447,8 +446,7 @@ class MachinePattern(Term):
         columns = []
         for plane in setting.groups_by("plane"):
             for radius in setting.groups_by("radius"):
-                suffix = radius.suffix + plane.suffix
-                columns += _pattern_columns(setting, suffix, plane.tests & radius.tests)
+                columns += _pattern_columns(setting, plane, radius)
         return tuple(columns)
 
 
@@ -463,7 +461,7 @@ def _states_form(instrument: Instrument) -> bool:
     return False
 
 
-def _pattern_columns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
+def _pattern_columns(setting: Setting, plane: GroupOfTests, radius: GroupOfTests) -> list[Columns]:
     """Return the columns of the machine's pattern in one plane at one radius.
 
     The pattern is an error of the machine that depends on the angle on the circle: a sum of cosines
@@ -476,19 +474,20 @@ def _pattern_columns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) ->
     ----------
     setting
         Conditions of the campaign's tests.
-    suffix
-        End of the names of the coefficients, which states radius and plane.
-    tests
-        Whether each test has this plane and radius, shape (tests,).
+    plane
+        The tests in this plane.
+    radius
+        The tests at this radius.
     """
     orders = np.repeat(np.array(_PATTERN_ORDERS, dtype=float), 2)
     columns = []
-    for travel in sorted({*setting.travels}):
-        acting = tests & (setting.travel == travel)
-        if not acting.any():
+    for travel in sorted(setting.travels):
+        if CirclePath(plane.value, radius.value, travel) not in setting.paths:
             continue
         direction = f"_{TRAVEL_NAMES[travel]}" if len(setting.travels) > 1 else ""
-        names = _harmonic_names(f"pattern{direction}{suffix}", _PATTERN_ORDERS)
+        stem = f"pattern{direction}{radius.suffix}{plane.suffix}"
+        names = _harmonic_names(stem, _PATTERN_ORDERS)
+        acting = plane.tests & radius.tests & (setting.travel == travel)
         values = setting.harmonics(_PATTERN_ORDERS) * acting[:, None, None]
         columns.append(
             Columns(names, values, np.ones(len(names)), "omega", decay="decay", orders=orders)

@@ -401,9 +401,9 @@ class Drift(Term):
             )
         if not np.isfinite(change).all():
             return ()
-        axes = [axis for axis in range(3) if np.any(setting.direction[:, :, axis])]
+        axes = setting.moving_axes
         length = setting.constant(change)
-        centre = setting.direction[:, :, axes] * change[:, None, None]
+        centre = setting.direction[:, :, list(axes)] * change[:, None, None]
         names = [f"drift_{self.over}_length"]
         names += [f"drift_{self.over}_{LINEAR[axis]}" for axis in axes]
         sd_um = np.array([self.length_um] + [self.centre_um] * len(axes))
