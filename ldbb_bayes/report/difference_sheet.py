@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
+import pandas as pd
+
+from ldbb_bayes.analysis.changed_parameters import changed_parameters
 from ldbb_bayes.analysis.common_effects import Shared
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.posterior import campaign_of
+from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.annex_translation import annex_translation, section_in_language
+from ldbb_bayes.report.annex_translation import annex_translation
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, ReportSheet
 from ldbb_bayes.report.findings import Findings, FurtherCampaign
-from ldbb_bayes.report.sections import Section, beside
 from ldbb_bayes.report.sheet_fields import shorten
+from ldbb_bayes.report.sheet_numbers import SheetNumbers
 from ldbb_bayes.report.sheets import sheet_line, signatures
+from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words
 from ldbb_bayes.results import Table
+from ldbb_bayes.units import (
+    display_unit,
+    is_direct,
+    is_slope,
+    plus_minus,
+    round_like,
+    round_uncertainty,
+    state,
+)
 
 __all__ = ["difference_sheets"]
 
@@ -59,37 +73,42 @@ def _blocks(
 
     The content is: doubts about the comparison, the two campaigns, the parameters that have
     changed, a table of all differences, what is taken to be common, and the fields for signatures.
+    If there are doubts, no changes are named.
     """
     first = campaign_of(findings.posterior)
-    names = frozenset([str(first.name), other.name])
-    section = Section("", "", tuple(beside(findings.result, [other], shared, prob=findings.prob)))
+    name = str(first.name)
+    common = wording.common_words(findings.result["model"]["reference_force_N"], shared)
     doubts = wording.difference_doubts(
-        str(first.name),
+        name,
         other.name,
         other.result["sampler"]["converged"],
         other.differences.attrs.get("conflict"),
     )
-    translation = annex_translation(words, names)
+    translation = annex_translation(words, frozenset([name, other.name]))
     if translation is not None:
-        section = section_in_language(section, translation)
+        common = translation.text(common)
         doubts = tuple(translation.text(doubt) for doubt in doubts)
     if doubts:
         yield Banner("unusable", " ".join(doubts))
     yield Fields(
         (
-            (words("fields.first_campaign"), _campaign_text(str(first.name), first)),
+            (words("fields.first_campaign"), _campaign_text(name, first)),
             (words("fields.second_campaign"), _campaign_text(other.name, other.campaign)),
+            (words("fields.first_readings"), f"SHA-256 {first.sha256[:16]}"),
+            (words("fields.second_readings"), f"SHA-256 {other.campaign.sha256[:16]}"),
         )
     )
-    assumptions = ""
-    for part in section.content:
-        if isinstance(part, str):
-            assumptions = part
-        elif isinstance(part, tuple):
-            yield Items(words("sheet.plain"), part)
-        elif isinstance(part, Table):
-            yield part
-    yield assumptions
+    is_of_slope = other.differences.index.map(is_slope).to_numpy(dtype=bool)
+    differences = other.differences[~is_of_slope]
+    quantities = _quantities(findings, differences, words)
+    if not doubts:
+        yield Items(
+            words("sheet.plain"), tuple(_changes(differences, quantities, findings.prob, words))
+        )
+    yield _table(differences, quantities, findings.prob, words)
+    yield common
+    degree = words(f"degrees.{DEGREE_NAMES[findings.result['model']['degree']]}")
+    yield words("notes.difference", degree=degree, name=name)
     yield signatures(words)
 
 
@@ -100,3 +119,96 @@ def _campaign_text(name: str, campaign: Campaign) -> str:
         if entry is not None and str(entry) != name:
             pieces.append(str(entry))
     return shorten(", ".join(pieces))
+
+
+def _quantities(
+    findings: Findings, differences: pd.DataFrame, words: Words
+) -> dict[str, StatedQuantity]:
+    """Return the differences of the parameters as quantities that the sheet states.
+
+    The keys are the names of the parameters. ``differences`` has one row for each of them.
+    """
+    reference_force_N = float(findings.result["model"]["reference_force_N"])
+    of_first = SheetNumbers(findings, words, reference_force_N).parameters
+    quantities = {}
+    for name, row in differences.iterrows():
+        parameter = str(name)
+        quantities[parameter] = StatedQuantity(
+            words=of_first[parameter].words,
+            symbol=of_first[parameter].symbol,
+            estimate=float(row["difference"]),
+            sd=float(row["sd"]),
+            interval=(float(row["ci_low"]), float(row["ci_high"])),
+            unit=str(row["unit"]),
+        )
+    return quantities
+
+
+def _changes(
+    differences: pd.DataFrame,
+    quantities: Mapping[str, StatedQuantity],
+    prob: float,
+    words: Words,
+) -> Iterator[str]:
+    """Yield sentences on the parameters that have changed, and in which direction.
+
+    ``prob`` is the probability of the credible intervals.
+    """
+    percent = words.number(f"{100 * prob:g}")
+    changed = changed_parameters(differences, prob)
+    for name in changed.alone:
+        quantity = quantities[name]
+        direction = "larger" if quantity.estimate > 0.0 else "smaller"
+        if is_direct(name):
+            direction = "softer" if quantity.estimate > 0.0 else "stiffer"
+        size = plus_minus(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
+        yield words(
+            f"differences.{direction}",
+            quantity=quantity.words,
+            symbol=quantity.symbol,
+            size=words.unit(words.number(size)),
+        )
+    if not changed.alone:
+        yield words("differences.none", percent=percent)
+        return
+    together = [quantities[name].symbol for name in changed.together]
+    yield words(
+        "differences.together",
+        percent=percent,
+        count=str(changed.compared),
+        names=words.joined(together) or words("differences.no_parameter"),
+    )
+
+
+def _table(
+    differences: pd.DataFrame,
+    quantities: Mapping[str, StatedQuantity],
+    prob: float,
+    words: Words,
+) -> Table:
+    """Return a table of the parameters in both campaigns and of their differences, with U."""
+    rows = []
+    for name, row in differences.iterrows():
+        quantity = quantities[str(name)]
+        factor, unit = display_unit(quantity.unit)
+        _, decimals = round_uncertainty(quantity.sd * factor)
+        statement = quantity.value_and_U()
+        ends = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit).ends
+        rows.append(
+            (
+                quantity.words,
+                quantity.symbol,
+                words.number(round_like(row["first"] * factor, decimals).replace("-", "−")),
+                words.number(round_like(row["second"] * factor, decimals).replace("-", "−")),
+                words.number(statement.value),
+                words.number(statement.expanded),
+                words.number(words("interval", low=ends[0], high=ends[1])),
+                words.unit(unit),
+                words.number(wording.probability_words(row["probability_of_increase"])),
+            )
+        )
+    percent = words.number(f"{100 * prob:g}")
+    keys = ("quantity", "symbol", "first", "second", "difference", "U", "interval", "unit")
+    heads = {key: words(f"heads.{key}", percent=percent) for key in (*keys, "increased")}
+    text_columns = [heads["symbol"], heads["unit"]]
+    return Table.of(words("sheet.differences"), list(heads.values()), rows, text=text_columns)

@@ -62,28 +62,74 @@ def test_the_sheet_holds_what_is_signed(before: Findings, after: FurtherCampaign
         "Sheet 3 of 3: before, after",
     )
     campaigns, signatures = (block for block in sheet.blocks if isinstance(block, Fields))
+    first = campaign_of(before.posterior)
     assert campaigns.entries == (
         ("First campaign", "before, 4711, 2026-10-01"),
         ("Second campaign", "after"),
+        ("Readings of the first", f"SHA-256 {first.sha256[:16]}"),
+        ("Readings of the second", f"SHA-256 {after.campaign.sha256[:16]}"),
     )
     assert signatures.tall
-    (changes,) = (block for block in sheet.blocks if isinstance(block, Items))
-    assert "after differs from before (± U, k = 2) in: C_XXX " in changes.items[0]
     (table,) = (block for block in sheet.blocks if isinstance(block, Table))
-    rows = {str(row[0]): row for row in table.rows}
-    shown = after.differences.loc["C_XXX", "difference"] * 1e6
-    assert float(str(rows["C_XXX"][3])) == pytest.approx(shown, abs=0.06)
+    rows = {str(row[1]): [str(cell) for cell in row] for row in table.rows}
+    row = after.differences.loc["C_XXX"]
+    assert rows["C_XXX"][0] == "Compliance of axis X"
+    assert float(rows["C_XXX"][4]) == pytest.approx(row["difference"] * 1e6, abs=0.06)
+    assert float(rows["C_XXX"][5]) == pytest.approx(2.0 * row["sd"] * 1e6, rel=0.05)
     assert any("The instrument was the same" in str(block) for block in sheet.blocks)
+    assert any("of the first campaign alone, before" in str(block) for block in sheet.blocks)
+
+
+@pytest.mark.parametrize(
+    ("difference", "words"),
+    [(1e-5, "is larger in the second campaign, by"), (-1e-5, "is smaller in the second campaign")],
+)
+def test_a_change_is_stated_in_words(
+    before: Findings, after: FurtherCampaign, difference: float, words: str
+) -> None:
+    """Of a direct compliance also whether the machine is stiffer or softer; with Holm's method a
+    change that is just shown by itself is not named."""
+    table = after.differences.copy()
+    table.attrs["conflict"] = None
+    table["probability_of_increase"] = 0.5
+    table.loc["C_XXX", ["difference", "sd"]] = (difference, 1e-6)
+    table.loc["C_XXX", ["ci_low", "ci_high"]] = (difference - 2e-6, difference + 2e-6)
+    table.loc["C_XXX", "probability_of_increase"] = 1.0 if difference > 0.0 else 0.0
+    table.loc["E_YX2", "probability_of_increase"] = 0.98
+    (changes,) = (
+        block
+        for block in sheet_of(before, replace(after, differences=table)).blocks
+        if isinstance(block, Items)
+    )
+    compliance, straightness, together = changes.items
+    state = "softer" if difference > 0.0 else "stiffer"
+    assert compliance.startswith(f"Compliance of axis X (C_XXX) {words}")
+    assert compliance.endswith(f"the machine is {state} there.")
+    assert "(E_YX2) is" in straightness
+    assert together.endswith("these have changed: C_XXX.")
+
+
+def test_no_change_is_said(before: Findings, after: FurtherCampaign) -> None:
+    table = after.differences.copy()
+    table.attrs["conflict"] = None
+    table["probability_of_increase"] = 0.5
+    (changes,) = (
+        block
+        for block in sheet_of(before, replace(after, differences=table)).blocks
+        if isinstance(block, Items)
+    )
+    assert changes.items == (
+        "No change is shown: the 95 % interval of every difference contains zero.",
+    )
 
 
 def test_doubts_stand_first(before: Findings, after: FurtherCampaign) -> None:
     table = after.differences.copy()
     table.attrs["conflict"] = ("length 150 mm", 1e-6)
-    (banner,) = (
-        block
-        for block in sheet_of(before, replace(after, differences=table)).blocks
-        if isinstance(block, Banner)
-    )
+    blocks = sheet_of(before, replace(after, differences=table)).blocks
+    (banner,) = (block for block in blocks if isinstance(block, Banner))
+    assert blocks[0] is banner
+    assert not [block for block in blocks if isinstance(block, Items)]
     assert banner.kind == "unusable"
     assert banner.sentence.startswith("Not one instrument: before and after disagree")
 
@@ -99,9 +145,9 @@ def test_the_sheet_in_german(before: Findings, after: FurtherCampaign) -> None:
     sheet = sheet_of(before, after, "de")
     assert sheet.line == "Blatt 3 von 3: before, after"
     texts = " ".join(str(block) for block in sheet.blocks)
-    assert "after unterscheidet sich von before" in texts
-    assert "Vergleiche (Verfahren von Holm)" in texts
-    for english in ("differs", "allowing", "instrument was", "campaign"):
+    assert "Nachgiebigkeit der Achse X" in texts
+    assert "Das Messgerät war dasselbe" in texts
+    for english in ("second", "allowing", "instrument was", "campaign", "compliance"):
         assert english not in texts
 
 
