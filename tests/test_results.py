@@ -138,6 +138,7 @@ def objects_of_results(
         gum,
         gum.parameters["C_XXX"],
         lb.analysis.Costs(),
+        lb.analysis.ChangedParameters(("C_XXX", "C_YYY"), ("C_XXX",), 11),
         lb.design(MODEL, campaign, goals=goals, forces_N=FORCES_N),
         lb.analysis.next_circle(MODEL, campaign, goals=goals),
         next(iter(lb.analysis.judge_posterior(posterior).values())),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.results import Result
 from ldbb_bayes.units import is_slope
 
 if TYPE_CHECKING:
@@ -15,7 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["ChangedParameters", "changed_parameters"]
 
 
-class ChangedParameters(NamedTuple):
+@dataclass(frozen=True)
+class ChangedParameters(Result):
     """Parameters in which two campaigns differ; slopes (changes with force) are not compared."""
 
     #: names of parameters whose difference has a credible interval without zero, each parameter

@@ -56,6 +56,9 @@ class WrittenReport(NamedTuple):
     parts: tuple[Any, ...]
     #: Whether the random draws of the fit reached the required effective sample size.
     converged: bool
+    #: Whether warnings are printed before the results, because the results are differences that a
+    #: warning may forbid to use.
+    warns_first: bool = False
 
 
 @dataclass(frozen=True)
@@ -173,7 +176,9 @@ def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
     for name in ("same_instrument", "same_machine"):
         require(
             not settings[name],
-            f"--{name.replace('_', '-')} must go with several fits, got files. Leave it out.",
+            f"--{name.replace('_', '-')} must go with several fits, got readings, which would be"
+            " taken as one campaign. Make a fit of each campaign first (fit, or report with --out),"
+            " and name the fits.",
         )
     require(
         not (settings["sheets_only"] and "tests" in settings),

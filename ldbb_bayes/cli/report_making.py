@@ -115,7 +115,12 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
         return
     alerts = [f"Note: {alert}" for alert in written.document.alerts]
-    show(*written.parts, *alerts)
+    if written.warns_first:
+        show(*alerts, *written.parts)
+    else:
+        show(*written.parts, *alerts)
+    if output.quiet:
+        return
     line = f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}"
     if figures is not None:
         line += f"; figures: {figures}"
@@ -175,7 +180,10 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
             progress=progress,
         )
     return WrittenReport(
-        document, _printed_differences(document), record_of(first)["sampler"]["converged"]
+        document,
+        _printed_differences(document),
+        record_of(first)["sampler"]["converged"],
+        warns_first=len(paths) > 1,
     )
 
 

@@ -19,6 +19,16 @@ __all__ = ["page", "page_of_plan"]
 # Settings of a circle that the operator fills in, or that differ between circles by their nature.
 # They always have a column in the table of circles.
 _OF_EVERY_CIRCLE = ("Force", "Pressure", "File", "Time", "Temperature (°C)")
+# What the operator does with the readings of a plan's circles, and of the one circle of `next`.
+_AFTER_PLAN = (
+    "Save the readings of each circle under its file name in the folder of the plan, and enter this"
+    " name as file in campaign.toml."
+)
+_AFTER_ONE_CIRCLE = (
+    "Save the readings under this file name in the folder of the campaign so far. Copy the [[test]]"
+    " of this circle from the campaign.toml beside this sheet into that of the campaign, and enter"
+    " the name there as file."
+)
 
 
 def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
@@ -55,7 +65,7 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
         finished=step.finished,
         settings=zip(in_language(*names), in_language(*values), strict=True),
         passages=in_language(*aims_passages(step)),
-        advice=in_language(*_advice(plan)),
+        advice=in_language(*_advice(plan), _AFTER_ONE_CIRCLE),
     )
 
 
@@ -98,12 +108,12 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         lead=in_language("Run the circles in this order.")[0],
         common=zip(in_language(*common_names), in_language(*common_values), strict=True),
         circles=in_language(table)[0],
-        advice=in_language(*_advice(plan)),
+        advice=in_language(*_advice(plan), _AFTER_PLAN),
     )
 
 
 def _advice(plan: Campaign) -> tuple[str, ...]:
-    """Return sentences for the operator: how to run circles, and where the readings belong.
+    """Return sentences for the operator on how to run circles.
 
     If a ball is turned in a circle of the ``plan``, a sentence states about which axis, in which
     sense and from which position the angles of the balls are measured.
@@ -118,10 +128,6 @@ def _advice(plan: Campaign) -> tuple[str, ...]:
             " the angles of the circle count. Its position in the circles run before is 0°; without"
             " such circles, mark it when the bar is mounted."
         )
-    sentences.append(
-        "Save the readings of each circle under its file name in the folder of the plan, and"
-        " enter this name as file in campaign.toml."
-    )
     return tuple(sentences)
 
 

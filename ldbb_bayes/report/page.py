@@ -450,8 +450,8 @@ def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) 
     )
     require(
         not beside_it,
-        f"sheets_only (--sheets-only) must go with one fit, got {len(beside_it or {})} beside it,"
-        " which only the annex compares. Leave it out.",
+        f"sheets_only (--sheets-only) must go with one fit, got {len(beside_it or {})} beside it."
+        " Leave it out: a comparison has an annex.",
     )
 
 

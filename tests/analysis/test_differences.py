@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.changed_parameters import changed_parameters
+from ldbb_bayes.analysis.changed_parameters import ChangedParameters, changed_parameters
 from ldbb_bayes.analysis.common_effects import (
     JointDifference,
     Shared,
@@ -596,7 +596,7 @@ def test_chance_among_many_comparisons_is_allowed_for() -> None:
             index=["C_XXX", "C_YYY", "E_XX1", "C_XXX_1"],
         )
         changed = changed_parameters(table, 0.95)
-        assert changed == (("C_XXX", "C_YYY", "E_XX1"), together, 3)
+        assert changed == ChangedParameters(("C_XXX", "C_YYY", "E_XX1"), together, 3)
     assert changed_parameters(table, 0.99).alone == ("C_XXX",)
 
 

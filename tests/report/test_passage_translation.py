@@ -18,12 +18,15 @@ TERMS = [type(term).__name__ for term in lb.HybridModel.default(1).nuisances]
 SENTENCES = [
     "No campaign within 2 h reaches the goals on 90 % of the machines. Without this limit the"
     " cheapest takes 2.3 h: 18 circles, with balls of grade G10 certified, price 140.",
-    "U is that of linear compliance. Averaged over constant and linear compliance, as the sheets of"
-    " report state it, it is now C_XXX 7.4 nm/N, E_C(0Y)X 75 µrad.",
-    "U is that of linear compliance. Averaged over constant and linear compliance, as the sheets of"
-    " report state it, it is now C_XXX 7.4 nm/N; after the cheapest campaign C_XXX 5.1 nm/N"
+    "U is that of linear compliance. Averaged over constant and linear compliance and what else may"
+    " explain a change with force, as the sheets of report state it, it is now C_XXX 7.4 nm/N,"
+    " E_C(0Y)X 75 µrad.",
+    "U is that of linear compliance. Averaged over constant and linear compliance and what else may"
+    " explain a change with force, as the sheets of report state it, it is now C_XXX 7.4 nm/N;"
+    " after the cheapest campaign C_XXX 5.1 nm/N"
     " (medians).",
-    "Averaged over constant and linear compliance, as the sheets of report state it, it is after"
+    "Averaged over constant and linear compliance and what else may explain a change with force, as"
+    " the sheets of report state it, it is after"
     " the cheapest campaign C_XXX 5.1 nm/N, C_YYY 4.9 nm/N, C_XYX 0.9 nm/N (medians).",
     "Met already by 'a pilot' (with probability 90 % or more), so that nothing is needed: C_XXX and"
     " E_XX1.",

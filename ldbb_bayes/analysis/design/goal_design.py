@@ -236,6 +236,9 @@ class GoalDesign(Result):
     #: whether the design starts from a campaign with readings; false if it starts from a plan
     measured: bool
     pilot: str  #: name of the campaign or plan that the design starts from
+    #: whether the circles of the campaigns are added to those of the pilot (option ``--augment``);
+    #: if not, the campaigns reach the goals by themselves
+    adds_to_pilot: bool = False
 
     @property
     def all_met(self) -> bool:
@@ -466,6 +469,7 @@ def _search_campaigns(
         without_limit=searched.without_limit,
         measured=not space.pilot.is_plan,
         pilot=space.pilot.name,
+        adds_to_pilot=space.augment,
     )
 
 
