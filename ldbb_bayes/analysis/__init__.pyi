@@ -2,8 +2,6 @@
 
 from .budgets import budget_uncertainty as budget_uncertainty
 from .calibration import Validation as Validation
-from .changed_parameters import ChangedParameters as ChangedParameters
-from .changed_parameters import changed_parameters as changed_parameters
 from .circularity import predict_circularity as predict_circularity
 from .comparison import Comparison as Comparison
 from .comparison import read_comparison as read_comparison
@@ -25,6 +23,8 @@ from .gum_validation import GumValidation as GumValidation
 from .gum_validation import validate_gum as validate_gum
 from .identification import Identifiability as Identifiability
 from .measured_paths import measure_circularity as measure_circularity
+from .parameter_changes import ChangedParameters as ChangedParameters
+from .parameter_changes import changed_parameters as changed_parameters
 from .path_contributions import decompose_deviation as decompose_deviation
 from .posterior_calibration import calibrate_posterior as calibrate_posterior
 from .posterior_verdicts import judge_posterior as judge_posterior

@@ -14,7 +14,6 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.changed_parameters import ChangedParameters, changed_parameters
 from ldbb_bayes.analysis.common_effects import (
     JointDifference,
     Shared,
@@ -22,6 +21,7 @@ from ldbb_bayes.analysis.common_effects import (
     worst_conflict,
 )
 from ldbb_bayes.analysis.differences import _rows_at_force
+from ldbb_bayes.analysis.parameter_changes import ChangedParameters, changed_parameters
 from ldbb_bayes.analysis.similar_effects import machine_terms
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import campaign_of as campaign_of_posterior

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ldbb_bayes.analysis.changed_parameters import changed_parameters
+from ldbb_bayes.analysis.parameter_changes import changed_parameters
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.wording.fixed_texts import PAGE

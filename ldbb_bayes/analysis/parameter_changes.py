@@ -19,7 +19,14 @@ __all__ = ["ChangedParameters", "changed_parameters"]
 
 @dataclass(frozen=True)
 class ChangedParameters(Result):
-    """Parameters in which two campaigns differ; slopes (changes with force) are not compared."""
+    """Parameters in which two campaigns differ; slopes (changes with force) are not compared.
+
+    Examples
+    --------
+    >>> changed = lb.analysis.ChangedParameters(("C_XXX", "C_YYY"), ("C_XXX",), 11)
+    >>> changed.together
+    ('C_XXX',)
+    """
 
     #: names of parameters whose difference has a credible interval without zero, each parameter
     #: considered by itself
@@ -47,6 +54,16 @@ def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
     Returns
     -------
     ChangedParameters
+        Names of the parameters, in the order of the table.
+
+    Examples
+    --------
+    >>> softer = model.simulate(campaign, seed=2, parameters={"C_XXX": 150e-6}).campaign
+    >>> before = lb.sample(model, campaign, sampler="independent", seed=1)
+    >>> after = lb.sample(model, softer, sampler="independent", seed=1)
+    >>> table = lb.analysis.compare_posteriors(before, after)
+    >>> "C_XXX" in lb.analysis.changed_parameters(table, 0.95).together
+    True
     """
     names = [str(name) for name in table.index if not is_slope(str(name))]
     increase = table.loc[names, "probability_of_increase"].to_numpy(dtype=float)
