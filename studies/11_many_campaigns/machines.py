@@ -92,6 +92,7 @@ def row_of(campaign: lb.Campaign) -> dict[str, Any]:
         "machine_id": campaign.machine_id,
         "date": campaign.date,
         "topology": campaign.topology,
+        "planes": ",".join(campaign.machine().planes),
         "sha256": campaign.sha256,
         "compliances": None,
         "kinds": [],
