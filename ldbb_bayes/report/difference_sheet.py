@@ -208,7 +208,8 @@ def _table(
             )
         )
     percent = words.number(f"{100 * prob:g}")
-    keys = ("quantity", "symbol", "first", "second", "difference", "U", "interval", "unit")
-    heads = {key: words(f"heads.{key}", percent=percent) for key in (*keys, "increased")}
+    values = ("first", "second", "difference", "U", "interval", "unit", "larger")
+    keys = ("quantity", "symbol", *values)
+    heads = {key: words(f"heads.{key}", percent=percent) for key in keys}
     text_columns = [heads["symbol"], heads["unit"]]
     return Table.of(words("sheet.differences"), list(heads.values()), rows, text=text_columns)
