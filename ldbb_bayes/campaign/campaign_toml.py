@@ -139,7 +139,8 @@ class CampaignContent(NamedTuple):
 def read_campaign_toml(path: Path) -> CampaignContent:
     """Return the content of a campaign.toml: tests, and values of the other fields of `Campaign`.
 
-    The CSV files and calibration certificates that campaign.toml names are also read. Raise an
+    The CSV files and calibration certificates that campaign.toml names are also read. If some of
+    the tests name a file of readings and others do not, the others are foreseen tests. Raise an
     `InputError` for a mistake in a file; the message names the file.
     """
     content = read_toml(path)
@@ -154,7 +155,12 @@ def read_campaign_toml(path: Path) -> CampaignContent:
         " readings a circle.",
     )
     tests = [_read_test(path, number, entry) for number, entry in enumerate(file.test, start=1)]
+    tests_run = [test for test in tests if test.reading_um is not None]
     foreseen = []
+    # In a plan of which only some tests have been run, the others may be run later.
+    if tests_run:
+        foreseen = [test for test in tests if test.reading_um is None]
+        tests = tests_run
     for number, foreseen_test in enumerate(file.foreseen, start=1):
         foreseen.append(_planned_test(f"{path}, foreseen test {number}", foreseen_test))
     campaign_fields = {entry.name: getattr(file, entry.name) for entry in fields(CampaignFields)}

@@ -25,6 +25,7 @@ from ldbb_bayes.files.similar_names import advice_on_path
 __all__ = [
     "IMPORT_NAME",
     "LARGEST_PLAN",
+    "MODEL_NAME",
     "TOML_NAME",
     "TRUTH_NAME",
     "embedded_campaign",
@@ -38,6 +39,9 @@ __all__ = [
 
 # Name of a file in the folder of a simulated campaign. The file holds the true parameters.
 TRUTH_NAME = "truth.json"
+# Name of a file in the folder of a plan. The file holds the model with which the plan was designed,
+# for the analysis of the readings.
+MODEL_NAME = "model.toml"
 # Name of a file in the folder of an imported campaign. The file states how the imported files were
 # read.
 IMPORT_NAME = "import.toml"

@@ -105,6 +105,8 @@ class RemarkKind(StrEnum):
     ONE_LEVEL = "one force level"
     TWO_LEVELS = "two force levels"
     COPY = "copy"
+    NOT_RUN = "not run"
+    MODEL_FILE = "model file"
     SIGN = "sign"
     ONE_WAY = "one way"
     PLACES = "places of one set-up"
@@ -659,6 +661,12 @@ def _campaign_remarks(campaign: Campaign) -> tuple[Remark, ...]:
     for radius in _radii(campaign):
         _remark_on_unit("a radius", radius, "mm", _RADII_MM, remarks)
     if not campaign.is_plan:
+        remarks.add(
+            kinds.NOT_RUN,
+            campaign.foreseen,
+            forces_N=[float(test.force_N or 0.0) for test in campaign.foreseen],
+            run=len(campaign.tests),
+        )
         for first, second in combinations(campaign.tests, 2):
             is_copy = np.array_equal(first.reading_um, second.reading_um)
             remarks.add(kinds.COPY, is_copy, first=first.name, second=second.name)

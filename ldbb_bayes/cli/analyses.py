@@ -9,9 +9,10 @@ import pandas as pd
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
+from ldbb_bayes.campaign.folder import MODEL_NAME, pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.atlases import ATLAS_FILES, write_atlases
+from ldbb_bayes.cli.campaign_notes import assumptions_of, with_notes
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
 from ldbb_bayes.cli.goal_designs import (
     GOAL_FILES,
@@ -28,7 +29,7 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.parallel import executor_named, second_process
 from ldbb_bayes.report import wording
-from ldbb_bayes.results import Passage, parts_of
+from ldbb_bayes.results import parts_of
 
 if TYPE_CHECKING:
     from ldbb_bayes.cli.sources import SourceCampaign
@@ -39,7 +40,7 @@ __all__ = ["compare", "design", "identify", "validate"]
 # column, with the names of the parameters.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 # What the command ``design`` of ``ldbb-bayes`` says of the plan that it has written.
-_NOTE_ON_PLAN = f", a plan; model.toml is for its analysis (fit --model), {SHEET} for the operator"
+_NOTE_ON_PLAN = f", a plan; {MODEL_NAME} is the model of its analysis, {SHEET} for the operator"
 # Names of the figures that the command ``compare`` of ``ldbb-bayes`` writes.
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
 
@@ -90,38 +91,14 @@ def identify(
     output.deliver(
         record,
         (
-            *_assumptions_of(source),
+            *assumptions_of(source),
             f"Compliance {DEGREE_NAMES[model.degree]} in force.",
-            *_with_remarks(passages, campaign),
+            *with_notes(passages, campaign),
         ),
         contents,
         {"prior_and_posterior": drawing("prior_and_posterior", result)},
         write_more=partial(write_atlases, campaign.machine(), circles),
     )
-
-
-def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
-    """Return sentences on what was assumed when the campaign's tables were imported."""
-    # The module for the input of commands is imported here, and not at the top of the file, because
-    # it takes a long time to load.
-    from ldbb_bayes.cli.sources import import_parts
-
-    return import_parts(source)
-
-
-def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
-    """Return the tables and sentences about a result, followed by remarks on the readings.
-
-    The remarks state what looks odd in the campaign, for example readings that seem to be in the
-    wrong unit, or two tests with the same readings.
-    """
-    preview = lb.check_campaign(campaign)
-    remarks = [
-        f"Note: {wording.remark_words(remark)}"
-        for remark in preview.remarks
-        if remark.kind in ("unit", "copy")
-    ]
-    return (*passages, *wording.peculiarity_sentences(preview), *remarks)
 
 
 def _read_model_files(entries: list[str], flag: str) -> dict[str, str]:
@@ -137,7 +114,7 @@ _COMPARE_OPTIONS = group(**options_of("compare", models=Kind(list[str], _read_mo
 
 @command
 def compare(
-    campaign: arguments.GivenCampaign,
+    campaign: arguments.MeasuredCampaign,
     model: arguments.ChosenModel,
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], _COMPARE_OPTIONS],
@@ -168,7 +145,7 @@ def compare(
     record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
     output.deliver(
         record,
-        _with_remarks(parts_of(result), campaign),
+        with_notes(parts_of(result), campaign),
         {"comparison.json": record, "local_fits.csv": result.local_fits},
         {name: drawing(name, result) for name in _COMPARISON_FIGURES},
     )
@@ -211,7 +188,7 @@ def design(
 
     output.check(
         "campaign.toml",
-        "model.toml",
+        MODEL_NAME,
         "design.json",
         "expected.csv",
         "sensitivity.csv",
@@ -224,7 +201,7 @@ def design(
     record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
     plan = result.plan(seed=settings["seed"])
     contents = {
-        "model.toml": model_to_toml(result.model),
+        MODEL_NAME: model_to_toml(result.model),
         "design.json": record,
         "expected.csv": result.expected_table(),
         "sensitivity.csv": result.sensitivity,
@@ -234,8 +211,8 @@ def design(
     output.deliver(
         record,
         (
-            *_assumptions_of(source),
-            *_with_remarks(parts_of(result), campaign),
+            *assumptions_of(source),
+            *with_notes(parts_of(result), campaign),
             f"Run in this order: {running_order(plan)}",
         ),
         contents,
@@ -264,7 +241,7 @@ def _design_for_goals(
     with counting_progress(output.quiet, "steps of the search") as progress:
         result = find_for_goals(model, source.campaign, settings, progress)
     files = files_of_goal_design(result, settings["seed"], language=language)
-    passages = [*_assumptions_of(source), *_with_remarks(parts_of(result), source.campaign)]
+    passages = [*assumptions_of(source), *with_notes(parts_of(result), source.campaign)]
     note = "/goals.json; there is no plan"
     if result.plans:
         passages.append(f"Run in this order: {running_order(result.plan())}")

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.folder import MODEL_NAME, TOML_NAME
 from ldbb_bayes.cli.layout_options import LAYOUT_FLAGS, LAYOUT_OPTIONS
-from ldbb_bayes.cli.options import Option, group, options_of
+from ldbb_bayes.cli.options import Group, Option, group, options_of
 from ldbb_bayes.cli.output import Output
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.model.terms import Term
 
 if TYPE_CHECKING:
@@ -39,6 +40,9 @@ __all__ = [
     "FollowedTolerances",
     "GivenCampaign",
     "GivenReadings",
+    "MeasuredCampaign",
+    "MeasuredReadings",
+    "ModelBeside",
     "OutputOptions",
     "PoolOptions",
     "ReportOutput",
@@ -47,6 +51,9 @@ __all__ = [
     "campaign_fields",
     "campaign_from",
     "instrument_fields",
+    "measured_campaign_from",
+    "measured_readings_from",
+    "model_beside",
     "model_from",
 ]
 
@@ -82,6 +89,65 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
         path,
         certificates=instrument_fields(bar_length_mm=options.get("radius_mm"), **certificates),
         **campaign_fields(**options),
+    )
+
+
+def measured_campaign_from(path: Path, **options: Any) -> lb.Campaign:
+    """Return the same campaign as `campaign_from`, which must have readings.
+
+    Parameters
+    ----------
+    path
+        A campaign folder, a campaign.toml or a tidy CSV.
+    **options
+        Values of the options for a tidy CSV and for certificates.
+
+    Returns
+    -------
+    Campaign
+
+    Raises
+    ------
+    InputError
+        If the campaign cannot be read, or is a plan.
+    """
+    campaign = campaign_from(path, **options)
+    _require_measured(campaign, path)
+    return campaign
+
+
+def measured_readings_from(files: list[Path], **options: Any) -> SourceCampaign:
+    """Return the same campaign as `readings_from`, which must have readings.
+
+    Parameters
+    ----------
+    files
+        Paths as typed by the user.
+    **options
+        Values of the options for tables, for their layout, and for certificates.
+
+    Returns
+    -------
+    SourceCampaign
+        The campaign, with the assumptions of its import if the files are tables.
+
+    Raises
+    ------
+    InputError
+        If the files cannot be read, or are those of a plan.
+    """
+    source = readings_from(files, **options)
+    _require_measured(source.campaign, files[0])
+    return source
+
+
+def _require_measured(campaign: lb.Campaign, path: Path) -> None:
+    """Raise an `InputError` that names the path of a campaign if the campaign is a plan."""
+    require(
+        not campaign.is_plan,
+        f"{path} must have readings, got a plan: none of its tests names a file. Run its first"
+        " circles and name the files of their readings in campaign.toml (file = …), or rehearse the"
+        " plan with ldbb-bayes simulate.",
     )
 
 
@@ -270,8 +336,13 @@ def model_from(
     without: tuple[str, ...] = (),
     model: Path | None = None,
     drift: str | None = None,
+    **paths: Path | list[Path],
 ) -> lb.HybridModel:
     """Return the model of the readings that the command-line options describe.
+
+    If neither ``model`` nor ``preset`` is given, and a file model.toml lies in the folder of the
+    campaign, beside its campaign.toml, the model is read from this file. `design` writes such a
+    file with a plan. A note on stderr says so.
 
     Parameters
     ----------
@@ -288,6 +359,8 @@ def model_from(
     drift
         Quantity to which drift is proportional: ``time`` or ``temperature``. By default, the drift
         term of the model is not changed.
+    **paths
+        Path or paths of the campaign, as typed by the user.
 
     Returns
     -------
@@ -309,16 +382,62 @@ def model_from(
             "the model must come from --model or --preset, got both. Write preset = … into the"
             " file."
         )
-    if model is None:
-        chosen = lb.HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
-    else:
-        chosen = lb.read_model(model)
-        if degree is not None:
-            chosen = chosen.with_degree(degree)
-    chosen = chosen.without(*without)
+    if model is None and preset is None:
+        model = _model_of_campaign(**paths)
+        if model is not None:
+            typer.echo(f"The model is that of {model}. For another give --preset.", err=True)
+    chosen = _model_of(model, preset or "default", degree).without(*without)
     if drift is not None:
         chosen = chosen.with_term(_drift_over(drift, chosen))
     return chosen
+
+
+def _model_of(file: Path | None, preset: str, degree: int | None) -> lb.HybridModel:
+    """Return the model in a model file, or that of a preset if there is no file.
+
+    ``degree`` is the degree of the compliance; None for the degree in the file, or 1 without a
+    file.
+    """
+    if file is None:
+        return lb.HybridModel.from_preset(preset, 1 if degree is None else degree)
+    model = lb.read_model(file)
+    if degree is None:
+        return model
+    return model.with_degree(degree)
+
+
+def _model_of_campaign(**paths: Path | list[Path]) -> Path | None:
+    """Return the path of the model.toml beside the campaign that the user names, or None.
+
+    ``paths`` is the path of a campaign, or the list of all paths that the user typed; its keys are
+    the names of the arguments.
+    """
+    for path in paths.values():
+        named = path if isinstance(path, list) else [path]
+        if len(named) == 1:
+            return model_beside(named[0])
+    return None
+
+
+def model_beside(campaign: Path) -> Path | None:
+    """Return the path of the file model.toml that lies in the folder of a campaign.
+
+    Parameters
+    ----------
+    campaign
+        A campaign folder, or its campaign.toml.
+
+    Returns
+    -------
+    pathlib.Path or None
+        None if there is no such file, or if ``campaign`` is something else, such as a table.
+    """
+    folder = campaign
+    if campaign.name == TOML_NAME:
+        folder = campaign.parent
+    if (folder / TOML_NAME).is_file() and (folder / MODEL_NAME).is_file():
+        return folder / MODEL_NAME
+    return None
 
 
 def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
@@ -376,6 +495,10 @@ _CAMPAIGN_PATH = inspect.Parameter(
 GivenCampaign = Annotated[
     "lb.Campaign", group(campaign_from, _CAMPAIGN_PATH, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS)
 ]
+MeasuredCampaign = Annotated[
+    "lb.Campaign",
+    group(measured_campaign_from, _CAMPAIGN_PATH, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS),
+]
 _FILES = inspect.Parameter(
     "files",
     inspect.Parameter.KEYWORD_ONLY,
@@ -396,9 +519,25 @@ GivenReadings = Annotated[
         readings_from, _FILES, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS, **LAYOUT_OPTIONS.options
     ),
 ]
+MeasuredReadings = Annotated[
+    "SourceCampaign",
+    group(
+        measured_readings_from,
+        _FILES,
+        **_TABLE_OPTIONS,
+        **_CERTIFICATE_OPTIONS,
+        **LAYOUT_OPTIONS.options,
+    ),
+]
 Certificates = Annotated[dict[str, Any], group(instrument_fields, **_CERTIFICATE_OPTIONS)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)]
-ChosenModel = Annotated["lb.HybridModel", group(model_from, **_model_options())]
+# The model may lie beside the campaign, so that it depends on the paths of the campaign as well.
+ChosenModel = Annotated[
+    "lb.HybridModel",
+    Group(_model_options(), model_from, None, sees=("campaign", "files", "source")),
+]
+# Path of the model.toml beside the campaign; None if there is none.
+ModelBeside = Annotated["Path | None", Group({}, _model_of_campaign, None, sees=("campaign",))]
 Tolerances = Annotated[dict[str, str], group(_tolerances, tolerance=_SHARED["tolerance"])]
 # Tolerances of quantities that are followed over time: parameters, and stiffnesses along an axis.
 FollowedTolerances = Annotated[dict[str, str], group(_tolerances, **options_of("followed"))]

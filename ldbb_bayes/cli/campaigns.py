@@ -16,13 +16,20 @@ import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.directions import planes_run_both_ways
-from ldbb_bayes.campaign.folder import IMPORT_NAME, TRUTH_NAME, files_of, write_campaign_into
+from ldbb_bayes.campaign.folder import (
+    IMPORT_NAME,
+    MODEL_NAME,
+    TRUTH_NAME,
+    files_of,
+    write_campaign_into,
+)
+from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields
+from ldbb_bayes.cli.campaign_notes import notes_on_campaign
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
-from ldbb_bayes.report import wording
 from ldbb_bayes.report.campaign_text import parts_of
 from ldbb_bayes.units import inside_name, is_direct
 
@@ -75,20 +82,11 @@ def import_(
     result = import_with_answers(import_with, layout, ask=can_ask())
     output.deliver(
         result.as_dict(),
-        (*parts_of(result), *_unit_notes(result.campaign)),
+        (*parts_of(result), *notes_on_campaign(result.campaign, (RemarkKind.UNIT,))),
         {IMPORT_NAME: layout_to_toml(result.layout)},
         write_more=partial(write_campaign_into, result.campaign),
         note=f"{_counts_in_brackets(result.campaign)}. Look at it: ldbb-bayes check {out}",
     )
-
-
-def _unit_notes(campaign: lb.Campaign) -> list[str]:
-    """Return a note on each force or radius of a campaign that seems to be in the wrong unit."""
-    notes = []
-    for remark in lb.check_campaign(campaign).remarks:
-        if remark.kind == "unit":
-            notes.append(f"Note: {wording.remark_words(remark)}.")
-    return notes
 
 
 def _check_signs(parameters: Mapping[str, float] | None, model: lb.HybridModel, path: Path) -> None:
@@ -113,7 +111,11 @@ def _counts_in_brackets(campaign: lb.Campaign) -> str:
 
 
 @command
-def check(campaign: arguments.GivenCampaign, output: arguments.OutputOptions) -> None:
+def check(
+    campaign: arguments.GivenCampaign,
+    model_file: arguments.ModelBeside,
+    output: arguments.OutputOptions,
+) -> None:
     """Show what is in a campaign, what looks odd, and what a fit will assume.
 
     The command fits nothing.
@@ -125,12 +127,24 @@ def check(campaign: arguments.GivenCampaign, output: arguments.OutputOptions) ->
     if campaign.tolerances:
         _check_tolerances(campaign)
     preview = lb.check_campaign(campaign)
+    if model_file is not None:
+        preview = _with_reference_of(model_file, preview)
     uncertainties = lb.terms.uncertainties(campaign)
     record = lb.report.with_words(preview) | {
         "uncertainties": uncertainties.as_dict()["assumed"],
         "certificates": dict(uncertainties.certificates),
     }
     output.deliver(record, (*parts_of(preview), *parts_of(uncertainties)), {_CHECK_NAME: record})
+
+
+def _with_reference_of(model_file: Path, preview: CampaignPreview) -> CampaignPreview:
+    """Return a preview with the reference force F0 that a model file beside the campaign states."""
+    force_N = lb.read_model(model_file).reference_force_N
+    if force_N is None:
+        return preview
+    others = [remark for remark in preview.assumptions if remark.kind is not RemarkKind.REFERENCE]
+    stated = Remark(RemarkKind.MODEL_FILE, {"file": model_file.name, "force_N": force_N})
+    return replace(preview, assumptions=(*others, stated))
 
 
 def _check_tolerances(campaign: lb.Campaign) -> None:
@@ -171,7 +185,7 @@ def simulate(
     # These modules load SciPy, which takes a long time. They are therefore imported here, and not
     # at the top of the file.
     from ldbb_bayes.analysis.design.states import draw_machine_like_pilot
-    from ldbb_bayes.model.specification import Truths, is_truths, read_truths
+    from ldbb_bayes.model.specification import Truths, is_truths, model_to_toml, read_truths
 
     if is_truths(source):
         require(
@@ -227,11 +241,14 @@ def simulate(
         "units": simulation.units,
         "hyper_um": simulation.hyper_um,
     }
-    output = Output(out, force, as_json, quiet, files=tuple(files_of(out)))
+    contents: dict[str, Any] = {TRUTH_NAME: record}
+    if arguments.model_beside(source) is not None:
+        contents[MODEL_NAME] = model_to_toml(model)
+    output = Output(out, force, as_json, quiet, files=(*files_of(out), MODEL_NAME))
     output.deliver(
         record,
-        (),
-        {TRUTH_NAME: record},
+        notes_on_campaign(plan, (RemarkKind.NOT_RUN,)),
+        contents,
         write_more=partial(write_campaign_into, simulation.campaign),
         note=f"{_counts_in_brackets(simulation.campaign)}, the truth in {out}/truth.json",
     )

@@ -9,14 +9,18 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli.options import Kind, Option, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
 from ldbb_bayes.cli.values import directions_in, names_in, pairs_in
+from ldbb_bayes.errors import placed
 
 __all__ = ["COST_OPTIONS", "DESIGN_OPTIONS"]
 
 
 def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
     """Return the campaigns or plans typed as NAME=PATH; the keys are the names that were typed."""
-    paths = pairs_in(entries, flag, "NAME=PATH")
-    return {name: lb.read_campaign(Path(path)) for name, path in paths.items()}
+    designs = {}
+    for name, path in pairs_in(entries, flag, "NAME=PATH").items():
+        with placed(f"{flag} {name}"):
+            designs[name] = lb.read_campaign(Path(path))
+    return designs
 
 
 def _read_prices(entry: str, flag: str) -> dict[str, float]:

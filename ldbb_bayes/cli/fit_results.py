@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
+from ldbb_bayes.campaign.folder import MODEL_NAME
 from ldbb_bayes.cli.output import write_files
 from ldbb_bayes.errors import placed
 from ldbb_bayes.inference.posterior import record_of
@@ -24,7 +25,7 @@ __all__ = ["RESULT_FILES", "with_tolerances", "write_result"]
 RESULT_FILES = (
     "posterior.nc",
     "summary.json",
-    "model.toml",
+    MODEL_NAME,
     "report.html",
     "report.json",
     "tables",
@@ -81,4 +82,4 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
     folder.mkdir(exist_ok=True)
     lb.save(posterior, folder / "posterior.nc")
     model_toml = record_of(posterior)["model"]["toml"]
-    write_files(folder, {"summary.json": result, "model.toml": model_toml})
+    write_files(folder, {"summary.json": result, MODEL_NAME: model_toml})

@@ -31,7 +31,7 @@ _SUMMARY_NAME = "summary.json"
 
 @command
 def fit(
-    campaign: arguments.GivenCampaign,
+    campaign: arguments.MeasuredCampaign,
     model: arguments.ChosenModel,
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], group(**options_of("fit"))],
@@ -44,10 +44,8 @@ def fit(
     smaller than the value of --ess.
     """
     from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
-    from ldbb_bayes.errors import check_probability
     from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
 
-    check_probability(settings["prob"])
     prior_record: dict[str, Any] = {}
     if prior_from is not None:
         prior = lb.fleet.read_population_prior(prior_from)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.folder import write_campaign_into
+from ldbb_bayes.campaign.folder import MODEL_NAME, write_campaign_into
 from ldbb_bayes.cli.design_options import COST_OPTIONS
 from ldbb_bayes.cli.operator_sheets import SHEET, sheet_of_plan
 
@@ -28,7 +28,7 @@ __all__ = [
 
 # Names of the files that are written for a campaign that reaches the user's goals for
 # uncertainties. A folder with the campaign from which the search starts may be written too.
-GOAL_FILES = ("campaign.toml", "model.toml", "goals.json", SHEET)
+GOAL_FILES = ("campaign.toml", MODEL_NAME, "goals.json", SHEET)
 
 
 class GoalDesignFiles(NamedTuple):
@@ -113,7 +113,7 @@ def files_of_goal_design(
     write_more = None
     if result.plans:
         chosen = result.plans[number - 1]
-        contents["model.toml"] = model_to_toml(chosen.model)
+        contents[MODEL_NAME] = model_to_toml(chosen.model)
         contents[SHEET] = sheet_of_plan(chosen.plan(), language)
         write_more = partial(write_campaign_into, chosen.plan())
     return GoalDesignFiles(record, contents, write_more)

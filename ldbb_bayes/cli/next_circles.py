@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
+
+import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
+from ldbb_bayes.cli.campaign_notes import assumptions_of, notes_on_campaign
 from ldbb_bayes.cli.operator_sheets import SHEET, language_in, sheet_of_circle
-from ldbb_bayes.cli.options import Kind, command, group, options_of
+from ldbb_bayes.cli.options import EXIT_MISSED, Kind, command, group, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_force_levels, read_radii
 from ldbb_bayes.cli.values import directions_in
-
-if TYPE_CHECKING:
-    from ldbb_bayes.cli.sources import SourceCampaign
 
 __all__ = ["next_"]
 
@@ -32,7 +32,7 @@ _OPTIONS = group(
 
 @command
 def next_(
-    source: arguments.GivenReadings,
+    source: arguments.MeasuredReadings,
     model: arguments.ChosenModel,
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], _OPTIONS],
@@ -42,6 +42,8 @@ def next_(
     Run the command after each circle, with the readings of all circles so far. With --out the next
     circle is written as a plan, with a sheet for the operator. The evidence and the intervals
     remain valid however often the command is run.
+
+    The exit code is 1 if circles of the kinds allowed are not expected to reach every aim.
     """
     # The module that writes the texts of this command takes a long time to load. It is therefore
     # imported here, and not at the top of the file.
@@ -71,17 +73,14 @@ def next_(
         write_more = partial(write_campaign_into, plan)
     output.deliver(
         record,
-        (*_assumptions_of(source), *next_circle_text.parts_of(step)),
+        (
+            *assumptions_of(source),
+            *next_circle_text.parts_of(step),
+            *notes_on_campaign(source.campaign),
+        ),
         contents,
         write_more=write_more,
         note=f", a plan of {circle}; {SHEET} is for the operator",
     )
-
-
-def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
-    """Return sentences on what was assumed when the campaign's tables were imported."""
-    # The module for the input of commands is imported here, and not at the top of the file, because
-    # it takes a long time to load.
-    from ldbb_bayes.cli.sources import import_parts
-
-    return import_parts(source)
+    if not step.finished and step.more_circles is None:
+        raise typer.Exit(EXIT_MISSED)

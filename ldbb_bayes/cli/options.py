@@ -21,7 +21,7 @@ from typing import Annotated, Any, NamedTuple, NoReturn
 import typer
 
 from ldbb_bayes.cli.values import ball_in, names_in, numbers_in, pairs_in, points_in
-from ldbb_bayes.errors import plain_reason, require
+from ldbb_bayes.errors import check_probability, plain_reason, require
 
 __all__ = [
     "CATALOGUE",
@@ -153,6 +153,9 @@ class Group:
     #: parameter of the command that is not an option, such as a file; None if there is no such
     #: parameter. Its value is passed to the function ``make`` as the first argument.
     positional: inspect.Parameter | None
+    #: names of parameters of other groups whose typed values are passed to the function ``make``
+    #: too, as keyword arguments, if the command has such parameters
+    sees: tuple[str, ...] = ()
 
     def parameters(self) -> list[inspect.Parameter]:
         """Return the function parameters from which Typer makes the options of the group.
@@ -164,11 +167,13 @@ class Group:
             return parameters
         return [self.positional, *parameters]
 
-    def take_from(self, typed: dict[str, Any]) -> Any:
+    def take_from(self, typed: dict[str, Any], seen: Mapping[str, Any] | None = None) -> Any:
         """Return the argument of a command that is made from the values of this group of options.
 
-        ``typed`` holds the values of all options of the command; the keys are the names of the
-        options. The values of the options of this group are removed from ``typed``.
+        ``typed`` holds the values of the options of the command from which no argument has been
+        made yet; the keys are the names of the options. The values of the options of this group are
+        removed from ``typed``. ``seen`` holds the values of all options of the command; None if no
+        group of the command needs those of another group.
         """
         positional = []
         if self.positional is not None:
@@ -178,6 +183,8 @@ class Group:
             value = option.read(typed.pop(name), name)
             if value is not None:
                 keywords[option.to or name] = value
+        if seen is not None:
+            keywords |= {name: seen[name] for name in self.sees if name in seen}
         return self.make(*positional, **keywords)
 
 
@@ -322,7 +329,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         exit code 2.
         """
         try:
-            arguments = {name: group.take_from(typed) for name, group in groups.items()}
+            seen = dict(typed)
+            arguments = {name: group.take_from(typed, seen) for name, group in groups.items()}
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
@@ -376,6 +384,12 @@ def _read_negated(flag_is_set: bool, flag: str) -> bool:
     return not flag_is_set
 
 
+def _read_probability(probability: float, flag: str) -> float:
+    """Return a probability that the user typed; raise an `InputError` unless it is in (0, 1)."""
+    check_probability(probability, flag)
+    return probability
+
+
 def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
     """Return the goals for expanded uncertainties U that the user typed as NAME=U.
 
@@ -414,6 +428,7 @@ _KINDS: Mapping[str, Any] = {
     "pressures": PRESSURES,
     "ball": Kind(str, ball_in, "G20|0.5um"),
     "negated": Kind(bool, _read_negated),
+    "probability": Kind(float, _read_probability, "X"),
     "points": Kind(list[str], points_in, "X,Y,Z"),
     "goals": Kind(list[str], _read_goals),
     "tolerances": Kind(list[str], _read_tolerances),

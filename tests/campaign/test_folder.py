@@ -17,7 +17,9 @@ from hypothesis.extra import numpy as hnp
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import LABELS
 from ldbb_bayes.campaign.folder import labels_of
+from ldbb_bayes.campaign.preview import RemarkKind
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.report.wording import remark_words
 
 CASES = cases(__file__, "folder.toml")
 
@@ -135,6 +137,28 @@ def test_a_plan_is_a_campaign_when_its_circles_have_files(tmp_path: Path) -> Non
     run = lb.read_campaign(planned)
     for test, expected in zip(run.tests, campaign.tests, strict=True):
         np.testing.assert_allclose(test.readings_mm(), expected.readings_mm())
+
+
+def test_circles_of_a_plan_that_have_no_file_yet_are_foreseen(tmp_path: Path) -> None:
+    """Their order and their names do not count: a circle may be run out of turn."""
+    campaign = simulated(plan())
+    folder = lb.write_campaign(campaign, tmp_path / "half")
+    toml = folder / "campaign.toml"
+    text = toml.read_text(encoding="utf-8")
+    for test in (campaign.tests[0], campaign.tests[2]):
+        text = text.replace(f'file = "{test.name}.csv"\n', "")
+    toml.write_text(text, encoding="utf-8")
+    half = lb.read_campaign(folder)
+    assert not half.is_plan
+    assert [test.force_N for test in half.tests] == [300.0, 742.0]
+    assert [test.force_N for test in half.foreseen] == [36.0, 520.0]
+    remarks = {remark.kind: remark for remark in lb.check_campaign(half).remarks}
+    words = remark_words(remarks[RemarkKind.NOT_RUN])
+    assert words == (
+        "2 more tests have no readings yet and are left out, at 36, 520 N. The 2 tests with"
+        " readings are used."
+    )
+    assert RemarkKind.NOT_RUN not in {r.kind for r in lb.check_campaign(campaign).remarks}
 
 
 def test_plans_come_back(tmp_path: Path) -> None:

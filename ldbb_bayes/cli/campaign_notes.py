@@ -1,0 +1,84 @@
+"""What several commands say of the campaign that they read, beside their results."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.preview import RemarkKind
+from ldbb_bayes.report import wording
+from ldbb_bayes.results import Passage
+
+if TYPE_CHECKING:
+    from ldbb_bayes.cli.sources import SourceCampaign
+
+__all__ = ["assumptions_of", "notes_on_campaign", "with_notes"]
+
+# Kinds of the remarks that also concern commands whose results do not contain remarks.
+_NOTED = (RemarkKind.UNIT, RemarkKind.COPY, RemarkKind.NOT_RUN)
+
+
+def assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
+    """Return sentences on what was assumed when the campaign's tables were imported.
+
+    Parameters
+    ----------
+    source
+        The campaign and the record of its import.
+
+    Returns
+    -------
+    tuple
+        Tables and sentences; empty if nothing was imported.
+    """
+    # The module for the input of commands is imported here, and not at the top of the file, because
+    # it takes a long time to load.
+    from ldbb_bayes.cli.sources import import_parts
+
+    return import_parts(source)
+
+
+def notes_on_campaign(
+    campaign: lb.Campaign, kinds: tuple[RemarkKind, ...] = _NOTED
+) -> tuple[Passage, ...]:
+    """Return notes on what looks odd in a campaign as a whole.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    kinds
+        Kinds of the remarks to return. Default: numbers in a wrong unit, two tests with the same
+        readings, and planned tests that have not been run.
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple(
+        f"Note: {wording.remark_words(remark).rstrip('.')}."
+        for remark in lb.check_campaign(campaign).remarks
+        if remark.kind in kinds
+    )
+
+
+def with_notes(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
+    """Return tables and sentences about a result, followed by notes on the readings.
+
+    The notes state what looks odd in the campaign, for example readings that seem to be in the
+    wrong unit, or two tests with the same readings.
+
+    Parameters
+    ----------
+    passages
+        Tables and sentences about a result of the campaign.
+    campaign
+        The campaign.
+
+    Returns
+    -------
+    tuple
+        Tables and sentences.
+    """
+    preview = lb.check_campaign(campaign)
+    return (*passages, *wording.peculiarity_sentences(preview), *notes_on_campaign(campaign))
