@@ -77,7 +77,7 @@ def make_report(
     require(
         model.degree == 1,
         "report must weigh constant and linear compliance, --degree 1, got"
-        f" {model.degree}. Leave --degree out; or fit it, and report the fit.",
+        f" {model.degree}. Give --degree 1; or fit it, and report the fit.",
     )
     if figures is not None:
         check_target(figures, force=output.force, ours=report_figure_files())
