@@ -94,7 +94,7 @@ def test_every_remark_on_a_campaign_has_german_words(kind: str) -> None:
     shown = re.sub(r"\{(stated|travel)\}", "CW", shown)
     shown = shown.replace("{what}", "force").replace("{unit}", "N")
     shown = shown.replace("{radii}", "100 and 150").replace("{planes}", "XY and YZ")
-    shown = shown.replace("{ball}", "work ball")
+    shown = shown.replace("{ball}", "work ball").replace("{file}", "model.toml")
     assert untranslated({shown}, "f036") == []
 
 
