@@ -44,6 +44,12 @@ def without_figures() -> Iterator[None]:
         yield
 
 
+def test_a_ratio_is_independent_of_the_scale_of_the_force_alone() -> None:
+    """An offset of the force, or its scatter, does not cancel."""
+    assert "scale of the force" in words_of("en")("remarks.gain_cancels")
+    assert "Skala der Kraftanzeige" in words_of("de")("remarks.gain_cancels")
+
+
 def findings_of(campaign: lb.Campaign, tolerances: dict[str, Any] | None = None) -> Findings:
     posterior = fitted(lb.HybridModel.first(0), campaign)
     return findings_of_fit(
