@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from functools import cache, wraps
-from typing import Any, NamedTuple, TypeVar, cast, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, cast, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -89,7 +89,7 @@ def validated(
         )
     require(
         first["type"] != "missing",
-        f"{place}: {key!r}{table} must be given, found none. Add it.",
+        f"{place}: {key!r}{table} must be given, found none. Add {_entry_to_add(location)}.",
     )
     subject = f"{place}: {key!r}{table}"
     if flags is not None:
@@ -105,6 +105,20 @@ class _Location(NamedTuple):
     keys: list[str]
     # pydantic class that describes the valid content of the innermost table on the path ``keys``
     owner: Any
+
+
+def _entry_to_add(location: _Location) -> str:
+    """Return the line that adds a missing entry to a TOML file, or "it" if its value is not known.
+
+    The value is known if only one value is valid, as in ``schema = 1``.
+    """
+    key = location.keys[-1]
+    for name, field in location.owner.__pydantic_fields__.items():
+        if key in (name, field.alias) and get_origin(field.annotation) is Literal:
+            values = get_args(field.annotation)
+            if len(values) == 1:
+                return f"{key} = {values[0]}"
+    return "it"
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
