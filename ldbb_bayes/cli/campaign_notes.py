@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import ldbb_bayes as lb
@@ -12,7 +13,7 @@ from ldbb_bayes.results import Passage
 if TYPE_CHECKING:
     from ldbb_bayes.cli.sources import SourceCampaign
 
-__all__ = ["assumptions_of", "notes_on_campaign", "with_notes"]
+__all__ = ["assumptions_of", "notes_on_campaign", "notes_on_readings", "with_notes"]
 
 # Kinds of the remarks that also concern commands whose results do not contain remarks.
 _NOTED = (RemarkKind.UNIT, RemarkKind.COPY, RemarkKind.NOT_RUN)
@@ -60,6 +61,30 @@ def notes_on_campaign(
         for remark in lb.check_campaign(campaign).remarks
         if remark.kind in kinds
     )
+
+
+def notes_on_readings(campaign: lb.Campaign) -> tuple[Passage, ...]:
+    """Return notes on readings that were probably imported wrongly.
+
+    Such readings seem to be in another unit, or are the same in two tests.
+
+    Parameters
+    ----------
+    campaign
+        The campaign that was imported.
+
+    Returns
+    -------
+    tuple of str
+    """
+    preview = lb.check_campaign(campaign)
+    tests = []
+    for test in preview.tests:
+        remarks = tuple(remark for remark in test.remarks if remark.kind is RemarkKind.UNIT)
+        tests.append(replace(test, remarks=remarks))
+    of_tests = wording.peculiarity_sentences(replace(preview, tests=tuple(tests)))
+    of_campaign = notes_on_campaign(campaign, (RemarkKind.UNIT, RemarkKind.COPY))
+    return (*(f"Note: {sentence}" for sentence in of_tests), *of_campaign)
 
 
 def with_notes(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:

@@ -26,7 +26,7 @@ from ldbb_bayes.campaign.folder import (
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields
-from ldbb_bayes.cli.campaign_notes import notes_on_campaign
+from ldbb_bayes.cli.campaign_notes import notes_on_campaign, notes_on_readings
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
@@ -82,7 +82,7 @@ def import_(
     result = import_with_answers(import_with, layout, ask=can_ask())
     output.deliver(
         result.as_dict(),
-        (*parts_of(result), *notes_on_campaign(result.campaign, (RemarkKind.UNIT,))),
+        (*parts_of(result), *notes_on_readings(result.campaign)),
         {IMPORT_NAME: layout_to_toml(result.layout)},
         write_more=partial(write_campaign_into, result.campaign),
         note=f"{_counts_in_brackets(result.campaign)}. Look at it: ldbb-bayes check {out}",

@@ -93,6 +93,25 @@ def test_a_radius_in_metres_is_told(files: list[Path], tmp_path: Path, invoke: I
     assert "Note: a radius is 0.15 mm: check the unit." in stdout
 
 
+def test_the_same_readings_twice_are_told(tmp_path: Path, invoke: Invoke) -> None:
+    rows = "".join(f"{5 * k},{10 + k % 7}\n" for k in range(72))
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.csv").write_text(f"angle_deg,reading_um\n{rows}", encoding="utf-8")
+    files = (tmp_path / "a.csv", tmp_path / "b.csv")
+    stdout = invoke("import", *files, "--out", tmp_path / "c", "--forces-N", "100,200")[1]
+    assert "Note: Tests a and b hold the same readings: a file read twice?" in stdout
+
+
+def test_readings_that_look_like_another_unit_are_told(tmp_path: Path, invoke: Invoke) -> None:
+    rows = "".join(f"{5 * k},{1000 * (k % 7)}\n" for k in range(72))
+    (tmp_path / "a.csv").write_text(f"angle_deg,reading_um\n{rows}", encoding="utf-8")
+    options = ("--out", tmp_path / "c", "--forces-N", "100")
+    stdout = invoke("import", tmp_path / "a.csv", *options)[1]
+    assert "Note: Look at a: peak to peak is 6000 µm: check the unit." in stdout
+    # What only shows when the readings are examined is left to check.
+    assert stdout.count("Note: ") == 1
+
+
 @pytest.mark.parametrize(("options", "message"), cases(__file__, "import.toml")["wrong"])
 def test_wrong_options(
     options: str, message: str, files: list[Path], tmp_path: Path, invoke: Invoke
