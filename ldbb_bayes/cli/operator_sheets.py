@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import ldbb_bayes as lb
-from ldbb_bayes.errors import check_known
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.design import NextCircle
@@ -24,10 +23,10 @@ def language_in(settings: dict[str, Any]) -> str:
 
     Raise an `InputError` if there are no sheets in this language.
     """
-    from ldbb_bayes.report.translation import languages
+    from ldbb_bayes.report.translation import check_language
 
     language = str(settings.pop("language"))
-    check_known("--language", [language], languages())
+    check_language(language)
     return language
 
 

@@ -27,6 +27,7 @@ from ldbb_bayes.files import check_target, staged_folder
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
 from ldbb_bayes.report.page import BESIDE, REPORT_FILES, Document, check_report_target
 from ldbb_bayes.report.pictures import PICTURES
+from ldbb_bayes.report.translation import check_language
 from ldbb_bayes.results import Table
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ def make_report(
         size.
     """
     check_probability(settings["prob"])
+    check_language(settings["language"])
     require(
         model.degree == 1,
         "report must weigh constant and linear compliance, --degree 1, got"

@@ -18,7 +18,7 @@ from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.wording import joined
 from ldbb_bayes.units import display_name
 
-__all__ = ["Words", "languages", "words_of"]
+__all__ = ["Words", "check_language", "languages", "words_of"]
 
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 
@@ -97,6 +97,14 @@ def languages() -> tuple[str, ...]:
     return tuple(sorted(codes))
 
 
+def check_language(language: str) -> None:
+    """Raise an `InputError` if the package has no texts in a language.
+
+    ``language`` is the code of the language, such as ``de``.
+    """
+    check_known("language", [language], languages(), " Leave it out for English.")
+
+
 @cache
 def words_of(language: str) -> Words:
     """Return the texts of the test certificate in the language ``language``.
@@ -115,6 +123,6 @@ def words_of(language: str) -> Words:
     InputError
         The package has no texts in the language.
     """
-    check_known("language", [language], languages())
+    check_language(language)
     catalogue = _TEMPLATES / f"words_{language}.toml"
     return Words(language, tomllib.loads(catalogue.read_text(encoding="utf-8")))

@@ -53,7 +53,7 @@ def test_a_goal_that_is_not_reached_ends_with_code_1(
         (("--goal", "C_XXX=5%", "--certificates", "bar"), "--certificates must be NAME=PRICE"),
         (("--goal", "C_XXX=5%", "--certificates", "bar=x"), "Write it like 'bar=150'"),
         (("--goal", "C_XXX=5%", "--directions", "up"), "--directions must be one of CW, CCW, both"),
-        (("--goal", "C_XXX=5%", "--language", "fr"), "--language must be one of"),
+        (("--goal", "C_XXX=5%", "--language", "fr"), "language must be one of"),
         (("--hours", 2), "--hours must go with --goal"),
         (("--certificates", "bar=150"), "--certificates must go with --goal"),
     ],
