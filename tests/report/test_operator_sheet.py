@@ -11,6 +11,7 @@ from importlib.resources import files
 import pandas as pd
 import pytest
 from campaigns import plan, simulated
+from scipy.special import expit
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import ModelSoFar, NextCircle
@@ -43,7 +44,7 @@ def variants(step: NextCircle) -> Iterator[NextCircle]:
     for direction, plane in (("CW", ""), ("", "YZ"), ("CCW", "ZX")):
         table = step.table.assign(direction=direction, plane=plane)
         yield replace(step, table=pd.DataFrame(table))
-    for log_bayes_factor, probability in ((9.0, 0.9999), (-0.4, 0.4), (0.3, 0.57)):
+    for log_bayes_factor, probability in ((9.0, 0.9999), (-0.4, 0.4), (0.3, 0.57), (0.01, 0.502)):
         decided = abs(log_bayes_factor) > 3.0
         state = ModelSoFar(log_bayes_factor, 0.1, probability, decided, 0.2, decided)
         yield replace(step, model=state, model_is_aim=True)
@@ -109,6 +110,20 @@ def test_the_sheet_is_english_if_nothing_is_said(step: NextCircle) -> None:
     assert words.startswith("Circle 5 of Mill 7, spring Run next: ")
     assert '<html lang="en">' in page
     assert page == operator_sheet.page(step, step.plan(), "en")
+
+
+def test_models_are_equally_probable_where_numbers_cannot_tell(step: NextCircle) -> None:
+    def sentence(log_bayes_factor: float, error: float) -> str:
+        probability = float(expit(log_bayes_factor))
+        model = ModelSoFar(log_bayes_factor, error, probability, False, 0.2, True)
+        return wording.next_circle_model(replace(step, model=model))[0]
+
+    equal = "Constant and linear compliance are equally probable, within the numerical error (ln B"
+    # The error of the probability is a quarter of that of ln B, but at least 0.01.
+    for log_bayes_factor, error in ((0.01, 0.0), (-0.03, 0.001), (0.2, 0.3), (-0.2, 0.3)):
+        assert sentence(log_bayes_factor, error).startswith(equal)
+    assert sentence(0.2, 0.1).startswith("Linear compliance is the more probable: 0.550 (ln B")
+    assert sentence(-0.2, 0.1).startswith("Constant compliance is the more probable: 0.550 (ln B")
 
 
 def planned() -> lb.Campaign:

@@ -72,6 +72,9 @@ _MOST_CIRCLES = 40
 _VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5
+# Smallest error that is assumed for the probability of a model. Two models count as equally probable
+# if their probabilities differ from 0.5 by less than this.
+_SMALLEST_ERROR_OF_PROBABILITY = 0.01
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9
 
@@ -109,6 +112,17 @@ class ModelSoFar(Result):
     def probability(self) -> float:
         """Larger of the posterior probabilities of constant and of linear compliance."""
         return max(self.probability_linear, 1.0 - self.probability_linear)
+
+    @property
+    def equally_probable(self) -> bool:
+        """Whether numerical errors leave open which of the two models is the more probable.
+
+        The error of the probability p follows from that of the log Bayes factor, because the
+        derivative of p with respect to the log Bayes factor is p (1 − p).
+        """
+        p = self.probability_linear
+        error = p * (1.0 - p) * self.log_bayes_factor_error
+        return abs(p - 0.5) < max(error, _SMALLEST_ERROR_OF_PROBABILITY)
 
 
 class _Chosen(NamedTuple):
