@@ -442,13 +442,7 @@ def _next_tests(plan: lb.Campaign) -> str:
 
     The forces are listed in the order in which the tests are to be run.
     """
-    several_planes = len({test.plane for test in plan.tests}) > 1
-    labels = []
-    for test in plan.tests:
-        label = f"{test.force_N:.4g} N"
-        if several_planes:
-            label += f" in plane {test.plane}"
-        labels.append(label)
+    labels = [f"{test.force_N:.4g} N" for test in plan.tests]
     return (
         f"Run next, in this order: {running_order(plan, labels)}. At these forces the readings are"
         " expected to tell most about the parameters."

@@ -122,8 +122,8 @@ def files_of_goal_design(
 def running_order(plan: lb.Campaign, labels: Sequence[str] | None = None) -> str:
     """Return one string that lists a plan's tests in the order in which to run them.
 
-    The direction, the radius and the angles of the balls are stated in brackets after each test. A
-    setting that is the same in all tests is left out.
+    Plane, set-up, direction, radius and the angles of the balls are stated in brackets after each
+    test. A setting that is the same in all tests is left out.
 
     Parameters
     ----------
@@ -140,6 +140,8 @@ def running_order(plan: lb.Campaign, labels: Sequence[str] | None = None) -> str
     for test in plan.tests:
         settings_by_test.append(
             (
+                f"plane {test.plane}",
+                f"set-up {test.setup or 1}",
                 test.direction or "–",
                 f"{test.radius_mm:g} mm",
                 f"balls {test.work_ball_deg:g}/{test.tool_ball_deg:g}°",

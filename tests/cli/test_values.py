@@ -13,6 +13,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli import app
 from ldbb_bayes.cli.arguments import _model_options
 from ldbb_bayes.cli.file_reports import _next_tests
+from ldbb_bayes.cli.goal_designs import running_order
 from ldbb_bayes.cli.questions import _read_topology
 from ldbb_bayes.cli.ranges import read_force_levels
 from ldbb_bayes.cli.values import ball_in, directions_in
@@ -97,6 +98,24 @@ def test_next_tests_are_listed_by_force_with_direction(recovered: lb.Campaign) -
         "Run next, in this order: 417 N (CW), 36 N (CCW). At these forces the readings are expected"
         " to tell most about the parameters."
     )
+
+
+def test_tests_are_listed_with_plane_set_up_and_balls_where_they_differ(
+    recovered: lb.Campaign,
+) -> None:
+    test = replace(recovered.plan().tests[0], force_N=417.0, direction="CW")
+    two_planes = replace(
+        recovered.plan(),
+        tests=[
+            replace(test, name="a", direction="CCW", work_ball_deg=45.0),
+            replace(test, name="b", plane="YZ", setup=2),
+        ],
+        topology="wXFYZSt",
+    )
+    settings = ("plane XY, set-up 1, CCW, balls 45/0°", "plane YZ, set-up 2, CW, balls 0/0°")
+    assert running_order(two_planes) == f"a ({settings[0]}), b ({settings[1]})"
+    listed = f"Run next, in this order: 417 N ({settings[0]}), 417 N ({settings[1]}). At these"
+    assert _next_tests(two_planes).startswith(listed)
 
 
 @pytest.mark.parametrize("command", app.registered_commands, ids=lambda command: command.name)
