@@ -6,8 +6,11 @@ uncertainties, decisions on tolerances, and the choice of a model.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ldbb_bayes.analysis.design import NextCircle
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.mountings import last_setup, setups_as_run
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.next_circle_text import aims_passages
@@ -54,7 +57,8 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
         """Return tables and sentences in the language of the sheet."""
         return passages_in_language(passages, language, [campaign, _machine_of(plan)])
 
-    entries = [*_entries_of_campaign(plan), *_settings(plan, plan.tests[0])]
+    setups = setups_as_run(plan)
+    entries = [*_entries_of_campaign(plan), *_settings(plan, plan.tests[0], setups[0])]
     names, values = zip(*entries, strict=True)
     return template_of("operator.html.j2").render(
         language=language,
@@ -63,9 +67,10 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
         concerns=in_language(*wording.next_circle_concerns(step)),
         head=in_language(*wording.next_circle_head(step)),
         finished=step.finished,
+        mountings=in_language(*_mountings(plan, setups, step.circles + 1)),
         settings=zip(in_language(*names), in_language(*values), strict=True),
         passages=in_language(*aims_passages(step)),
-        advice=in_language(*_advice(plan), _AFTER_ONE_CIRCLE),
+        advice=in_language(*_advice(plan, setups), _AFTER_ONE_CIRCLE),
     )
 
 
@@ -91,7 +96,10 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         """Return tables and sentences in the language of the sheet."""
         return passages_in_language(passages, language, names)
 
-    circles = [dict(_settings(plan, test)) for test in plan.tests]
+    setups = setups_as_run(plan)
+    circles = []
+    for test, setup in zip(plan.tests, setups, strict=True):
+        circles.append(dict(_settings(plan, test, setup)))
     common = dict(_entries_of_campaign(plan))
     for name, value in circles[0].items():
         if name not in _OF_EVERY_CIRCLE and all(circle[name] == value for circle in circles):
@@ -106,22 +114,57 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         language=language,
         title=in_language(f"Circles of {plan.name}")[0],
         lead=in_language("Run the circles in this order.")[0],
+        mountings=in_language(*_mountings(plan, setups, 1)),
         common=zip(in_language(*common_names), in_language(*common_values), strict=True),
         circles=in_language(table)[0],
-        advice=in_language(*_advice(plan), _AFTER_PLAN),
+        advice=in_language(*_advice(plan, setups), _AFTER_PLAN),
     )
 
 
-def _advice(plan: Campaign) -> tuple[str, ...]:
+def _mounted_anew(plan: Campaign, setups: Sequence[int]) -> list[int]:
+    """Return the positions of the circles of a plan before which the bar is mounted anew.
+
+    ``setups`` are the numbers of the set-ups in which the circles of the ``plan`` will be run. The
+    position of the first circle is 0. The first mounting of a plan that is run by itself does not
+    count.
+    """
+    before = [last_setup(plan) or setups[0], *setups[:-1]]
+    return [k for k, setup in enumerate(setups) if setup != before[k]]
+
+
+def _mountings(plan: Campaign, setups: Sequence[int], first: int) -> tuple[str, ...]:
+    """Return sentences for the operator on when to mount the bar anew; none if it stays in place.
+
+    ``setups`` are the numbers of the set-ups in which the circles of the ``plan`` will be run, and
+    ``first`` is the number of the first circle. If these are not the set-up numbers of the plan, a
+    sentence says so.
+    """
+    sentences = []
+    for k in _mounted_anew(plan, setups):
+        sentences.append(f"Mount the bar anew before circle {first + k} (set-up {setups[k]}).")
+    if any(setup != test.setup for setup, test in zip(setups, plan.tests, strict=True)):
+        sentences.append(
+            "Enter the set-up numbers of this sheet as setup in campaign.toml: a bar that is"
+            " mounted anew has a new number."
+        )
+    return tuple(sentences)
+
+
+def _advice(plan: Campaign, setups: Sequence[int]) -> tuple[str, ...]:
     """Return sentences for the operator on how to run circles.
 
     If a ball is turned in a circle of the ``plan``, a sentence states about which axis, in which
-    sense and from which position the angles of the balls are measured.
+    sense and from which position the angles of the balls are measured. ``setups`` are the numbers
+    of the set-ups in which the circles will be run.
     """
     sentences = [
         "Warm up the machine first, keep one set-up, and write down the time at which each circle"
         " starts.",
     ]
+    if _mounted_anew(plan, setups):
+        sentences = [
+            "Warm up the machine first, and write down the time at which each circle starts.",
+        ]
     if any(test.work_ball_deg or test.tool_ball_deg for test in plan.tests):
         sentences.append(
             "Turn a ball in its socket about the normal of the circle's plane, counterclockwise as"
@@ -144,11 +187,12 @@ def _entries_of_campaign(plan: Campaign) -> list[tuple[str, str]]:
     return [("Machine", _machine_of(plan)), ("Operator", ""), ("Date", "")]
 
 
-def _settings(plan: Campaign, test: CircularTest) -> list[tuple[str, str]]:
+def _settings(plan: Campaign, test: CircularTest, setup: int) -> list[tuple[str, str]]:
     """Return the settings of a circle of a plan as entries of the operator's sheet.
 
-    Each entry is a tuple of name and text. The texts state the settings with their units. Entries
-    that the operator fills in have an empty text.
+    ``setup`` is the number of the set-up in which the circle will be run. Each entry is a tuple of
+    name and text. The texts state the settings with their units. Entries that the operator fills in
+    have an empty text.
     """
     force = float(test.force_N or 0.0)
     feed = ""
@@ -158,6 +202,7 @@ def _settings(plan: Campaign, test: CircularTest) -> list[tuple[str, str]]:
         ("Force", f"{force:.4g} N"),
         ("Pressure", f"{plan.force_law.pressure_bar(force):.3g} bar"),
         ("Plane", str(test.plane)),
+        ("Set-up", f"{setup}"),
         ("Direction", test.direction or "as before"),
         ("Start angle", f"{test.angle_deg[0] % 360.0:g}°"),
         ("Arc", f"{abs(test.planned_arc_deg):g}°"),

@@ -175,3 +175,76 @@ def test_the_sheet_of_a_plan_is_german() -> None:
     assert "Werkstückkugel gedreht" in words
     english = {"force", "the", "with", "and", "of", "run", "circle", "circles", "save", "time"}
     assert {word.lower() for word in re.findall(r"\w+", words)} & english == set()
+
+
+# ---- plans with several set-ups
+
+
+def in_setups(circles: lb.Campaign, *setups: int) -> lb.Campaign:
+    """The circles in these set-ups; those of set-up 2 are in another plane."""
+    tests = []
+    for test, setup in zip(circles.tests, setups, strict=True):
+        plane = "YZ" if setup == 2 else "XY"
+        tests.append(replace(test, setup=setup, plane=plane))
+    return replace(circles, topology="wXFYZSt", tests=tuple(tests))
+
+
+KEEP = "keep one set-up"
+NUMBERS = "Enter the set-up numbers of this sheet as setup in campaign.toml: a bar that is mounted"
+
+
+def test_the_sheet_says_when_to_mount_the_bar_anew() -> None:
+    page = operator_sheet.page_of_plan(in_setups(planned(), 1, 1, 2, 2))
+    words = words_of(page)
+    assert "Circle Force Pressure Plane Set-up " in words
+    assert re.search(r" 3 \S+ N \S+ bar YZ 2 ", words)
+    assert "Mount the bar anew before circle 3 (set-up 2)." in words
+    assert words.count("Mount the bar anew") == 1
+    assert "Warm up the machine first, and write down the time" in words
+    assert KEEP not in words
+    assert NUMBERS not in words
+
+
+def test_a_return_to_an_earlier_set_up_has_a_new_number() -> None:
+    words = words_of(operator_sheet.page_of_plan(in_setups(planned(), 1, 2, 2, 1)))
+    assert "Mount the bar anew before circle 2 (set-up 2)." in words
+    assert "Mount the bar anew before circle 4 (set-up 3)." in words
+    assert re.search(r" 4 \S+ N \S+ bar XY 3 ", words)
+    assert NUMBERS in words
+
+
+def test_one_set_up_is_kept() -> None:
+    page = operator_sheet.page_of_plan(planned())
+    assert KEEP in page
+    assert "<dt>Set-up</dt><dd>1</dd>" in page
+    assert "Mount the bar" not in page
+
+
+def next_in_setup(step: NextCircle, setup: int) -> lb.Campaign:
+    """The next circle in a set-up; the last of the circles so far was run in set-up 2."""
+    so_far = in_setups(simulated(plan()), 1, 1, 2, 2)
+    circle = in_setups(replace(step.plan(), pilot=None, adds_to_pilot=False), setup)
+    return replace(circle, pilot=so_far, adds_to_pilot=True)
+
+
+def test_the_next_circle_in_another_set_up_needs_the_bar_mounted_anew(step: NextCircle) -> None:
+    words = words_of(operator_sheet.page(step, next_in_setup(step, 1)))
+    assert "Mount the bar anew before circle 5 (set-up 3)." in words
+    assert "Plane XY Set-up 3" in words
+    assert NUMBERS in words
+    assert KEEP not in words
+    words = words_of(operator_sheet.page(step, next_in_setup(step, 2)))
+    assert "Plane YZ Set-up 2" in words
+    assert KEEP in words
+    assert "Mount the bar" not in words
+
+
+def test_the_sheet_is_german_with_several_set_ups(step: NextCircle) -> None:
+    of_plan = words_of(operator_sheet.page_of_plan(in_setups(planned(), 1, 2, 2, 1), "de"))
+    of_circle = words_of(operator_sheet.page(step, next_in_setup(step, 1), "de"))
+    assert "Vor Kreis 4 das Messgerät neu einsetzen (Aufspannung 3)." in of_plan
+    assert "Vor Kreis 5 das Messgerät neu einsetzen (Aufspannung 3)." in of_circle
+    english = {"the", "with", "and", "of", "circle", "before", "mount", "up", "time"}
+    for words in (of_plan, of_circle):
+        assert "campaign.toml als setup eintragen: Ein neu eingesetztes Messgerät hat eine" in words
+        assert {word.lower() for word in re.findall(r"\w+", words)} & english == set()

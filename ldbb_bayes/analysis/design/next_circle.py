@@ -72,8 +72,8 @@ _MOST_CIRCLES = 40
 _VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5
-# Smallest error that is assumed for the probability of a model. Two models count as equally probable
-# if their probabilities differ from 0.5 by less than this.
+# Smallest error that is assumed for the probability of a model. Two models count as equally
+# probable if their probabilities differ from 0.5 by less than this.
 _SMALLEST_ERROR_OF_PROBABILITY = 0.01
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9

@@ -1,0 +1,77 @@
+"""Mountings of the bar while a plan is run, and the set-up number of each of them."""
+
+from __future__ import annotations
+
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.run_times import times_stated
+
+__all__ = ["last_setup", "setups_as_run"]
+
+
+def last_setup(plan: Campaign) -> int | None:
+    """Return the number of the set-up in which the last circle before a plan was run.
+
+    Only circles to which the plan is added count. Return None if there are none.
+    """
+    tests = _tests_before(plan)
+    return _setup(tests[-1]) if tests else None
+
+
+def setups_as_run(plan: Campaign) -> tuple[int, ...]:
+    """Return the set-up number of each test of a plan if the tests are run in the plan's order.
+
+    The bar is mounted anew where the set-up changes from one test to the next. A bar that is
+    mounted anew is a new set-up, even if the plan returns to a set-up in which circles were run
+    before: the offsets of the tool ball are not the same as in that set-up. Such a set-up gets the
+    next number that no test has.
+
+    The bar stays as it is mounted if the first test has the plane and the centre of the last circle
+    before the plan.
+    """
+    tests_before = _tests_before(plan)
+    taken = {_setup(test) for test in tests_before}
+    unused = max(_setup(test) for test in (*tests_before, *plan.tests)) + 1
+    planned = last_setup(plan)
+    as_run = planned or 1
+    if tests_before and _place(tests_before[-1]) == _place(plan.tests[0]):
+        planned = _setup(plan.tests[0])
+    numbers = []
+    for test in plan.tests:
+        if _setup(test) != planned:
+            planned = _setup(test)
+            as_run = planned
+            if planned in taken:
+                as_run = unused
+                unused += 1
+        taken.add(planned)
+        numbers.append(as_run)
+    return tuple(numbers)
+
+
+def _setup(test: CircularTest) -> int:
+    """Return the number of the test's set-up; 1 if the test does not state it."""
+    return test.setup or 1
+
+
+def _place(test: CircularTest) -> tuple[str, tuple[float, ...]]:
+    """Return the plane of the test's circle, and the circle's centre [mm]."""
+    return test.circle.plane, tuple(test.circle.centre_mm)
+
+
+def _tests_before(plan: Campaign) -> tuple[CircularTest, ...]:
+    """Return the tests to which a plan is added, in the order in which they were run.
+
+    Without start times, this is the order in which they are listed. The result is empty if the plan
+    is run by itself.
+    """
+    if plan.pilot is None or not plan.adds_to_pilot:
+        return ()
+    tests = tuple(plan.pilot.tests)
+    if times_stated(plan.pilot) < len(tests):
+        return tests
+    return tuple(sorted(tests, key=_start_s))
+
+
+def _start_s(test: CircularTest) -> float:
+    """Return the time at which a test was started [s]; 0 if it is not stated."""
+    return float(test.time_s or 0.0)
