@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ldbb_bayes.cli.values import numbers_in
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, require
 
 __all__ = ["read_clockings", "read_force_levels", "read_radii"]
 
@@ -81,10 +81,13 @@ def read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
     """Return pairs of angles [deg] by which work ball and tool ball are turned about their stems.
 
     The typed string ``entry`` is a list or range of angles of the work ball alone, or a list of
-    pairs WORK/TOOL. ``flag`` names the option in error messages.
+    pairs WORK/TOOL. ``flag`` names the option in error messages. Raise an `InputError` for an angle
+    of more than one turn.
     """
     if "/" not in entry:
-        return tuple((angle, 0.0) for angle in _read_range(entry, flag, "0:315:45", "0,120,240"))
+        work_deg = _read_range(entry, flag, "0:315:45", "0,120,240")
+        _check_turns(work_deg, flag)
+        return tuple((angle, 0.0) for angle in work_deg)
     clockings = []
     for pair in entry.split(","):
         angles = numbers_in(pair, flag, _PAIRS, "/")
@@ -93,5 +96,18 @@ def read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
                 f"{flag} must be all angles of the work ball, or all WORK/TOOL, got {entry!r}. For"
                 f" example {_PAIRS}."
             )
+        _check_turns(angles, flag)
         clockings.append((angles[0], angles[1]))
     return tuple(clockings)
+
+
+def _check_turns(angles_deg: Sequence[float], flag: str) -> None:
+    """Raise an `InputError` if a ball is turned by more than one turn.
+
+    ``angles_deg`` are the angles of the balls [deg]. ``flag`` names the option in the message.
+    """
+    for angle in angles_deg:
+        require(
+            abs(angle) <= 360.0,
+            f"{flag} must hold angles between -360 and 360 degrees, got {angle:g}. Correct it.",
+        )

@@ -184,8 +184,14 @@ def test_both_directions_need_the_direction_of_the_circles_run(
         (("--degree", "0", "--decide", *GOAL), "in the model for a decision, got constant ones"),
         (("--confidence", "1"), "confidence must lie between 0.5 and 1"),
         (("--forces", "0"), "forces must be finite and > 0"),
-        (("--clockings", "0/400"), "clockings must lie between -360 and 360 degrees, got 400."),
-        (("--clockings=-361",), "clockings must lie between -360 and 360 degrees, got -361."),
+        (
+            ("--clockings", "0/400"),
+            "--clockings must hold angles between -360 and 360 degrees, got 400.",
+        ),
+        (
+            ("--clockings=-361",),
+            "--clockings must hold angles between -360 and 360 degrees, got -361.",
+        ),
         (("--directions", "up"), "--directions must be one of CW, CCW, both, got 'up'."),
         (("--directions", ","), "--directions must name CW, CCW or both, got ','."),
     ],

@@ -129,8 +129,8 @@ class Space:
     def _check_candidates(self) -> None:
         """Raise an `InputError` for invalid values, or for too many candidate tests.
 
-        Forces, radii and ``slope_size`` must be positive, directions of travel must be CW or CCW,
-        and a ball may be turned by at most one turn.
+        Forces, radii and ``slope_size`` must be positive, and directions of travel must be CW or
+        CCW.
         """
         sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": [self.slope_size]}
         for name, values in sizes.items():
@@ -140,13 +140,6 @@ class Space:
                     f"{name} must be finite and > 0, got {value:g}. Correct it.",
                 )
         check_known("direction", self.directions, TRAVEL_SIGNS)
-        for clocking in self.clockings_deg:
-            for angle_deg in clocking:
-                require(
-                    abs(angle_deg) <= 360.0,
-                    f"clockings must lie between -360 and 360 degrees, got {angle_deg:g}. Correct"
-                    " it.",
-                )
         circles = len(self.clockings_deg) * len(self.radii_mm) * len(self.templates)
         count = len(self.forces_N) * circles
         require(
