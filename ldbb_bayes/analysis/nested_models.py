@@ -77,6 +77,7 @@ class NestedModels:
     #: indices of the q coefficients (first the p parameters, then those of the rivals) among all
     #: coefficients that are the same in all tests
     places: tuple[int, ...]
+    names: tuple[str, ...]  #: names of the q coefficients
     prior_sd: Array  #: prior standard deviations of the q coefficients, shape (q,)
     #: for each model, the indices of those of the q coefficients that are zero in it
     zeros: tuple[tuple[int, ...], ...]
@@ -99,7 +100,7 @@ class NestedModels:
                 if effect not in effects:
                     indices += indices_of_effect
             zeros.append(tuple(indices))
-        return cls(bound, chosen.places, chosen.prior_sd, tuple(zeros))
+        return cls(bound, chosen.places, chosen.names, chosen.prior_sd, tuple(zeros))
 
     @property
     def stated(self) -> dict[int, str]:
@@ -223,6 +224,7 @@ class _NestedCoefficients(NamedTuple):
     """The q coefficients of the nested models: the p parameters, then those of the rivals."""
 
     places: tuple[int, ...]  #: see ``NestedModels.places``
+    names: tuple[str, ...]  #: names of the coefficients
     prior_sd: Array  #: prior standard deviations of the coefficients, shape (q,)
     #: indices of the coefficients of each rival among the q coefficients; the keys are the names of
     #: the rivals
@@ -241,6 +243,7 @@ def _choose_coefficients(bound: BoundModel) -> _NestedCoefficients:
         names += columns.names
         sds += [float(sd) for sd in columns.sd]
     places = list(range(len(names), len(names) + len(bound.names)))
+    chosen_names = list(bound.names)
     prior_sd = bound.scale.tolist()
     rivals = {}
     for rival in bound.model.rivals:
@@ -249,7 +252,8 @@ def _choose_coefficients(bound: BoundModel) -> _NestedCoefficients:
         rivals[rival] = tuple(range(len(places), len(places) + len(of_rival)))
         places += of_rival
         prior_sd += [sds[place] for place in of_rival]
-    return _NestedCoefficients(tuple(places), np.array(prior_sd), rivals)
+        chosen_names += [names[place] for place in of_rival]
+    return _NestedCoefficients(tuple(places), tuple(chosen_names), np.array(prior_sd), rivals)
 
 
 def averaged_variances(posteriors: list[_PosteriorOfModel], log_weight: Array) -> Array:

@@ -128,6 +128,30 @@ def test_a_plan_of_other_planes_than_its_pilot_is_refused() -> None:
         lb.identify(LINEAR, other)
 
 
+def test_a_plan_of_fewer_planes_knows_what_the_pilot_says_of_its_coefficients() -> None:
+    """The pilot's third axis does not move in the plan, which has no joint load of it."""
+    three_planes = plan_of_three_planes()
+    pilot = simulated(three_planes)
+    in_xy = [test for test in three_planes.tests if test.plane == "XY"]
+    others = tuple(test for test in three_planes.tests if test.plane != "XY")
+    one_plane = replace(three_planes, tests=tuple(in_xy), foreseen=others, pilot=pilot)
+    analyses = simulate_analyses(LINEAR, one_plane)
+    models = NestedModels.of(analyses.bound)
+    of_pilot = NestedModels.of(LINEAR.bind(pilot))
+    assert models is not None
+    assert of_pilot is not None
+    assert {name for name in of_pilot.names if name.startswith("joint_load_Z")}
+    assert not {name for name in models.names if name.startswith("joint_load_Z")}
+    expected = of_pilot.coefficients_given(analyses.states.phi)
+    places = [of_pilot.names.index(name) for name in models.names]
+    known = _known_before(models, analyses)
+    np.testing.assert_allclose(known.mean, expected.mean[:, places], atol=1e-7)
+    block = expected.covariance[:, places][:, :, places]
+    np.testing.assert_allclose(known.covariance, block, atol=1e-7)
+    averaged = averaged_uncertainties(analyses)
+    assert 0.0 < averaged["C_XXX"].sd < 2.5e-5
+
+
 @pytest.mark.parametrize("model", [lb.HybridModel.default(0), lb.HybridModel.default(2)])
 def test_there_is_nothing_to_average(model: lb.HybridModel) -> None:
     assert averaged_uncertainties(simulate_analyses(model, PLAN)) == {}

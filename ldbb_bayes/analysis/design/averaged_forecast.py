@@ -104,15 +104,50 @@ def _known_before(models: NestedModels, analyses: SimulatedAnalyses) -> Coeffici
         of_pilot = NestedModels.of(bound.model.bind(pilot))
     if of_pilot is None:
         return Coefficients(np.zeros((len(phi), q)), np.tile(np.eye(q), (len(phi), 1, 1)))
-    mean, covariance = of_pilot.coefficients_given(phi)
+    mean, covariance, pilot_sd = _aligned(of_pilot, of_pilot.coefficients_given(phi), models)
     # A coefficient may have a narrower prior in the plan than in the pilot, because of a new
     # certificate. Its prior precision increases accordingly.
-    ratio = of_pilot.prior_sd / models.prior_sd
+    ratio = pilot_sd / models.prior_sd
     precision = np.linalg.inv(covariance * np.outer(ratio, ratio))
     shift = np.einsum("kij,kj->ki", precision, mean * ratio)
     precision += np.diag(1.0 - ratio**-2.0)
     known = np.linalg.inv(precision)
     return Coefficients(np.einsum("kij,kj->ki", known, shift), known)
+
+
+class _AlignedCoefficients(NamedTuple):
+    """What the pilot says of the q coefficients of a plan, in the order of the plan.
+
+    Coefficients that the pilot does not have are as in the prior of the plan.
+    """
+
+    mean: Array  # means minus prior means, in prior standard deviations of the pilot, shape (K, q)
+    covariance: Array  # covariances in the same units, shape (K, q, q)
+    prior_sd: Array  # prior standard deviations in the pilot's model, shape (q,)
+
+
+def _aligned(
+    pilot: NestedModels, known: Coefficients, models: NestedModels
+) -> _AlignedCoefficients:
+    """Return the pilot's coefficients in the order of the plan's, without those of the pilot alone.
+
+    A plan of fewer planes than the pilot lacks the joint load of the axes that do not move in it.
+    ``known`` are the coefficients that the pilot leaves likely, in each of K states.
+    """
+    q = len(models.names)
+    states = len(known.mean)
+    places_of_pilot = {name: place for place, name in enumerate(pilot.names)}
+    common = [k for k, name in enumerate(models.names) if name in places_of_pilot]
+    places = [places_of_pilot[models.names[k]] for k in common]
+    mean = np.zeros((states, q))
+    mean[:, common] = known.mean[:, places]
+    covariance = np.tile(np.eye(q), (states, 1, 1))
+    covariance[:, np.array(common)[:, None], common] = known.covariance[
+        :, np.array(places)[:, None], places
+    ]
+    prior_sd = models.prior_sd.copy()
+    prior_sd[common] = pilot.prior_sd[places]
+    return _AlignedCoefficients(mean, covariance, prior_sd)
 
 
 def _draw_machines(
