@@ -206,12 +206,13 @@ def drawn_rows(
     rows = []
     for t in range(n):
         truth = statistics.mean.copy()
-        truth[-2:] = instrument
+        truth[-2:] = statistics.prior_mean[-2:] + instrument
         truth[constant] += scatter * prior_sd[constant] * rng.standard_normal(len(constant))
         if step_at is not None and t >= step_at:
             truth[statistics.names.index("C_XXX")] *= 1.0 + step
         noise = rng.standard_normal(len(truth))
         shift = (root @ (root.T @ (truth / prior_sd) + noise)) / prior_sd
+        shift = shift + statistics.prior_mean / prior_sd**2
         drawn = replace(statistics, mean=statistics.covariance @ shift)
         name = f"c{t + 1:02d}"
         day = date(2025, 1, 15) + timedelta(days=30 * t)

@@ -258,7 +258,14 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
         if name == "bar_length":
             name = bar_length
         names.append(name)
-    return _Campaign(information, names, _posterior_mean(bound, phi), _prior_mean(bound))
+    # An error of the instrument is one of a nominal value, which may differ between the campaigns.
+    # The mean of the quantity itself is compared.
+    nominal = np.array(
+        [Term.owner(name).nominal(name, bound.campaign) for name in information.names]
+    )
+    return _Campaign(
+        information, names, _posterior_mean(bound, phi) + nominal, _prior_mean(bound) + nominal
+    )
 
 
 def _common_coefficients(

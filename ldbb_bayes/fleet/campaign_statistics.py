@@ -41,10 +41,11 @@ class SufficientStatistics:
     """Posterior moments of a campaign's parameters and of further coefficients.
 
     There are q quantities: first the parameters (compliances, their changes with force, geometric
-    errors), then further coefficients. These are errors of the instrument (of the mount's
-    deflection and of the force), which have the same values in all campaigns with the same
-    instrument, and coefficients of `JointLoad`, which describe the machine. All moments are in
-    internal units (mm, N, rad).
+    errors), then further coefficients. These are properties of the instrument (the mount's
+    deflection and errors of the force), which have the same values in all campaigns with the same
+    instrument, and coefficients of `JointLoad`, which describe the machine. The mount's deflection
+    is its nominal value plus the coefficient of the model, because campaigns with the same mount
+    may state different nominal values. All moments are in internal units (mm, N, rad).
     """
 
     #: names of the q parameters and further coefficients of a campaign's fit
@@ -103,6 +104,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
         weight, np.concatenate(means), np.concatenate(covariances)
     )
     mean[: len(bound.names)] += bound.centre
+    mean[len(bound.names) :] += chosen.prior_mean[len(bound.names) :]
     return SufficientStatistics(
         names=chosen.names,
         units=chosen.units,
@@ -149,6 +151,7 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     places = list(range(first_parameter, first_parameter + len(bound.names)))
     names = list(bound.names)
     units = [parameter.unit for parameter in bound.parameters]
+    further_means = []
     further_sds = []
     for place, (name, sd) in enumerate(nuisance_sds):
         owner = Term.owner(name)
@@ -156,12 +159,13 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
             places.append(place)
             names.append(name)
             units.append(owner.unit_of(name).inside)
+            further_means.append(owner.nominal(name, bound.campaign))
             further_sds.append(sd)
     return _ChosenCoefficients(
         places=places,
         names=tuple(names),
         units=tuple(units),
-        prior_mean=np.concatenate([bound.prior_mean, np.zeros(len(further_sds))]),
+        prior_mean=np.concatenate([bound.prior_mean, further_means]),
         prior_sd=np.concatenate([bound.prior_sd, further_sds]),
     )
 

@@ -8,13 +8,16 @@ of the instrument, that of the mount's deflection and that of the force, which a
 campaigns. Λ_i is a precision matrix (inverse of a covariance matrix), and η_i is the shift, that
 is, Λ_i times the estimate of (c_i, b).
 
+The changes of compliances with force belong to the machine. If a machine has several campaigns,
+they are variables of the likelihoods as well (`machine_effects`).
+
 All other unknowns are integrated out in each campaign separately, as if their values in different
-campaigns were independent. These unknowns are the changes of compliances with force (slopes), the
-geometric errors that are not compared, the form of the balls, the length of the bar, and the
-hyper-parameters (such as the standard deviation of the noise). If campaigns have the machine or the
-bar in common, this treatment overstates the uncertainty of changes and differences. It understates
-the uncertainty of levels and of a population's mean, because ball form and bar length are the same
-in all campaigns and do not average out.
+campaigns were independent. These unknowns are the geometric errors that are not compared, the form
+of the balls, the length of the bar, and the hyper-parameters (such as the standard deviation of the
+noise). If campaigns have the machine or the bar in common, this treatment overstates the
+uncertainty of changes and differences. It understates the uncertainty of levels and of a
+population's mean, because ball form and bar length are the same in all campaigns and do not average
+out.
 """
 
 from __future__ import annotations
@@ -31,6 +34,12 @@ import pandas as pd
 
 from ldbb_bayes.analysis.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.fleet.machine_effects import (
+    VARIANCE_OF_CAMPAIGN,
+    machine_effects,
+    ratios_of_effects,
+    with_deviations,
+)
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, moment
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian
@@ -52,10 +61,11 @@ class FleetStatistics:
     """Gaussian likelihoods of n campaigns.
 
     The likelihood of a campaign is the posterior of the campaign's fit divided by the prior of this
-    fit. It is a function of the c parameters to analyse and of s errors of the instrument, such as
-    the error of the mount's deflection. A likelihood has a precision matrix Λ (inverse covariance)
-    and a shift η (Λ times the estimate). If the model of a campaign lacks an instrument error, Λ
-    and η of this campaign have zeros for that error.
+    fit. It is a function of the c parameters to analyse, of s errors of the instrument, such as the
+    error of the mount's deflection, and of k effects of the machine, such as slopes. A likelihood
+    has a precision matrix Λ (inverse covariance) and a shift η (Λ times the estimate). If the model
+    of a campaign lacks an instrument error or an effect, Λ and η of this campaign have zeros for
+    it.
     """
 
     campaigns: tuple[str, ...]  #: file paths of the n campaigns, as in the table of a batch
@@ -68,12 +78,14 @@ class FleetStatistics:
     #: names of the s instrument errors whose values are the same in all campaigns; empty if the
     #: campaigns used different instruments
     instrument: tuple[str, ...]
-    #: standard deviations that serve as units of the likelihood, shape (c + s,): first the
+    #: standard deviations that serve as units of the likelihood, shape (c + s + k,): first the
     #: reference sds of the c parameters (see `reference_sd`), then the prior sds of the s
-    #: instrument errors. They are in internal units, made of mm, N and rad.
+    #: instrument errors and of the k effects of the machine. They are in internal units, made of
+    #: mm, N and rad.
     prior_sd: Array
-    #: likelihoods of n campaigns. Each is a Gaussian function of c + s variables: the c parameters,
-    #: followed by the s instrument errors. The variables are in units of ``prior_sd``.
+    #: likelihoods of n campaigns. Each is a Gaussian function of c + s + k variables: the c
+    #: parameters, the s instrument errors and the k effects of the machine. The variables are in
+    #: units of ``prior_sd``. The last two kinds are measured from their prior means.
     likelihood: Gaussian
     reference_force_N: float  #: force for which the compliances of all campaigns are given [N]
     #: lower and upper end of the range of forces that all campaigns have in common [N]: the largest
@@ -85,6 +97,9 @@ class FleetStatistics:
     #: of joint compliances for which the fitted compliance stands. The dictionary is empty if the
     #: batch does not state the sums.
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
+    #: names of the k effects that a machine keeps from campaign to campaign (see
+    #: `machine_effects`); empty if every machine has one campaign only
+    machine: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of campaigns whose likelihoods this object holds."""
@@ -110,6 +125,7 @@ def fleet_statistics(
     parameters: Sequence[str] | None = None,
     reference_force_N: float | None = None,
     one_instrument: bool = True,
+    one_machine: bool = False,
 ) -> FleetStatistics:
     """Return the likelihoods of the machines' parameters from the campaigns of a batch.
 
@@ -124,6 +140,7 @@ def fleet_statistics(
         deflection and of the force are the same in all campaigns and do not average out; the best
         certificate that a campaign states of them is of all campaigns. If false, the errors of
         different campaigns are independent.
+    one_machine : whether all campaigns are of one machine, whatever machine they name.
 
     Raises
     ------
@@ -135,36 +152,120 @@ def fleet_statistics(
     chosen = _choose_parameters(rows, parameters)
     instrument = _instrument_errors(rows) if one_instrument else ()
     force = _reference_force(rows, reference_force_N)
-    likelihoods = [
-        _likelihood(row, (*chosen, *instrument), force) for row in rows.to_dict("records")
-    ]
-    precision = np.array([likelihood.precision for likelihood in likelihoods])
-    shift = np.array([likelihood.shift for likelihood in likelihoods])
-    prior_mean = np.array([likelihood.prior_mean for likelihood in likelihoods])
-    prior_sd = np.array([likelihood.prior_sd for likelihood in likelihoods])
+    machines = _machine_names(rows)
+    kept: tuple[str, ...] = ()
+    if one_machine or len(set(machines)) < len(machines):
+        kept = machine_effects(rows)
+    c = len(chosen)
+    s = len(instrument)
     unit_by_name = dict(
         zip(rows["gaussian_names"].iloc[0], rows["gaussian_units"].iloc[0], strict=True)
     )
     units = tuple(unit_by_name[name] for name in chosen)
-    c = len(chosen)
-    parameter_sd = reference_sd(chosen, units, prior_mean[:, :c], prior_sd[:, :c])
-    # A certificate that one campaign states of the common instrument is of all campaigns. A model
-    # without an error of the instrument has the prior sd zero for it.
-    instrument_sd = np.where(prior_sd > 0.0, prior_sd, np.inf)[:, c:].min(axis=0)
-    scale = np.concatenate([parameter_sd, instrument_sd])
+    of_campaigns = _likelihoods(rows, (*chosen, *instrument), kept, force)
+    parameter_sd = reference_sd(
+        chosen, units, of_campaigns.prior_mean[:, :c], of_campaigns.prior_sd[:, :c]
+    )
+    priors = of_campaigns.prior_mean, of_campaigns.prior_sd
+    of_instrument = _best_prior(*(values[:, c : c + s] for values in priors))
+    of_machine = _usual_prior(*(values[:, c + s :] for values in priors))
+    scale = np.concatenate([parameter_sd, of_instrument.sd, of_machine.sd])
+    centre = np.concatenate([np.zeros(c), of_instrument.mean, of_machine.mean])
+    shift = of_campaigns.shift - of_campaigns.precision @ centre
+    likelihood = Gaussian(of_campaigns.precision * (scale[:, None] * scale), shift * scale)
+    if kept:
+        variance = np.concatenate([np.zeros(c + s), np.full(len(kept), VARIANCE_OF_CAMPAIGN)])
+        likelihood = with_deviations(likelihood, variance)
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
-        machines=_machine_names(rows),
+        machines=machines,
         dates=tuple(moment(date) if isinstance(date, str) else None for date in rows["date"]),
         parameters=chosen,
         units=units,
         instrument=instrument,
         prior_sd=scale,
-        likelihood=Gaussian(precision * (scale[:, None] * scale), shift * scale),
+        likelihood=likelihood,
         reference_force_N=force,
         forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
         topology=topology,
         compliances=_common_meanings(rows, chosen),
+        machine=kept,
+    )
+
+
+class _CommonPrior(NamedTuple):
+    """Independent normal priors of quantities that are the same in several campaigns."""
+
+    mean: Array  #: prior mean of each quantity in internal units
+    sd: Array  #: prior standard deviation of each quantity in internal units
+
+
+def _best_prior(mean: Array, sd: Array) -> _CommonPrior:
+    """Return the prior of s instrument errors that all campaigns have in common.
+
+    A certificate that one campaign states of the common instrument is of all campaigns. The prior
+    with the smallest standard deviation is therefore that of all. ``mean`` and ``sd`` are the prior
+    means and sds in n campaigns, shape (n, s); the sd is zero in a campaign whose model lacks the
+    error.
+    """
+    best = np.where(sd > 0.0, sd, np.inf).argmin(axis=0)
+    columns = np.arange(sd.shape[1])
+    return _CommonPrior(mean[best, columns], sd[best, columns])
+
+
+def _usual_prior(mean: Array, sd: Array) -> _CommonPrior:
+    """Return the prior of the part of k effects that belongs to the machine.
+
+    Campaigns size these priors by the compliances that their own readings show, which differ
+    little; the median is that of the machine. ``mean`` and ``sd`` are the prior means and sds in n
+    campaigns, shape (n, k); the sd is zero in a campaign whose model lacks the effect.
+    """
+    k = sd.shape[1]
+    usual = _CommonPrior(np.zeros(k), np.zeros(k))
+    for j in range(k):
+        stated = sd[:, j] > 0.0
+        usual.mean[j] = np.median(mean[stated, j])
+        usual.sd[j] = np.median(sd[stated, j]) / np.sqrt(1.0 + VARIANCE_OF_CAMPAIGN)
+    return usual
+
+
+class _Likelihoods(NamedTuple):
+    """Likelihoods of q quantities from n campaigns, and their priors in the campaigns' fits."""
+
+    precision: Array  #: precision matrices of the likelihoods, shape (n, q, q)
+    shift: Array  #: precision matrices times the estimates, shape (n, q)
+    prior_mean: Array  #: prior means in the campaigns' fits, shape (n, q)
+    prior_sd: Array  #: prior standard deviations in the campaigns' fits, shape (n, q)
+
+
+def _likelihoods(
+    rows: pd.DataFrame, wanted: tuple[str, ...], kept: tuple[str, ...], force_N: float
+) -> _Likelihoods:
+    """Return the likelihoods of the parameters, instrument errors and effects of the machine.
+
+    Parameters
+    ----------
+    rows
+        Rows of n campaigns in the table of a batch.
+    wanted
+        Names of the parameters and instrument errors.
+    kept
+        Names of the effects of the machine. Their coefficients are given in units of those of the
+        first campaign, because they depend on the forces of a campaign.
+    force_N
+        Reference force common to all campaigns [N].
+    """
+    likelihoods = [_likelihood(row, (*wanted, *kept), force_N) for row in rows.to_dict("records")]
+    ratio = np.hstack([np.ones((len(rows), len(wanted))), ratios_of_effects(kept, rows)])
+    precision = np.array([likelihood.precision for likelihood in likelihoods])
+    shift = np.array([likelihood.shift for likelihood in likelihoods])
+    prior_mean = np.array([likelihood.prior_mean for likelihood in likelihoods])
+    prior_sd = np.array([likelihood.prior_sd for likelihood in likelihoods])
+    return _Likelihoods(
+        precision * (ratio[:, :, None] * ratio[:, None]),
+        shift * ratio,
+        prior_mean / ratio,
+        prior_sd / ratio,
     )
 
 
@@ -342,6 +443,7 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
     prior_mean = np.array(row["gaussian_prior_mean"], dtype=float)
     prior_sd = np.array(row["gaussian_prior_sd"], dtype=float)
     covariance = _full_covariance(row["gaussian_covariance"], len(names))
+    _require_nominal_mount(row, dict(zip(names, prior_mean.tolist(), strict=True)))
     to_force = _map_to_force(names, wanted, force_N, row)
     present = np.flatnonzero(to_force.any(axis=1))
     columns = [names.index(wanted[int(i)]) for i in present]
@@ -363,6 +465,19 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
     likelihood.prior_mean[present] = prior_mean[columns]
     likelihood.prior_sd[present] = prior_sd[columns]
     return likelihood
+
+
+def _require_nominal_mount(row: Mapping[Any, Any], prior_mean: Mapping[str, float]) -> None:
+    """Raise an `InputError` for a row of an earlier version, without the mount's deflection.
+
+    Such a row states the error of the deflection about an unknown nominal value. ``prior_mean``
+    holds the prior mean of every quantity of the row.
+    """
+    if prior_mean.get("mount") == 0.0:
+        raise InputError(
+            f"the row of {row['campaign']} must hold the mount's deflection, got one of an earlier"
+            " version, which holds its error alone. Run batch again."
+        )
 
 
 def _divide_out_prior(
@@ -433,7 +548,7 @@ def _joint_load(name: str, force_N: float, row: Mapping[Any, Any]) -> dict[str, 
     is not a direct one. ``row`` is the row of the campaign in the table of a batch, and ``force_N``
     the other force [N].
     """
-    if not name.startswith("C_"):
+    if not name.startswith("C_") or _SLOPE.fullmatch(name) is not None:
         return {}
     compliance = ComplianceName(*name.removeprefix("C_"))
     reference_N = float(row["reference_force_N"])

@@ -26,6 +26,7 @@ from scipy.stats import qmc
 from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
 from ldbb_bayes.fleet.deviations import factorize_deviations
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
+from ldbb_bayes.fleet.machine_effects import without_effects
 from ldbb_bayes.inference.diagnostics import pareto_smooth
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.newton import newton
@@ -82,7 +83,8 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
     The quantities are the parameters of the machine, then the errors of the instrument. The
     machines are in the order of their first campaigns. A machine's likelihood is the product of the
-    likelihoods of its campaigns. The likelihoods have the shape (n, q).
+    likelihoods of its campaigns, in which the effects that the machine keeps are integrated out.
+    The likelihoods have the shape (n, q).
 
     Parameters
     ----------
@@ -95,7 +97,8 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
     shift = np.zeros((len(machines), *statistics.likelihood.shift.shape[1:]))
     np.add.at(precision, places, statistics.likelihood.precision)
     np.add.at(shift, places, statistics.likelihood.shift)
-    return machines, Gaussian(precision, shift)
+    likelihood = Gaussian(precision, shift)
+    return machines, without_effects(likelihood, len(statistics.machine))
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:

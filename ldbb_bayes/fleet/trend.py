@@ -6,13 +6,14 @@ expectation 1. The probability that B exceeds a number x is therefore at most 1 
 inequality). It follows that the probability of a false alarm is at most
 (1 − p*) / p* · p / (1 − p), where p is the prior probability of a change.
 
-A trend does not use the fact that compliances cannot be negative (truncation). Three kinds of
-unknowns are integrated out in each campaign separately: the form of the balls, the length of the
-bar, and the parameters that are not analysed. They are treated as if their values in different
-campaigns were independent. In fact, these values are the same in all campaigns with one machine and
-one bar. This treatment overstates the uncertainty of changes, above all of changes of geometric
-errors. It understates the uncertainty of levels, which are the values of a parameter before and
-after a change.
+A trend does not use the fact that compliances cannot be negative (truncation). The machine's
+changes of compliance with force are nearly the same in all campaigns (`machine_effects`). Three
+kinds of unknowns are integrated out in each campaign separately: the form of the balls, the length
+of the bar, and the geometric errors that are not analysed. They are treated as if their values in
+different campaigns were independent. In fact, these values are the same in all campaigns with one
+machine and one bar. This treatment overstates the uncertainty of changes, above all of changes of
+geometric errors. It understates the uncertainty of levels, which are the values of a parameter
+before and after a change.
 """
 
 from __future__ import annotations
@@ -116,10 +117,11 @@ class ParameterChange(Result):
     #: level (value) of the parameter at the last campaign, averaged over all possibilities: that no
     #: parameter has changed, or that one parameter changed just before one of the campaigns. The
     #: possibilities are weighted by their probabilities. The uncertainty of the level includes the
-    #: part that is due to the errors of the instrument.
+    #: part that is due to the errors of the instrument and to the changes with force.
     level_now: Summary
-    #: standard uncertainty of the parameter due to the errors of the instrument, which are the same
-    #: in all campaigns. The control chart does not contain this uncertainty.
+    #: standard uncertainty of the parameter due to the errors of the instrument and to the
+    #: machine's changes of compliance with force, which are the same in all campaigns. The control
+    #: chart does not contain this uncertainty.
     common_sd: float
 
 
@@ -226,7 +228,7 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     machine = f"{trend.machine}, " if trend.machine else ""
     force = f"compliances at {trend.reference_force_N:g} N"
     table = Table.of(f"{machine}{len(trend.campaigns)} campaigns, {force}", heads, rows)
-    legend = "± U = 2u. U, common: what the instrument adds to all campaigns alike."
+    legend = "± U = 2u. U, common: what instrument and machine add to all campaigns alike."
     passages: list[Table | str] = [table, legend, ""]
     newest_decisions = {}
     for name, decision_by_campaign in trend.conformity.items():
@@ -385,6 +387,7 @@ def find_trend(
         parameters=parameters,
         reference_force_N=reference_force_N,
         one_instrument=one_instrument,
+        one_machine=True,
     )
     if len(statistics) < 2:
         advice = " ".join(("Measure again.", *map(caveat_words, caveats)))

@@ -3,14 +3,15 @@ campaigns say.
 
 The bar's errors, the mount's deflection and the gain of the force, are drawn once a fleet;
 everything else of the model, ball form and bar length too, is drawn anew for each campaign, as the
-analysis believes.
+analysis believes. A machine keeps its changes of compliance with force from month to month: slopes,
+and what its axes yield under their own load, written out here from the formula of the model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,16 @@ from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.terms import ForceError, Mount
 
-__all__ = ["FORCES_N", "MACHINES", "READINGS", "REPEATABILITY", "fleet", "months"]
+__all__ = [
+    "FORCES_N",
+    "MACHINES",
+    "MONTHLY_FORCES_N",
+    "MONTHLY_READINGS",
+    "READINGS",
+    "REPEATABILITY",
+    "fleet",
+    "months",
+]
 
 FORCES_N = (36.0, 150.0, 270.0, 389.0, 505.0, 625.0, 742.0)
 READINGS = 90
@@ -30,6 +40,12 @@ SPREAD_SCALE = 0.3
 REPEATABILITY = 0.01
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
 MODEL = lb.HybridModel.first(degree=1)
+# A machine is followed as `batch` does it by default, with circles as the documentation advises:
+# both ways and in random order.
+MODEL_OF_MONTHS = lb.HybridModel.default(degree=1)
+MONTHLY_FORCES_N = (389.0, 742.0, 36.0, 625.0, 150.0, 505.0, 270.0, 389.0)
+DIRECTIONS = ("CW", "CCW")
+MONTHLY_READINGS = 60
 PLAN = lb.Plan(
     tuple(
         lb.CircularTest(force_N=force, angle_deg=np.arange(READINGS) * 360.0 / READINGS)
@@ -43,6 +59,19 @@ EACH = MODEL.with_term(ForceError(gain_sd=1e-12, curvature_sd=0.0)).without("mou
 BOUND = MODEL.without("truncation").bind(PLAN)
 COMPLIANCES = tuple(p.name for p in BOUND.parameters if p.group == "compliance")
 PRIOR_SD = dict(zip(BOUND.names, BOUND.prior_sd, strict=True))
+MONTHLY_PLAN = lb.Plan(
+    tuple(
+        lb.CircularTest(
+            force_N=force,
+            angle_deg=np.arange(MONTHLY_READINGS) * 360.0 / MONTHLY_READINGS,
+            direction=DIRECTIONS[place % 2],
+        )
+        for place, force in enumerate(MONTHLY_FORCES_N)
+    ),
+    name="eight circles",
+    order="random",
+)
+EACH_MONTH = MODEL_OF_MONTHS.without("mount", "force-error", "truncation", "joint-load")
 USUAL = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 
 
@@ -81,10 +110,69 @@ class Bar:
         return replace(made, tests=tuple(tests))
 
 
-def row_of(campaign: lb.Campaign) -> dict[str, Any]:
+class Machine:
+    """A machine over the months: slopes and joint loads are its own, drawn from the priors that the
+    model sizes by its compliances."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.level = usual(rng)
+        span_N = max(FORCES_N) - min(FORCES_N)
+        self.slope = {
+            f"{name}_1": 0.3
+            * max(abs(value), 0.05 * PRIOR_SD[name])
+            / span_N
+            * rng.standard_normal()
+            for name, value in self.level.items()
+        }
+        self.loads = {name: 0.4 * rng.standard_normal(3) for name in ("C_XXX", "C_YYY")}
+
+    def yields_um(self, force_N: float, angle_rad: np.ndarray) -> np.ndarray:
+        """What the two axes yield out of proportion to the force F, radially: C F u² times
+        a (F|u| − F0)/F_max + b ((F0/(F|u|))^(1/3) − 1) + d ((F0/F)^(1/3) − 1), u = cos θ or
+        sin θ."""
+        reference_N = 0.5 * (min(FORCES_N) + max(FORCES_N))
+        total = np.zeros(len(angle_rad))
+        for name, u in {"C_XXX": np.cos(angle_rad), "C_YYY": np.sin(angle_rad)}.items():
+            rolling, contact, seat = self.loads[name]
+            own_N = np.maximum(force_N * np.abs(u), 1e-9)
+            change = rolling * (own_N - reference_N) / max(FORCES_N)
+            change += contact * (np.cbrt(reference_N / own_N) - 1.0)
+            change += seat * (np.cbrt(reference_N / force_N) - 1.0)
+            total += 1e3 * self.level[name] * force_N * u**2 * change
+        return total
+
+    def measured(
+        self, bar: Bar, compliances: Mapping[str, float], rng: np.random.Generator
+    ) -> lb.Campaign:
+        """The circles of a month; geometric errors are drawn from their priors."""
+        geometric = {
+            name: sd * rng.standard_normal()
+            for name, sd in PRIOR_SD.items()
+            if name.startswith("E_")
+        }
+        truth = {**compliances, **self.slope}
+        felt = {name: value * (1.0 + bar.gain) for name, value in truth.items()} | geometric
+        made = EACH_MONTH.simulate(
+            MONTHLY_PLAN,
+            seed=int(rng.integers(2**31)),
+            parameters=felt,
+            hyper_um=HYPER_UM | {"tau": 0.6},
+        ).campaign
+        tests = [
+            test.with_reading_um(
+                np.asarray(test.reading_um)
+                + bar.mount_um_per_bar * float(test.pressure_bar or 0.0)
+                + self.yields_um(float(test.force_N or 0.0), np.deg2rad(test.angle_deg))
+            )
+            for test in made.tests
+        ]
+        return replace(made, tests=tuple(tests))
+
+
+def row_of(campaign: lb.Campaign, model: lb.HybridModel = MODEL) -> dict[str, Any]:
     """What a batch would keep of a campaign, without the fit that `fit_population` and `find_trend`
     do not use."""
-    bound = MODEL.bind(campaign)
+    bound = model.bind(campaign)
     return {
         "campaign": campaign.name,
         "name": campaign.name,
@@ -140,25 +228,36 @@ def fleet(seed: int) -> tuple[pd.DataFrame, dict[str, Any]]:
     return pd.DataFrame(rows), {"mean": mean, "spread": spread, "machines": machines}
 
 
+class Months(NamedTuple):
+    """Rows of one machine, a campaign a month, and its compliances in the last month."""
+
+    rows: pd.DataFrame
+    level: Mapping[str, float]
+
+
 def months(
     seed: int, *, before: int, after: int, change: float, parameter: str = "C_XXX"
-) -> pd.DataFrame:
-    """Rows of one machine, a campaign a month; after ``before`` of them one compliance changes by
-    the share ``change``."""
+) -> Months:
+    """A campaign a month; after ``before`` of them one compliance changes by the share
+    ``change``."""
     rng = np.random.default_rng([12, seed])
     bar = Bar(rng)
-    level = usual(rng)
+    machine = Machine(rng)
+    level = dict(machine.level)
     rows = []
     for month in range(before + after):
+        if month == before:
+            level[parameter] += change * machine.level[parameter]
         own = {
             name: value + REPEATABILITY * PRIOR_SD[name] * rng.standard_normal()
             for name, value in level.items()
         }
-        if month >= before:
-            own[parameter] += change * level[parameter]
         date = f"{2024 + month // 12}-{month % 12 + 1:02d}-05"
         campaign = replace(
-            bar.measured(own, rng), name=f"month {month + 1:02d}", machine_id="VMC 07", date=date
+            machine.measured(bar, own, rng),
+            name=f"month {month + 1:02d}",
+            machine_id="VMC 07",
+            date=date,
         )
-        rows.append(row_of(campaign))
-    return pd.DataFrame(rows)
+        rows.append(row_of(campaign, MODEL_OF_MONTHS))
+    return Months(pd.DataFrame(rows), level)

@@ -20,7 +20,16 @@ import ldbb_bayes as lb
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
-from machines import FORCES_N, MACHINES, READINGS, REPEATABILITY, fleet, months
+from machines import (
+    FORCES_N,
+    MACHINES,
+    MONTHLY_FORCES_N,
+    MONTHLY_READINGS,
+    READINGS,
+    REPEATABILITY,
+    fleet,
+    months,
+)
 from study import Effort, Study, replicated, run
 
 FLEETS = 200
@@ -73,8 +82,9 @@ def pooled(seed: int) -> dict[str, float]:
 
 
 def watched(seed: int, change: float) -> dict[str, float]:
-    """A machine month by month: after how many campaigns the change was found, false alarms."""
-    rows = months(seed, before=BEFORE, after=AFTER, change=change, parameter=PARAMETER)
+    """A machine month by month: after how many campaigns the change was found, false alarms, and
+    which of its compliances lie in the 95 % intervals of the last month."""
+    rows, level = months(seed, before=BEFORE, after=AFTER, change=change, parameter=PARAMETER)
     found = 0
     alarm = float(lb.fleet.find_trend(rows[:BEFORE]).changed)
     right = 0.0
@@ -84,7 +94,11 @@ def watched(seed: int, change: float) -> dict[str, float]:
             found = n - BEFORE
             right = float(now.most_probable == PARAMETER)
             break
-    return {"found": float(found), "alarm before": alarm, "right": right}
+    row = {"found": float(found), "alarm before": alarm, "right": right}
+    for name, own in lb.fleet.find_trend(rows).parameters.items():
+        low, high = own.level_now.interval
+        row[f"level inside {name}"] = float(low <= level[name] <= high)
+    return row
 
 
 def job(kind: str, seed: int) -> dict[str, float]:
@@ -116,6 +130,8 @@ def setting() -> dict[str, Any]:
         "repeatability_percent": 100.0 * REPEATABILITY,
         "tests": len(FORCES_N),
         "readings": READINGS,
+        "monthly_tests": len(MONTHLY_FORCES_N),
+        "monthly_readings": MONTHLY_READINGS,
         "threshold": 0.95,
         "family_percent": 5.0,
     }
@@ -154,7 +170,13 @@ def found_when(rows: pd.DataFrame) -> dict[str, Any]:
     """How many were found and how soon, and how often there was an alarm without reason."""
     loosened, quiet = (rows[rows["kind"] == kind] for kind in ("loosened", "quiet"))
     seen = loosened.loc[loosened["found"] > 0, "found"]
+    inside = pd.concat([loosened, quiet]).filter(regex="^level inside C_")
+    of_machines = inside.mean(axis=1)
     return {
+        "level_inside": {
+            "coverage": float(of_machines.mean()),
+            "error": float(of_machines.std(ddof=1) / np.sqrt(len(of_machines))),
+        },
         "alarm_before": int(loosened["alarm before"].sum()),
         "median_found": float(seen.median()),
         "latest_found": int(seen.max()),
@@ -166,9 +188,9 @@ def found_when(rows: pd.DataFrame) -> dict[str, Any]:
 
 def draw(results: dict[str, Any]) -> Mapping[str, Figure]:
     """The control chart of one loosened machine, and coverage by parameter."""
-    rows = months(SHOWN, before=BEFORE, after=5, change=CHANGE, parameter=PARAMETER)
+    shown = months(SHOWN, before=BEFORE, after=5, change=CHANGE, parameter=PARAMETER)
     return {
-        "control_chart": lb.fleet.draw_control_chart(lb.fleet.find_trend(rows)),
+        "control_chart": lb.fleet.draw_control_chart(lb.fleet.find_trend(shown.rows)),
         "coverage": coverage(results["population"]),
     }
 

@@ -61,9 +61,8 @@ def test_instrument_errors_are_those_of_a_fit(campaign_moments: SufficientStatis
     )
     for name in ("mount", "force_gain"):
         k = campaign_moments.names.index(name)
-        assert (
-            abs(campaign_moments.mean[k] - table.loc[name, "mean"]) < 0.15 * table.loc[name, "sd"]
-        )
+        error = campaign_moments.mean[k] - campaign_moments.prior_mean[k]
+        assert abs(error - table.loc[name, "mean"]) < 0.15 * table.loc[name, "sd"]
         assert np.sqrt(campaign_moments.covariance[k, k]) == pytest.approx(
             table.loc[name, "sd"], rel=0.1
         )
@@ -84,9 +83,12 @@ def test_likelihood_times_prior_is_the_posterior(campaign_moments: SufficientSta
         rtol=1e-6,
         atol=1e-30,
     )
+    # Errors of the instrument are measured from their prior means.
+    centre = campaign_moments.prior_mean[place]
+    assert centre.tolist() == [0.0, 0.0, 0.0, 2.33e-3, 0.0]
     np.testing.assert_allclose(
         np.linalg.solve(precision, one.likelihood.shift[0] / one.prior_sd),
-        campaign_moments.mean[place],
+        campaign_moments.mean[place] - centre,
         rtol=1e-6,
     )
 
@@ -179,7 +181,8 @@ def test_the_best_certificate_of_the_common_instrument_is_of_all_campaigns() -> 
     for percent in (None, 1.0, None):
         instrument = lb.Instrument(mount_U_percent=percent)
         bound = MODEL.bind(replace(CAMPAIGN, instrument=instrument))
-        rows.append(row(sufficient_statistics(HyperPosterior(bound, truncated=False))))
+        moments = sufficient_statistics(HyperPosterior(bound, truncated=False))
+        rows.append(row(moments, machine_id=f"M{len(rows)}"))
     first, stated, last = (fleet_statistics(pd.DataFrame([one])) for one in rows)
     together = fleet_statistics(pd.DataFrame(rows))
     assert together.prior_sd[-2:] == pytest.approx(stated.prior_sd[-2:])
@@ -252,9 +255,17 @@ def test_one_campaign_without_the_mount_leaves_the_others_theirs(
     without = MODEL.without("mount")
     without_mount = sufficient_statistics(HyperPosterior(without.bind(CAMPAIGN), truncated=False))
     both = fleet_statistics(
-        pd.DataFrame([row(without_mount), row(campaign_moments), row(campaign_moments)])
+        pd.DataFrame(
+            [
+                row(without_mount, machine_id="M0"),
+                row(campaign_moments, machine_id="M1"),
+                row(campaign_moments, machine_id="M2"),
+            ]
+        )
     )
-    pair = fleet_statistics(pd.DataFrame([row(campaign_moments)] * 2))
+    pair = fleet_statistics(
+        pd.DataFrame([row(campaign_moments, machine_id=f"M{k}") for k in (1, 2)])
+    )
     single = fleet_statistics(pd.DataFrame([row(without_mount)]))
     assert both.instrument == pair.instrument == ("mount", "force_gain")
     assert both.prior_sd == pytest.approx(pair.prior_sd)

@@ -360,6 +360,17 @@ class Term(Shown):
         return 1.0
 
     @classmethod
+    def nominal(cls, coefficient: str, campaign: Campaign) -> float:
+        """Return what a campaign states of a quantity whose error a coefficient is.
+
+        The value is in internal units (mm, N, rad). The quantity is the nominal value plus the
+        coefficient. It is the same in campaigns with the same instrument, even if the campaigns
+        state different nominal values. ``coefficient`` is the name of the coefficient. By default
+        the nominal value is zero.
+        """
+        return 0.0
+
+    @classmethod
     def key(cls) -> str:
         """Return the term's name on the command line, such as ball-form for BallForm."""
         return _BETWEEN_WORDS.sub("-", cls.__name__).lower()

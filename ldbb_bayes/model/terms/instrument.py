@@ -173,6 +173,17 @@ class Mount(Term):
             yield assumption(campaign, "mount_curvature", "", self.curvature_um * 1e-3)
 
     @classmethod
+    def nominal(cls, coefficient: str, campaign: Campaign) -> float:
+        """Return the mount's deflection per pressure that a campaign states [mm/bar].
+
+        The readings are compensated for this deflection; the coefficient ``mount`` is its error.
+        The curvature has no nominal value.
+        """
+        if coefficient == "mount":
+            return campaign.mount.deflection_um_per_bar * 1e-3
+        return 0.0
+
+    @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of the mount's deflection, given the coefficient's name.
 

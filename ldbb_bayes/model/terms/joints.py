@@ -170,9 +170,11 @@ class JointLoad(Term):
         seat to F0^(−⅓). ``first`` and ``second`` hold the reference force F0 and the largest force
         F_max of each campaign.
         """
-        if coefficient.endswith("_slope"):
-            return second.largest_force_N / first.largest_force_N
-        return float(np.cbrt(first.reference_force_N / second.reference_force_N))
+        forces = [
+            ForcesOfCampaign(setting.reference_force_N, setting.largest_force_N)
+            for setting in (first, second)
+        ]
+        return ratio_of_coefficients(coefficient, *forces)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
@@ -183,6 +185,26 @@ class JointLoad(Term):
         axis, law = coefficient.removeprefix("joint_load_").split("_")
         effect, load = _LAWS[law]
         return f"{effect} of axis {axis} under {load}"
+
+
+class ForcesOfCampaign(NamedTuple):
+    """Forces of a campaign on which the values of the coefficients of `JointLoad` depend."""
+
+    reference_N: float  #: reference force F0 of the campaign [N]
+    largest_N: float  #: largest force F_max of the campaign [N]
+
+
+def ratio_of_coefficients(
+    coefficient: str, first: ForcesOfCampaign, second: ForcesOfCampaign
+) -> float:
+    """Return the value of a coefficient in a second campaign if it is one in a first campaign.
+
+    `JointLoad.ratio` says why. ``coefficient`` is the name of the coefficient, and ``first`` and
+    ``second`` are the forces of the two campaigns.
+    """
+    if coefficient.endswith("_slope"):
+        return second.largest_N / first.largest_N
+    return float(np.cbrt(first.reference_N / second.reference_N))
 
 
 def joint_load_names(axis: str) -> tuple[str, ...]:

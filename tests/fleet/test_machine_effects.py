@@ -1,0 +1,265 @@
+"""What a machine keeps from campaign to campaign, and nominal values that campaigns state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from campaigns import plan, simulated
+from fleets import row
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.loading import MountCompensation
+from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
+from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
+from ldbb_bayes.fleet.machine_effects import (
+    VARIANCE_OF_CAMPAIGN,
+    machine_effects,
+    with_deviations,
+    without_effects,
+)
+from ldbb_bayes.fleet.spread_density import machine_likelihoods
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.model.gaussian import Gaussian
+
+MODEL = lb.HybridModel.default(degree=1).without("truncation")
+FORCE_N = 300.0
+COMPLIANCES = ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY")
+
+
+def moments_of(forces_N: tuple[float, ...], seed: int) -> SufficientStatistics:
+    campaign = simulated(plan((40,) * len(forces_N), forces_N=forces_N), seed=seed)
+    return sufficient_statistics(HyperPosterior(MODEL.bind(campaign), truncated=False))
+
+
+@pytest.fixture(scope="module")
+def rows() -> pd.DataFrame:
+    """Two campaigns of one machine at other forces: F0 389 and 300 N, F_max 742 and 560 N."""
+    wide = moments_of((36.0, 300.0, 520.0, 742.0), 1)
+    narrow = moments_of((40.0, 200.0, 400.0, 560.0), 2)
+    of_wide = row(wide, campaign="wide")
+    of_narrow = row(narrow, campaign="narrow", reference_force_N=300.0, force_max_N=560.0)
+    return pd.DataFrame([of_wide, of_narrow])
+
+
+def _moments(entry: pd.Series) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    names = list(entry["gaussian_names"])
+    q = len(names)
+    covariance = np.zeros((q, q))
+    covariance[np.tril_indices(q)] = entry["gaussian_covariance"]
+    covariance += np.tril(covariance, -1).T
+    mean, prior_mean, prior_sd = (
+        np.array(entry[f"gaussian_{name}"], dtype=float)
+        for name in ("mean", "prior_mean", "prior_sd")
+    )
+    return names, mean, covariance, prior_mean, prior_sd
+
+
+def _change(name: str, force_N: float, entry: pd.Series) -> dict[str, float]:
+    """C(F) − C(F0) per unit of each coefficient, from the formula of the model."""
+    reference_N = float(entry["reference_force_N"])
+    largest_N = float(entry["force_max_N"])
+    change = {f"{name}_1": force_N - reference_N}
+    if name in ("C_XXX", "C_YYY"):
+        axis = name[2]
+        change[f"joint_load_{axis}_slope"] = (force_N - reference_N) / largest_N
+        change[f"joint_load_{axis}_contact"] = np.cbrt(reference_N / force_N) - 1.0
+        change[f"joint_load_{axis}_seat"] = np.cbrt(reference_N / force_N) - 1.0
+    return change
+
+
+def _ratio(name: str, entry: pd.Series) -> float:
+    """A coefficient of the joint load beside that of the first campaign."""
+    if name.startswith("C_"):
+        return 1.0
+    if name.endswith("_slope"):
+        return float(entry["force_max_N"]) / 742.0
+    return float(np.cbrt(389.0 / float(entry["reference_force_N"])))
+
+
+def _dense(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of the compliances at 300 N from one Gaussian of everything: compliances,
+    instrument, what the machine keeps, what differs from campaign to campaign, geometric errors of
+    each campaign."""
+    statistics = fleet_statistics(rows, reference_force_N=FORCE_N)
+    scale = dict(
+        zip(
+            (*statistics.parameters, *statistics.instrument, *statistics.machine),
+            statistics.prior_sd,
+            strict=True,
+        )
+    )
+    unknowns = list(scale)
+    sd = list(scale.values())
+    for k, (_, entry) in enumerate(rows.iterrows()):
+        own_sd = dict(zip(entry["gaussian_names"], entry["gaussian_prior_sd"], strict=True))
+        for name in statistics.machine:
+            unknowns.append(f"{name} of {k}")
+            sd.append(scale[name] * np.sqrt(1.0 / 0.99 - 1.0))
+        for name in entry["gaussian_names"]:
+            if name.startswith("E_"):
+                unknowns.append(f"{name} of {k}")
+                sd.append(own_sd[name])
+    precision = np.diag(np.array(sd) ** -2.0)
+    shift = np.zeros(len(sd))
+    for k, (_, entry) in enumerate(rows.iterrows()):
+        names, mean, covariance, prior_mean, prior_sd = _moments(entry)
+        rows_of_names = np.zeros((len(names), len(unknowns)))
+        for i, name in enumerate(names):
+            if name in statistics.machine:
+                places = [unknowns.index(name), unknowns.index(f"{name} of {k}")]
+                rows_of_names[i, places] = _ratio(name, entry)
+            elif name.startswith("E_"):
+                rows_of_names[i, unknowns.index(f"{name} of {k}")] = 1.0
+            else:
+                rows_of_names[i, unknowns.index(name)] = 1.0
+        for name in COMPLIANCES:
+            for coefficient, by in _change(name, FORCE_N, entry).items():
+                of_coefficient = rows_of_names[names.index(coefficient)]
+                rows_of_names[names.index(name)] -= by * of_coefficient
+        squared = np.outer(prior_sd, prior_sd)
+        inverse = np.linalg.inv(covariance / squared) / squared
+        of_readings = inverse - np.diag(prior_sd**-2.0)
+        # The mount's deflection is measured from its nominal value here, too.
+        of_estimate = inverse @ (mean - prior_mean)
+        precision += rows_of_names.T @ of_readings @ rows_of_names
+        shift += rows_of_names.T @ of_estimate
+    joint = np.linalg.inv(precision * np.outer(sd, sd)) * np.outer(sd, sd)
+    c = len(COMPLIANCES)
+    return (joint @ shift)[:c], joint[:c, :c]
+
+
+def test_the_campaigns_of_a_machine_are_those_of_one_dense_gaussian(rows: pd.DataFrame) -> None:
+    statistics = fleet_statistics(rows, reference_force_N=FORCE_N)
+    assert statistics.machine == (
+        *(f"joint_load_{axis}_{law}" for axis in "XY" for law in ("contact", "seat", "slope")),
+        *sorted(f"{name}_1" for name in COMPLIANCES),
+    )
+    mean, covariance = _dense(rows)
+    _, of_machine = machine_likelihoods(statistics)
+    q = of_machine.shift.shape[-1]
+    posterior = Gaussian(of_machine.precision[0] + np.eye(q), of_machine.shift[0])
+    scale = statistics.prior_sd[: len(COMPLIANCES)]
+    sd = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(posterior.sd[:6] * scale, sd, rtol=1e-3)
+    np.testing.assert_allclose((posterior.mean[:6] * scale - mean) / sd, 0.0, atol=2e-3)
+
+
+def test_what_the_machine_keeps_does_not_average_out(rows: pd.DataFrame) -> None:
+    """Nine times the same campaign: with a joint load of its own in each campaign, the level of
+    C_XXX would be better known than the one joint load of the machine lets it be."""
+    first = rows.iloc[:1]
+    many = pd.concat([first] * 9)
+    one = fleet_statistics(many, one_instrument=False)
+    others = many.assign(machine_id=[f"M{k}" for k in range(9)])
+    apart = fleet_statistics(others, one_instrument=False)
+    assert apart.machine == ()
+    sds = []
+    for statistics in (one, apart):
+        precision = statistics.likelihood.precision.sum(axis=0)
+        q = len(precision)
+        sds.append(Gaussian(precision + np.eye(q), np.zeros(q)).sd[0])
+    assert sds[0] > 1.2 * sds[1]
+
+
+def test_deviations_widen_a_likelihood() -> None:
+    """Against the covariance, where the precision matrix has an inverse."""
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((3, 5, 5))
+    precision = root @ np.swapaxes(root, 1, 2)
+    mean = rng.standard_normal((3, 5))
+    likelihood = Gaussian(precision, np.einsum("nij,nj->ni", precision, mean))
+    variance = np.array([0.0, 0.0, 0.3, 1.0, 2.0])
+    wider = with_deviations(likelihood, variance)
+    np.testing.assert_allclose(
+        np.linalg.inv(wider.precision), np.linalg.inv(precision) + np.diag(variance)
+    )
+    np.testing.assert_allclose(
+        np.linalg.solve(wider.precision, wider.shift[..., None])[..., 0], mean
+    )
+    assert pytest.approx(1.0 / 0.99 - 1.0) == VARIANCE_OF_CAMPAIGN
+
+
+def test_effects_are_integrated_out_under_their_prior() -> None:
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((2, 4, 4))
+    precision = root @ np.swapaxes(root, 1, 2)
+    shift = rng.standard_normal((2, 4))
+    marginal = without_effects(Gaussian(precision, shift), 2)
+    joint = np.linalg.inv(precision + np.diag([0.0, 0.0, 1.0, 1.0]))
+    np.testing.assert_allclose(np.linalg.inv(marginal.precision), joint[:, :2, :2])
+    means = np.einsum("nij,nj->ni", joint, shift)[:, :2]
+    np.testing.assert_allclose(
+        np.linalg.solve(marginal.precision, marginal.shift[..., None])[..., 0], means
+    )
+
+
+def test_slopes_are_kept_only_of_linear_compliance(rows: pd.DataFrame) -> None:
+    names = [[*rows["gaussian_names"].iloc[0], "C_XXX_2"], rows["gaussian_names"].iloc[1]]
+    assert all(
+        name.startswith("joint_load")
+        for name in machine_effects(pd.DataFrame({"gaussian_names": names}))
+    )
+
+
+# ---- the mount's deflection
+
+
+def restated(campaign: lb.Campaign, deflection_um_per_bar: float, u_um: float) -> lb.Campaign:
+    """The same readings, compensated for another deflection, whose U is the same in µm/bar."""
+    change = campaign.mount.deflection_um_per_bar - deflection_um_per_bar
+    tests = []
+    for test in campaign.tests:
+        reading_um = np.asarray(test.reading_um) + change * float(test.pressure_bar or 0.0)
+        tests.append(test.with_reading_um(reading_um))
+    percent = 100.0 * u_um / deflection_um_per_bar
+    return replace(
+        campaign,
+        tests=tuple(tests),
+        mount=MountCompensation(deflection_um_per_bar),
+        instrument=replace(campaign.instrument, mount_U_percent=percent),
+    )
+
+
+def test_one_mount_has_one_deflection_whatever_campaigns_state() -> None:
+    """With priors that no compliance sizes: the estimate of one follows the compensation."""
+    model = lb.HybridModel.first(degree=1).without("truncation")
+    measured = simulated(plan())
+    rows = []
+    for deflection in (2.33, 2.0):
+        campaign = restated(measured, deflection, 0.2)
+        moments = sufficient_statistics(HyperPosterior(model.bind(campaign), truncated=False))
+        rows.append(row(moments, machine_id=f"{deflection}"))
+    statistics = fleet_statistics(pd.DataFrame(rows))
+    q = statistics.likelihood.shift.shape[1]
+    posterior = Gaussian(statistics.likelihood.precision + np.eye(q), statistics.likelihood.shift)
+    first, second = posterior.mean
+    np.testing.assert_allclose((second - first) / posterior.sd[0], 0.0, atol=0.05)
+
+
+def test_a_row_that_states_the_error_of_the_mount_alone_is_refused(rows: pd.DataFrame) -> None:
+    older = rows.iloc[0].to_dict()
+    place = list(older["gaussian_names"]).index("mount")
+    older["gaussian_prior_mean"] = list(older["gaussian_prior_mean"])
+    older["gaussian_prior_mean"][place] = 0.0
+    with pytest.raises(lb.InputError, match=r"got one of an earlier version.*Run batch again"):
+        fleet_statistics(pd.DataFrame([older]))
+
+
+def test_a_difference_knows_that_the_mount_is_the_same() -> None:
+    """Readings compensated for another deflection are the same readings."""
+    measured = simulated(plan())
+    rule = lb.inference.StoppingRule(ess=500.0)
+    fits = [
+        lb.sample(MODEL, restated(measured, deflection, 0.2), sampler="independent", rule=rule)
+        for deflection in (2.33, 2.0)
+    ]
+    for same_machine in (False, True):
+        result = lb.analysis.compare_posteriors(
+            *fits, same_instrument=True, same_machine=same_machine
+        )
+        for name in ("C_XXX", "C_YYY"):
+            change = result.loc[name]
+            assert abs(change["difference"]) < 0.1 * change["sd"], (name, same_machine)
