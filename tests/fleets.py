@@ -166,6 +166,7 @@ def row(statistics: SufficientStatistics, **fields: object) -> dict[str, object]
         "campaign": "a",
         "name": "a",
         "sha256": None,
+        "circles_sha256": None,
         "compliances": None,
         "tolerances": None,
         "status": "done",

@@ -235,9 +235,9 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
     campaign = first.campaign
     other = second.campaign
     require(
-        campaign.sha256 != other.sha256,
-        f"results must be of different readings, got {name!r} twice (SHA-256"
-        f" {campaign.sha256[:12]}…). Name another campaign; to compare models of one campaign use"
+        campaign.circles_sha256 != other.circles_sha256,
+        f"results must be of different readings, got those of {name!r} twice (SHA-256"
+        f" {other.sha256[:12]}…). Name another campaign; to compare models of one campaign use"
         " compare.",
     )
     require(

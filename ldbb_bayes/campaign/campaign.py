@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, SkipValidation, StrictBool
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.certified_instrument import Ball, Instrument
+from ldbb_bayes.campaign.circles_digest import circles_digest
 from ldbb_bayes.campaign.circular_test import (
     CENTRE,
     PER_TEST,
@@ -414,6 +415,19 @@ class Campaign(CampaignFields):
         for test in self.foreseen:
             digest.update(json.dumps(["foreseen", *_digested_fields(test)]).encode())
         return digest.hexdigest()
+
+    @cached_property
+    def circles_sha256(self) -> str | None:
+        """SHA-256 digest of the angles and readings alone; None for a plan.
+
+        Two campaigns with the same digest were made from the same readings, which must not count
+        twice. Unlike ``sha256``, the digest does not depend on anything else that is stated, such
+        as names, forces, the order in which the tests were run, or the mount. It also does not
+        depend on the sequence of the tests, or on a constant that is added to all readings of a
+        test: readings that are compensated for another deflection of the mount differ by such
+        constants.
+        """
+        return None if self.is_plan else circles_digest(self.tests)
 
 
 Plan = Campaign

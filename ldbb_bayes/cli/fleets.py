@@ -26,7 +26,7 @@ from ldbb_bayes.cli.options import (
 )
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.cli.progress import counting_progress
-from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, JOURNAL, read_batch, read_fleet
+from ldbb_bayes.fleet.dataset import JOURNAL, read_fleet
 from ldbb_bayes.parallel import executor_named
 from ldbb_bayes.results import Table
 
@@ -173,7 +173,7 @@ def population(
     machines that do not belong to the population are named.
     """
     output.check("population.json", "machines.csv")
-    rows = read_batch(batches, FLEET_COLUMNS)
+    rows = read_fleet(batches)
     with counting_progress(output.quiet, "machines left out") as progress:
         result = lb.fleet.fit_population(rows, **settings, progress=progress)
     record = lb.report.with_words(result)

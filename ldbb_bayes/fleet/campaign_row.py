@@ -44,7 +44,15 @@ _EVIDENCE_TOLERANCE = 0.05
 # Largest length of the text that states why a campaign could not be fitted [characters].
 _LONGEST_REASON = 1200
 # Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
-_CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
+_CAMPAIGN_COLUMNS = (
+    "name",
+    "sha256",
+    "circles_sha256",
+    "machine_id",
+    "date",
+    "topology",
+    "readings",
+)
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ __all__ = [
     "JOURNAL",
     "PARAMETER_COLUMNS",
     "PART",
+    "READINGS_DIGESTS",
     "STATISTICS_TYPES",
     "STIFFNESS_NAME",
     "check_pyarrow",
@@ -77,6 +78,12 @@ STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
 # Names of the columns of a batch's table that the analyses of many campaigns (trend of one machine,
 # population of machines) need.
 FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
+# Names of the two columns with digests of a campaign's readings: together with the conditions, and
+# alone. Rows of earlier versions lack the second one.
+READINGS_DIGESTS = ("sha256", "circles_sha256")
+# Pattern of the names of columns, or of the quantities to which they belong, that the analyses of
+# many campaigns use if a batch has them.
+_FURTHER_NAME = re.compile(rf"{READINGS_DIGESTS[1]}|{STIFFNESS_NAME.pattern}")
 
 
 def check_pyarrow() -> None:
@@ -224,7 +231,9 @@ def read_batch(
     A batch is a set of campaigns that `run_batch` has fitted; each campaign has one row. The
     columns are:
 
-    - ``campaign``, ``name``, ``sha256``, ``machine_id``, ``date``: which campaign this is.
+    - ``campaign``, ``name``, ``sha256``, ``circles_sha256``, ``machine_id``, ``date``: which
+      campaign this is. ``sha256`` is the digest of the readings and their conditions, and
+      ``circles_sha256`` that of the readings alone.
     - ``status``: "done" or "failed". ``reason``: why the fit failed.
     - ``topology``, ``planes``, ``tests``, ``readings``, ``force_min_N``, ``force_max_N``,
       ``reference_force_N``: the machine and its tests. ``tests`` is the number of tests, and
@@ -292,11 +301,11 @@ def read_fleet(
 ) -> pd.DataFrame:
     """Return the columns of batches that the analysis of a trend or of a population needs.
 
-    The columns are those named in `FLEET_COLUMNS` and, if the batches contain them, the columns of
-    the stiffnesses by direction. There is one row for each campaign. ``path`` has the same meaning
-    as in `read_batch`, and the same errors are raised.
+    The columns are those named in `FLEET_COLUMNS` and, if the batches contain them, the digest of
+    the readings alone and the columns of the stiffnesses by direction. There is one row for each
+    campaign. ``path`` has the same meaning as in `read_batch`, and the same errors are raised.
     """
-    return _read(path, FLEET_COLUMNS, STIFFNESS_NAME)
+    return _read(path, FLEET_COLUMNS, _FURTHER_NAME)
 
 
 def _read(
@@ -307,8 +316,8 @@ def _read(
     """Return requested columns of the tables of one or several batches, as one table.
 
     ``path`` names the batches, as in `read_batch`. ``columns`` are the names of the requested
-    columns; None requests all columns. The columns of quantities whose names match the pattern
-    ``further`` are returned, too.
+    columns; None requests all columns. Columns that match the pattern ``further``, and the columns
+    of quantities that match it, are returned, too.
     """
     check_pyarrow()
     import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
@@ -323,8 +332,8 @@ def _read(
         for dataset in datasets:
             known_columns |= dict.fromkeys(dataset.schema.names)
         check_known("column", columns, known_columns)
-        quantities = [name for name in table.column_names if name not in columns]
-        table = table.select([*dict.fromkeys(columns), *quantities])
+        others = [name for name in table.column_names if name not in columns]
+        table = table.select([*dict.fromkeys(columns), *others])
     rows: pd.DataFrame = table.to_pandas()
     rows.attrs["units"] = _parameter_units(table.schema)
     return rows
@@ -364,16 +373,16 @@ def _dataset_of(path: Path) -> Path:
     )
 
 
-def _columns_of_quantities(schema: pa.Schema, names: re.Pattern[str]) -> list[str]:
-    """Return the names of all columns that belong to the quantities whose names match a pattern.
+def _columns_that_match(schema: pa.Schema, names: re.Pattern[str]) -> list[str]:
+    """Return the names of all columns that match a pattern, or whose quantity matches it.
 
     The column k_min.mean, for example, belongs to the quantity k_min. ``names`` is the pattern.
     ``schema`` lists the columns of the table of a batch.
     """
     columns = []
     for column in schema.names:
-        name, dot, _ = column.rpartition(".")
-        if dot and names.fullmatch(name):
+        quantity, _, _ = column.rpartition(".")
+        if names.fullmatch(quantity or column):
             columns.append(column)
     return columns
 
@@ -392,7 +401,8 @@ def _read_table(
 
     Raise an `InputError` if the file is not the table of a batch. ``columns`` are the names of the
     requested columns; None requests all columns. Columns that the table does not have are left out.
-    The columns of quantities whose names match the pattern ``further`` are requested, too.
+    Columns that match the pattern ``further``, and the columns of quantities that match it, are
+    requested, too.
     """
     import pyarrow as pa  # The library pyarrow need not be installed, so import it only here.
     import pyarrow.parquet as pq
@@ -401,7 +411,7 @@ def _read_table(
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             schema = file.schema_arrow
             if columns is not None and further is not None:
-                columns = [*columns, *_columns_of_quantities(schema, further)]
+                columns = [*columns, *_columns_that_match(schema, further)]
             table = file.read(columns)
             table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError) as error:

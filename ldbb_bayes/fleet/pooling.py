@@ -28,6 +28,7 @@ from scipy.special import ndtri
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError, check_probability
 from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
+from ldbb_bayes.fleet.dataset import READINGS_DIGESTS
 from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.interval_summary import Summary
@@ -191,8 +192,16 @@ def fit_population(
     lacks_id = [not isinstance(machine_id, str) for machine_id in used_rows["machine_id"]]
     if any(lacks_id):
         caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(used_rows[lacks_id]))))
-    readings = tuple(digest for digest in used_rows["sha256"] if isinstance(digest, str))
-    return replace(pooled, caveats=(*caveats, *pooled.caveats), readings=readings)
+    readings, circles = (_texts_in(used_rows, column) for column in READINGS_DIGESTS)
+    caveats += pooled.caveats
+    return replace(pooled, caveats=tuple(caveats), readings=readings, circles=circles)
+
+
+def _texts_in(rows: pd.DataFrame, column: str) -> tuple[str, ...]:
+    """Return the texts in a column of a table, without empty cells; none without the column."""
+    if column not in rows:
+        return ()
+    return tuple(cell for cell in rows[column] if isinstance(cell, str))
 
 
 @one_blas_thread

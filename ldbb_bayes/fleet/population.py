@@ -150,6 +150,10 @@ class Population(Result):
     #: population. These campaigns must not be fitted with a prior from the population, because
     #: their readings would count twice.
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
+    #: one SHA-256 digest for each campaign, computed from the campaign's readings alone. These
+    #: digests recognise the campaigns also if something else is stated of the same readings, such
+    #: as another order of the tests or another mount.
+    circles: Annotated[tuple[str, ...], Field(alias="circles_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:

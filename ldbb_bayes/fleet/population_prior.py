@@ -65,9 +65,9 @@ class PopulationPrior(Shown):
     #: names of the machines in the population from which the prior was made: the machine_id or, for
     #: a machine without machine_id, the file path of its campaign
     machine_ids: frozenset[str] = frozenset()
-    #: one SHA-256 digest for each campaign in the population from which the prior was made. A
-    #: digest is computed from the campaign's readings and the conditions under which they were
-    #: taken.
+    #: SHA-256 digests of the campaigns in the population from which the prior was made. A campaign
+    #: has two: one is computed from its readings and the conditions under which they were taken,
+    #: the other from its readings alone. Populations of earlier versions lack the second.
     readings: frozenset[str] = frozenset()
     #: sentences on the limitations of the population from which the prior was made
     population_doubts: tuple[str, ...] = ()
@@ -138,8 +138,8 @@ class PopulationPrior(Shown):
         InputError
             If the topology (chain of joints) of the campaign's machine differs from that of the
             population; if a compliance of the population is missing in the campaign, or is a
-            different sum of joint compliances there; or if the campaign itself belongs to the
-            population, so that its readings would be used twice.
+            different sum of joint compliances there; or if the readings of the campaign belong to
+            the population, so that they would be used twice, whatever else is stated of them.
         """
         require_campaign(campaign)
         self._check_applies_to(campaign)
@@ -183,7 +183,7 @@ class PopulationPrior(Shown):
                     " joints' frames that stand elsewhere, so that it is the sum of other"
                     " compliances. Use a population measured in the same place."
                 )
-        if campaign.sha256 in self.readings:
+        if not self.readings.isdisjoint((campaign.sha256, campaign.circles_sha256)):
             raise InputError(
                 "the campaign must not be in the population that gives its prior, got readings that"
                 " it was made from: they would count twice. Make the population without it"
@@ -260,7 +260,7 @@ def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
         topology=record["topology"],
         compliances=record["compliances"],
         machine_ids=frozenset(record["machine"]),
-        readings=frozenset(record["readings_sha256"]),
+        readings=frozenset((*record["readings_sha256"], *record.get("circles_sha256", ()))),
         population_doubts=tuple(record["doubts"]),
     )
 

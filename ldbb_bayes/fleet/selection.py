@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from ldbb_bayes.errors import InputError, nearest
-from ldbb_bayes.fleet.dataset import FLEET_COLUMNS
+from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, READINGS_DIGESTS
 from ldbb_bayes.inference.checks import CheckKind
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.report.wording import caveat_words
@@ -112,7 +112,7 @@ def choose(
     - campaigns that could not be fitted;
     - campaigns whose row lacks sufficient statistics;
     - campaigns that the user excludes;
-    - campaigns with the same readings as an earlier row.
+    - campaigns with the same readings as an earlier row, whatever else they state.
 
     Parameters
     ----------
@@ -142,8 +142,7 @@ def choose(
     selection.leave_out(CaveatKind.BEFORE, is_early, text=since or "")
     selection.leave_out(CaveatKind.FAILED, selection.rows["status"] != "done")
     selection.leave_out(CaveatKind.NO_STATISTICS, selection.rows["gaussian_names"].isna())
-    digests = selection.rows["sha256"]
-    selection.leave_out(CaveatKind.GIVEN_AGAIN, digests.notna() & digests.duplicated())
+    selection.leave_out(CaveatKind.GIVEN_AGAIN, _is_given_again(selection.rows))
     if not include_misfits:
         is_misfit = _reports_any_of(selection.rows, _MISFIT_KINDS)
         selection.leave_out(CaveatKind.UNEXPECTED, is_misfit)
@@ -189,6 +188,21 @@ class _Selection:
         if concerns.any():
             names = labels(self.rows[concerns], self._batch)
             self.caveats.append(Caveat(kind, tuple(names), text=text))
+
+
+def _is_given_again(rows: pd.DataFrame) -> pd.Series[bool]:
+    """Return for each campaign whether an earlier row holds the same readings.
+
+    The digest of the readings alone also recognises readings for which another order of the tests
+    or another mount is stated. Rows of earlier versions lack this digest; of these, only campaigns
+    with the same readings and the same conditions are recognised. ``rows`` has one row per
+    campaign.
+    """
+    is_again = pd.Series(False, index=rows.index, dtype=bool)
+    for column in READINGS_DIGESTS:
+        if column in rows:
+            is_again |= rows[column].notna() & rows[column].duplicated()
+    return is_again
 
 
 def _reports_any_of(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:

@@ -182,6 +182,7 @@ def row_of(campaign: lb.Campaign, model: lb.HybridModel = MODEL) -> dict[str, An
         "topology": campaign.topology,
         "planes": ",".join(campaign.machine().planes),
         "sha256": campaign.sha256,
+        "circles_sha256": campaign.circles_sha256,
         "compliances": None,
         "kinds": [],
         "terms": list(bound.terms),

@@ -184,10 +184,10 @@ def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
             "import sys, time, resource, pandas as pd, numpy as np, ldbb_bayes as lb\nfrom"
             " dataclasses import replace\nrows = pd.read_pickle(sys.argv[1]); n = int(sys.argv[2]);"
             " rng = np.random.default_rng(91)\nrows = rows.iloc[np.arange(n) %"
-            " len(rows)].reset_index(drop=True)\nrows['machine_id'] = rows['sha256'] = [f'M{i:06d}'"
-            " for i in range(n)]\nstart = time.perf_counter(); found ="
-            " lb.fleet.fit_population(rows, include_misfits=True); end ="
-            " time.perf_counter()\nprint(len(found.machine), end - start,"
+            " len(rows)].reset_index(drop=True)\nrows['machine_id'] = rows['sha256'] ="
+            " rows['circles_sha256'] = [f'M{i:06d}' for i in range(n)]\nstart ="
+            " time.perf_counter(); found = lb.fleet.fit_population(rows, include_misfits=True);"
+            " end = time.perf_counter()\nprint(len(found.machine), end - start,"
             " resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
         )
         done = subprocess.run(

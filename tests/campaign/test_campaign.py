@@ -11,6 +11,7 @@ import pytest
 from campaigns import refuses
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.loading import MountCompensation
 from ldbb_bayes.errors import InputError
 
 ANGLE = np.arange(0.0, 360.0, 10.0)
@@ -162,6 +163,48 @@ def test_digest_is_of_the_data() -> None:
         campaign.plan(),
     ]
     assert len({campaign.sha256, *(own.sha256 for own in different)}) == 11
+
+
+def test_the_digest_of_circles_is_of_their_readings_alone(rng: np.random.Generator) -> None:
+    """Of none of what is stated of them, nor of a constant added to a circle."""
+    readings = 30.0 * rng.standard_normal((2, len(ANGLE)))
+    first, second = (make(reading_um=reading) for reading in readings)
+    campaign = lb.Campaign((first, second))
+    turned = make(
+        angle_rad=np.deg2rad(np.roll(ANGLE, 7)),
+        angle_deg=None,
+        reading_um=None,
+        reading_mm=1e-3 * (np.roll(readings[1], 7) + 12.345678912),
+        force_N=742.0,
+        name="renamed",
+        setup=2,
+    )
+    alike = [
+        lb.Campaign((turned, first), order="random", drift=False, resolution_um=0.1),
+        lb.Campaign((first, second), mount=MountCompensation(2.0), radius_mm=150.0),
+    ]
+    assert {again.circles_sha256 for again in alike} == {campaign.circles_sha256}
+    assert all(again.sha256 != campaign.sha256 for again in alike)
+    nudged = readings[1].copy()
+    nudged[3] += 1e-4
+    different = [
+        lb.Campaign((first, second.with_reading_um(nudged))),
+        lb.Campaign((first,)),
+        lb.Campaign((first, first, second)),
+        lb.Campaign((first, replace(second, angle_deg=ANGLE + 5.0))),
+        lb.Campaign((first, second.with_reading_um(readings[1][::-1]))),
+    ]
+    assert len({campaign.circles_sha256, *(own.circles_sha256 for own in different)}) == 6
+    assert campaign.plan().circles_sha256 is None
+
+
+def test_an_error_in_the_last_digit_does_not_change_the_digest_of_circles() -> None:
+    """Readings with one decimal, with constants added that are rounded in binary."""
+    reading_um = np.round(20.0 * READING, 1)
+    first = lb.Campaign((make(reading_um=reading_um),))
+    for added_um in np.linspace(0.1, 900.0, 200):
+        again = lb.Campaign((make(reading_um=(reading_um + added_um) - 0.3),))
+        assert again.circles_sha256 == first.circles_sha256
 
 
 def test_selection() -> None:

@@ -185,7 +185,8 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
         "Where the population gives the prior of a campaign with the same bar they are counted"
         " again." in doubts
     )
-    assert record["readings_sha256"] == lb.fleet.read_batch(rows)["sha256"].dropna().tolist()
+    for column, key in (("sha256", "readings_sha256"), ("circles_sha256", "circles_sha256")):
+        assert record[key] == lb.fleet.read_batch(rows)[column].dropna().tolist()
     table = pd.read_csv(out / "machines.csv", index_col="machine")
     assert table.loc["M0", "flag"]
     assert table.loc["M5", "C_XXX.mean"] == pytest.approx(
@@ -194,7 +195,8 @@ def test_from_campaigns_to_a_population(rows: Path, tmp_path: Path, invoke: Invo
     again = lb.fleet.read_population_prior(out)
     third = lb.read_campaign(rows.parent / "all" / "c3")
     refuses("must not be in the population that gives its prior", again.doubts, third)
-    doubts = again.doubts(replace(third, resolution_um=0.25))
+    tests = [test.with_reading_um(2.0 * np.asarray(test.reading_um)) for test in third.tests]
+    doubts = again.doubts(replace(third, tests=tests))
     assert any("has campaigns of this machine (M3)" in doubt for doubt in doubts)
     assert {f"The population says: {doubt}" for doubt in record["doubts"]} <= set(doubts)
     assert "must not exist" in invoke("population", rows, "--out", out)[2]

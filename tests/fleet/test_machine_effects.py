@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import plan, simulated
+from campaigns import plan, refuses, simulated
 from fleets import row
 
 import ldbb_bayes as lb
@@ -249,16 +249,27 @@ def test_a_row_that_states_the_error_of_the_mount_alone_is_refused(rows: pd.Data
 
 
 def test_a_difference_knows_that_the_mount_is_the_same() -> None:
-    """Readings compensated for another deflection are the same readings."""
+    """Readings compensated for another deflection are the same readings, but for one that is
+    nudged: differences of the same readings are refused."""
     measured = simulated(plan())
+    first = measured.tests[0]
+    reading_um = np.asarray(first.reading_um).copy()
+    reading_um[3] += 1e-4
+    nudged = replace(measured, tests=(first.with_reading_um(reading_um), *measured.tests[1:]))
     rule = lb.inference.StoppingRule(ess=500.0)
-    fits = [
-        lb.sample(MODEL, restated(measured, deflection, 0.2), sampler="independent", rule=rule)
-        for deflection in (2.33, 2.0)
-    ]
+    before, same, after = (
+        lb.sample(MODEL, restated(campaign, by, 0.2), sampler="independent", rule=rule)
+        for campaign, by in ((measured, 2.33), (measured, 2.0), (nudged, 2.0))
+    )
+    refuses(
+        "results must be of different readings, got those of 'campaign' twice",
+        lb.analysis.compare_posteriors,
+        before,
+        same,
+    )
     for same_machine in (False, True):
         result = lb.analysis.compare_posteriors(
-            *fits, same_instrument=True, same_machine=same_machine
+            before, after, same_instrument=True, same_machine=same_machine
         )
         for name in ("C_XXX", "C_YYY"):
             change = result.loc[name]
