@@ -644,23 +644,28 @@ def _customary_plans(
 
     Campaigns of the same size have the same number of circles. The campaigns as they are usually
     run use no further certificates of the instrument, and only one radius: the first of the
-    possible radii. The best campaigns belong to the same family (same radii, certificates and
-    angles of the balls) as ``best``, the cheapest campaign. The keys of ``goals`` are the names of
-    the parameters, and ``costs`` are the times and prices. ``steps`` reports the progress: all
-    earlier steps are counted as finished first, and one step is counted after each campaign.
+    possible radii. They are run in every plane of ``best``, the cheapest campaign: circles in one
+    plane show nothing of a parameter that only another plane shows. The best campaigns belong to
+    the same family (same radii, certificates and angles of the balls) as ``best``. The keys of
+    ``goals`` are the names of the parameters, and ``costs`` are the times and prices. ``steps``
+    reports the progress: all earlier steps are counted as finished first, and one step is counted
+    after each campaign.
     """
     steps.finish(2 * _SHOWN)
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)
     space = family.space
-    template = replace(space.templates[0], radius_mm=float(space.radii_mm[0]))
+    planes = {test.plane for test in best.tests}
+    radius_mm = float(space.radii_mm[0])
+    templates = []
+    for template in space.templates:
+        if template.plane in planes:
+            templates.append(replace(template, radius_mm=radius_mm))
     lowest_N = float(space.pilot.forces_N.min())
     highest_N = float(space.pilot.forces_N.max())
-    ways = tuple(dict.fromkeys(test.direction for test in space.templates))
-    number = len(best.tests)
     named: dict[str, tuple[CircularTest, ...]] = {
-        "equal steps": equal_steps(template, ways, lowest_N, highest_N, number),
-        "seven published forces": published_forces(template, ways, lowest_N, highest_N),
+        "equal steps": equal_steps(templates, lowest_N, highest_N, len(best.tests)),
+        "seven published forces": published_forces(templates, lowest_N, highest_N),
     }
     plans = []
     for name, tests in named.items():

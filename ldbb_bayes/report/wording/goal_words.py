@@ -81,7 +81,13 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "certificate": near_miss.certificate,
             }
         )
-    return _TEMPLATES.sentences("goal_design_reasons", result, obstacles, near_misses) + notes
+    planes: list[str] = []
+    if result.customary:
+        tests = result.customary[0].customary.tests
+        if "plane" in tests:
+            planes = list(dict.fromkeys(tests["plane"]))
+    reasons = _TEMPLATES.sentences("goal_design_reasons", result, obstacles, near_misses, planes)
+    return reasons + notes
 
 
 def goal_notes(
