@@ -45,27 +45,33 @@ def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
 def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
-    For each goal, the table states the largest U that is allowed, the present U, and a limit for U
-    after the cheapest campaign. The probability that U is at most this limit is 90 %, given what is
-    known so far.
+    For each goal, the table states the largest U that is allowed, the present U, the U to expect
+    after the cheapest campaign, and a limit for this U. The probability that U is at most this
+    limit is 90 %, given what is known so far. If a goal is not reached, the table says so, and
+    states the U that the campaign is expected to leave.
     """
+    after = dict(result.unreached)
+    if result.plans:
+        after |= result.best.goals
     rows = []
     for name, stated in result.goals.items():
         factor, unit = display_unit(stated.goal.unit)
         sizes = [stated.U]
-        expected = ""
+        if name in after:
+            sizes += [after[name].U, after[name].likely_U]
+        limit, now, *forecast = digits_apart(stated.limit_U, sizes, factor)
+        expected, likely = forecast or ("", "")
         if stated.met_by_pilot:
-            expected = "met already"
+            likely = "met already"
         elif name in result.unreachable or name in result.near_misses or not result.plans:
-            expected = "not reached"
-        else:
-            sizes.append(result.best.goals[name].likely_U)
-        limit, now, *likely = digits_apart(stated.limit_U, sizes, factor)
-        rows.append((display_name(name), limit, now, expected or likely[0], unit))
+            likely = "not reached"
+        columns = [expected, likely] if result.plans else [likely]
+        rows.append((display_name(name), limit, now, *columns, unit))
     before = "prior"
     if result.measured:
         before = "now"
-    heads = ("goal for U (k = 2)", "wanted", before, "nine in ten at most", "unit")
+    columns = ["U expected"] if result.plans else []
+    heads = ("goal for U (k = 2)", "wanted", before, *columns, "nine in ten at most", "unit")
     return Table.of("Goals", heads, rows, text=("unit", "nine in ten at most"))
 
 

@@ -358,6 +358,30 @@ def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
     assert "The other goals are met" in text
 
 
+def test_what_the_plan_leaves_of_a_goal_out_of_reach_is_stated():
+    """By the forecast of the plan, beside the goals that it reaches, and in the file."""
+    goals = {"E_C0YX": "1e-3 µrad", "C_XYX": "2 nm/N"}
+    found = lb.design(MODEL, PILOT, goals=goals, forces_N=FORCES)
+    assert found.unreachable == ("E_C0YX",)
+    left = found.unreached["E_C0YX"]
+    expected = found.best.expected["E_C0YX"]
+    assert (left.U, left.likely_U) == (2.0 * expected.sd, 2.0 * expected.likely_sd)
+    assert left.probability == 0.0
+    assert left.averaged_U > 0.0
+    (row,) = re.findall(r"E_C\(0Y\)X +[\d.]+ +[\d.]+ +([\d.]+) +not reached", text_of(found))
+    assert float(row) == pytest.approx(1e6 * left.U, rel=0.05)
+    assert GoalDesign.from_dict(found.as_dict()).unreached == found.unreached
+    older = found.as_dict()
+    del older["unreached"]
+    assert GoalDesign.from_dict(older).unreached == {}
+
+
+def test_no_goal_is_left_where_all_are_reached_or_no_campaign_is_found(cheapest, just_missed):
+    assert cheapest.unreached == just_missed.unreached == {}
+    assert "U expected" in text_of(cheapest)
+    assert "U expected" not in text_of(just_missed)
+
+
 def test_a_campaign_is_judged_on_fresh_machines_too(family):
     campaign = judge_plan(family, family.tests_of(np.array([1, 0, 2, 0, 0, 1, 0, 1])))
     again = _judged_on_fresh_machines(campaign).stated.u

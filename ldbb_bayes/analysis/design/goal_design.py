@@ -10,7 +10,7 @@ goals if all goals would be met on at least this share of the possible machines.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
@@ -239,6 +239,9 @@ class GoalDesign(Result):
     #: whether the circles of the campaigns are added to those of the pilot (option ``--augment``);
     #: if not, the campaigns reach the goals by themselves
     adds_to_pilot: bool = False
+    #: forecasts of the uncertainties that the cheapest campaign leaves where a goal is not reached;
+    #: the keys are the names of the goals' parameters. Empty if ``plans`` is empty.
+    unreached: dict[str, GoalForecast] = field(default_factory=dict)
 
     @property
     def all_met(self) -> bool:
@@ -470,16 +473,19 @@ def _search_campaigns(
         measured=not space.pilot.is_plan,
         pilot=space.pilot.name,
         adds_to_pilot=space.augment,
+        unreached=_forecasts_of_unreached(searched, needed, costs),
     )
 
 
 class _Searched(NamedTuple):
-    """Result of the search for the cheapest campaigns; the fields are those of `GoalDesign`."""
+    """Result of the search for the cheapest campaigns; most fields are those of `GoalDesign`."""
 
     plans: tuple[GoalPlan, ...] = ()
     customary: tuple[CustomaryPlan, ...] = ()
     near_misses: Mapping[str, NearMiss] = MappingProxyType({})
     without_limit: GoalPlan | None = None
+    #: the cheapest campaign as the search found it; None if ``plans`` is empty
+    cheapest: FoundCampaign | None = None
 
 
 def _search_reachable(
@@ -501,7 +507,9 @@ def _search_reachable(
     found = find_cheapest(families, goals, costs, probability, _SHOWN, on_campaign=steps.finish_one)
     if found.campaigns:
         plans = _plans_of(found.campaigns, goals, costs, steps)
-        return _Searched(plans, _customary_plans(found.campaigns[0], goals, costs, steps))
+        cheapest = found.campaigns[0]
+        customary = _customary_plans(cheapest, goals, costs, steps)
+        return _Searched(plans, customary, cheapest=cheapest)
     if found.is_too_long:
         found = find_cheapest(
             families, goals, replace(costs, hours=None), probability, 1, on_campaign=lambda: None
@@ -516,6 +524,26 @@ def _search_reachable(
         return _Searched(near_misses=near_misses)
     searched = _search_reachable(widest, sets, others, costs, probability, steps)
     return searched._replace(near_misses={**near_misses, **searched.near_misses})
+
+
+def _forecasts_of_unreached(
+    searched: _Searched, needed: Mapping[str, Goal], costs: Costs
+) -> dict[str, GoalForecast]:
+    """Return forecasts of what the cheapest campaign leaves of the goals that it does not reach.
+
+    ``searched`` is the result of the search, and ``needed`` are all goals that are not yet met. The
+    keys of both dictionaries are the names of the goals' parameters. ``costs`` are the times and
+    prices. The result is empty if the search found no campaign.
+    """
+    cheapest = searched.cheapest
+    if cheapest is None:
+        return {}
+    reached = searched.plans[0].goals
+    unreached = {name: goal for name, goal in needed.items() if name not in reached}
+    if not unreached:
+        return {}
+    plan = _plan_of(cheapest, unreached, costs)
+    return _with_averaged_uncertainties(plan, cheapest).goals
 
 
 def _reachable(

@@ -42,7 +42,8 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
     units = {name: stated.goal.unit for name, stated in result.goals.items()}
     then: dict[str, float | None] = {}
     if result.plans:
-        then = {name: goal.averaged_U for name, goal in result.best.goals.items()}
+        after = {**result.best.goals, **result.unreached}
+        then = {name: goal.averaged_U for name, goal in after.items()}
     notes = goal_notes(result.goals, shares, units, then, measured=result.measured)
     obstacles = []
     for name, obstacle in result.obstacles.items():
