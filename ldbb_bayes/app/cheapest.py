@@ -15,7 +15,7 @@ from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, goals_in
 from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, goals_typed
 from ldbb_bayes.app.page_words import LANGUAGES, words_of_page
-from ldbb_bayes.app.planning import effort_row, pilot_row, test_row
+from ldbb_bayes.app.planning import circle_rows, effort_row, pilot_row
 from ldbb_bayes.app.understanding import refusal
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
 from ldbb_bayes.cli.goal_designs import files_of_goal_design, find_for_goals
@@ -213,7 +213,7 @@ def find_cheapest_campaigns(
     campaigns = []
     for number, plan in enumerate(result.plans, start=1):
         _write_campaign(folder / CHEAPEST / str(number), result, seed, number)
-        campaigns.append(_campaign_row(plan, pilot))
+        campaigns.append(_campaign_row(plan))
     return {
         "passages": [_passage_record(passage) for passage in parts_of(result)],
         "pilot": pilot_row(pilot),
@@ -234,17 +234,16 @@ def _write_campaign(folder: Path, result: GoalDesign, seed: int, number: int) ->
         files.write_more(folder)
 
 
-def _campaign_row(plan: GoalPlan, pilot: lb.Campaign) -> dict[str, Any]:
+def _campaign_row(plan: GoalPlan) -> dict[str, Any]:
     """Return the cost of a campaign, and its circles in the order in which to run them."""
     planned = plan.plan()
-    tests = planned.tests
     return {
         **effort_row(planned),
         "circles": plan.circles,
         "minutes": plan.minutes,
         "price": plan.price,
         "certificates": list(plan.certificates),
-        "tests": [test_row(test, pilot) for test in tests],
+        **circle_rows(planned),
     }
 
 

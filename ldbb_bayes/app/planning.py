@@ -23,12 +23,14 @@ from ldbb_bayes.app.fields import RESULT, linear_model
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, with_goals
 from ldbb_bayes.app.worth import uncertainty_change
 from ldbb_bayes.campaign.campaign import Direction
+from ldbb_bayes.campaign.mountings import mounted_anew, setups_as_run
 from ldbb_bayes.errors import require
+from ldbb_bayes.report.operator_sheet import mounting_sentences
 from ldbb_bayes.report.wording import is_noticeable
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_unit, two_digits
 
-__all__ = ["PLAN", "effort_row", "forecast", "pilot_row", "plan", "test_row"]
+__all__ = ["PLAN", "circle_rows", "effort_row", "forecast", "pilot_row", "plan"]
 
 PLAN = "plan"  # subfolder of a session (one browser tab) for the plan of the next tests
 _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
@@ -477,7 +479,7 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         "minutes": round(minutes),
         "cost": round(minutes / 60.0 * costs["hourly"]),
         "pilot": pilot_row(pilot),
-        "tests": [test_row(test, pilot) for test in planned.plan.tests],
+        **circle_rows(planned.plan),
     }
 
 
@@ -552,25 +554,37 @@ def effort_row(plan: lb.Campaign) -> dict[str, int]:
     return {"setups": effort.setups, "turns": effort.turns}
 
 
-def test_row(test: lb.CircularTest, pilot: lb.Campaign) -> dict[str, Any]:
-    """Return the settings of a test as texts, for the operator.
+def circle_rows(plan: lb.Campaign) -> dict[str, Any]:
+    """Return what the operator's sheet states of the circles of a plan.
 
     Parameters
     ----------
-    test
-        The test.
-    pilot
-        Campaign whose force law gives the pressure of the test.
+    plan
+        Plan of the tests, in the order in which to run them.
 
     Returns
     -------
     dict
-        Force, pressure, plane, direction, radius and angles of both balls.
+        ``tests`` holds the settings of each circle as texts, among them the number of the set-up
+        in which it will be run. ``mountings`` holds sentences in English on when to mount the bar
+        anew, and ``keeps_setup`` states whether it is never mounted anew.
     """
+    tests = []
+    for test, setup in zip(plan.tests, setups_as_run(plan), strict=True):
+        tests.append({**_test_row(test, plan), "setup": f"{setup}"})
+    return {
+        "tests": tests,
+        "mountings": list(mounting_sentences(plan)),
+        "keeps_setup": not mounted_anew(plan),
+    }
+
+
+def _test_row(test: lb.CircularTest, plan: lb.Campaign) -> dict[str, Any]:
+    """Return the settings of a test as texts; the pressure follows from the plan's force law."""
     force = float(test.force_N or 0.0)
     return {
         "force": f"{force:.4g}",
-        "pressure": f"{pilot.force_law.pressure_bar(force):.3g}",
+        "pressure": f"{plan.force_law.pressure_bar(force):.3g}",
         "plane": test.plane,
         "direction": test.direction or "",
         "radius": f"{test.radius_mm:g}",

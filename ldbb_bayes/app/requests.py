@@ -12,7 +12,7 @@ import re
 import secrets
 import shutil
 import zipfile
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -32,6 +32,7 @@ from ldbb_bayes.app.templates import LARGEST_FILE, MOST_FILES
 from ldbb_bayes.app.understanding import understand
 from ldbb_bayes.app.worth import effects_of_certificates
 from ldbb_bayes.report.message_translation import in_language
+from ldbb_bayes.report.passage_translation import passages_in_language
 
 __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
@@ -373,11 +374,21 @@ async def _send_cheapest(registry: SessionRegistry, session: Session, request: R
         return refused(session.word("nothing"), 404)
     if kind == "html":
         planned = {**campaigns[number - 1], "pilot": outcome["pilot"]}
-        return HTMLResponse(
-            registry.templates.show("operator.html.j2", session.language, found=planned)
-        )
+        return HTMLResponse(_operator_sheet(registry, session, planned))
     folder = session.search.folder / CHEAPEST / str(number)
     return await _send_zipped(folder, f"cheapest-{number}.zip")
+
+
+def _operator_sheet(registry: SessionRegistry, session: Session, planned: Mapping[str, Any]) -> str:
+    """Return the operator's sheet of planned circles as HTML, in the language of a session.
+
+    ``planned`` holds what `circle_rows` returns of the circles, their time, and the texts of the
+    campaign on which they are based.
+    """
+    mountings = passages_in_language(planned["mountings"], session.language)
+    return registry.templates.show(
+        "operator.html.j2", session.language, found=planned, mountings=mountings
+    )
 
 
 # ---- results of a fit
@@ -421,8 +432,7 @@ async def _send_plan(registry: SessionRegistry, session: Session, name: str) -> 
         message = str(planned["refused"])
         return refused(in_language(message, session.language) or message, 422)
     if name == "plan.html":
-        sheet = registry.templates.show("operator.html.j2", session.language, found=planned)
-        return HTMLResponse(sheet)
+        return HTMLResponse(_operator_sheet(registry, session, planned))
     return await _send_zipped(session.folder / PLAN, name)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.campaign.run_times import times_stated
 
-__all__ = ["last_setup", "setups_as_run"]
+__all__ = ["last_setup", "mounted_anew", "setups_as_run"]
 
 
 def last_setup(plan: Campaign) -> int | None:
@@ -46,6 +46,17 @@ def setups_as_run(plan: Campaign) -> tuple[int, ...]:
         taken.add(planned)
         numbers.append(as_run)
     return tuple(numbers)
+
+
+def mounted_anew(plan: Campaign) -> list[int]:
+    """Return the positions of the circles of a plan before which the bar is mounted anew.
+
+    The position of the first circle is 0. The first mounting of a plan that is run by itself does
+    not count.
+    """
+    setups = setups_as_run(plan)
+    before = [last_setup(plan) or setups[0], *setups[:-1]]
+    return [k for k, setup in enumerate(setups) if setup != before[k]]
 
 
 def _setup(test: CircularTest) -> int:

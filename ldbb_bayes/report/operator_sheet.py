@@ -6,18 +6,16 @@ uncertainties, decisions on tolerances, and the choice of a model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ldbb_bayes.analysis.design import NextCircle
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
-from ldbb_bayes.campaign.mountings import last_setup, setups_as_run
+from ldbb_bayes.campaign.mountings import mounted_anew, setups_as_run
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.next_circle_text import aims_passages
 from ldbb_bayes.report.passage_translation import passages_in_language
 from ldbb_bayes.results import Passage, Table
 
-__all__ = ["page", "page_of_plan"]
+__all__ = ["mounting_sentences", "page", "page_of_plan"]
 
 # Settings of a circle that the operator fills in, or that differ between circles by their nature.
 # They always have a column in the table of circles.
@@ -67,10 +65,10 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
         concerns=in_language(*wording.next_circle_concerns(step)),
         head=in_language(*wording.next_circle_head(step)),
         finished=step.finished,
-        mountings=in_language(*_mountings(plan, setups, step.circles + 1)),
+        mountings=in_language(*mounting_sentences(plan, step.circles + 1)),
         settings=zip(in_language(*names), in_language(*values), strict=True),
         passages=in_language(*aims_passages(step)),
-        advice=in_language(*_advice(plan, setups), _AFTER_ONE_CIRCLE),
+        advice=in_language(*_advice(plan), _AFTER_ONE_CIRCLE),
     )
 
 
@@ -114,33 +112,29 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         language=language,
         title=in_language(f"Circles of {plan.name}")[0],
         lead=in_language("Run the circles in this order.")[0],
-        mountings=in_language(*_mountings(plan, setups, 1)),
+        mountings=in_language(*mounting_sentences(plan)),
         common=zip(in_language(*common_names), in_language(*common_values), strict=True),
         circles=in_language(table)[0],
-        advice=in_language(*_advice(plan, setups), _AFTER_PLAN),
+        advice=in_language(*_advice(plan), _AFTER_PLAN),
     )
 
 
-def _mounted_anew(plan: Campaign, setups: Sequence[int]) -> list[int]:
-    """Return the positions of the circles of a plan before which the bar is mounted anew.
-
-    ``setups`` are the numbers of the set-ups in which the circles of the ``plan`` will be run. The
-    position of the first circle is 0. The first mounting of a plan that is run by itself does not
-    count.
-    """
-    before = [last_setup(plan) or setups[0], *setups[:-1]]
-    return [k for k, setup in enumerate(setups) if setup != before[k]]
-
-
-def _mountings(plan: Campaign, setups: Sequence[int], first: int) -> tuple[str, ...]:
+def mounting_sentences(plan: Campaign, first: int = 1) -> tuple[str, ...]:
     """Return sentences for the operator on when to mount the bar anew; none if it stays in place.
 
-    ``setups`` are the numbers of the set-ups in which the circles of the ``plan`` will be run, and
-    ``first`` is the number of the first circle. If these are not the set-up numbers of the plan, a
-    sentence says so.
+    If the set-up numbers in which the circles will be run are not those of the plan, a sentence
+    says so.
+
+    Parameters
+    ----------
+    plan
+        Plan of tests, in the order in which to run them.
+    first
+        Number of the first circle.
     """
+    setups = setups_as_run(plan)
     sentences = []
-    for k in _mounted_anew(plan, setups):
+    for k in mounted_anew(plan):
         sentences.append(f"Mount the bar anew before circle {first + k} (set-up {setups[k]}).")
     if any(setup != test.setup for setup, test in zip(setups, plan.tests, strict=True)):
         sentences.append(
@@ -150,18 +144,17 @@ def _mountings(plan: Campaign, setups: Sequence[int], first: int) -> tuple[str, 
     return tuple(sentences)
 
 
-def _advice(plan: Campaign, setups: Sequence[int]) -> tuple[str, ...]:
+def _advice(plan: Campaign) -> tuple[str, ...]:
     """Return sentences for the operator on how to run circles.
 
     If a ball is turned in a circle of the ``plan``, a sentence states about which axis, in which
-    sense and from which position the angles of the balls are measured. ``setups`` are the numbers
-    of the set-ups in which the circles will be run.
+    sense and from which position the angles of the balls are measured.
     """
     sentences = [
         "Warm up the machine first, keep one set-up, and write down the time at which each circle"
         " starts.",
     ]
-    if _mounted_anew(plan, setups):
+    if mounted_anew(plan):
         sentences = [
             "Warm up the machine first, and write down the time at which each circle starts.",
         ]

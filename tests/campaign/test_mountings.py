@@ -9,7 +9,7 @@ import pytest
 from campaigns import plan, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.mountings import last_setup, setups_as_run
+from ldbb_bayes.campaign.mountings import last_setup, mounted_anew, setups_as_run
 
 
 def planned(setups: Sequence[int | None]) -> lb.Campaign:
@@ -48,6 +48,8 @@ def test_a_plan_that_returns_to_a_set_up_gets_a_new_number(
 ) -> None:
     alone = planned(setups)
     assert setups_as_run(alone) == as_run
+    anew = [k for k in range(1, len(as_run)) if as_run[k] != as_run[k - 1]]
+    assert mounted_anew(alone) == anew
     assert last_setup(alone) is None
 
 

@@ -1,0 +1,73 @@
+"""The operator's sheet of the page: which circles to run, and when to mount the bar anew."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from campaigns import plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.app import requests
+from ldbb_bayes.app.planning import circle_rows, effort_row, pilot_row
+from ldbb_bayes.app.templates import Templates
+
+KEEP = {"en": "Keep one set-up", "de": "Aufspannung beibehalten"}
+MOUNT = {
+    "en": "Mount the bar anew before circle 3 (set-up 2).",
+    "de": "Vor Kreis 3 das Messgerät neu einsetzen (Aufspannung 2).",
+}
+
+
+def in_setups(circles: lb.Campaign, *setups: int) -> lb.Campaign:
+    """The circles in these set-ups; those of set-up 2 are in another plane."""
+    tests = []
+    for test, setup in zip(circles.tests, setups, strict=True):
+        tests.append(replace(test, setup=setup, plane="YZ" if setup == 2 else "XY"))
+    return replace(circles, topology="wXFYZSt", tests=tuple(tests))
+
+
+def sheet(planned: lb.Campaign, language: str) -> str:
+    """The words of the sheet."""
+    found = {
+        **effort_row(planned),
+        **circle_rows(planned),
+        "pilot": pilot_row(planned),
+        "minutes": 60.0,
+    }
+    registry: Any = SimpleNamespace(templates=Templates())
+    session: Any = SimpleNamespace(language=language)
+    page = requests._operator_sheet(registry, session, found)
+    return " ".join(re.sub(r"<[^>]+>", " ", page).split())
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_the_sheet_says_when_to_mount_the_bar_anew(language: str) -> None:
+    words = sheet(in_setups(plan(), 1, 1, 2, 2), language)
+    assert MOUNT[language] in words
+    assert {"en": " set-up direction ", "de": " Aufspannung Richtung "}[language] in words
+    assert re.search(r" 3 \S+ \S+ YZ 2 ↻ ", words)
+    assert re.search(r" 4 \S+ \S+ YZ 2 (?!↻)", words)
+    assert KEEP[language] not in words
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_one_set_up_is_kept(language: str) -> None:
+    words = sheet(plan(), language)
+    assert KEEP[language] in words
+    assert "↻" not in words
+    assert not re.search("Mount the bar|neu einsetzen|set-up direction|Aufspannung Richtung", words)
+
+
+def test_a_return_to_the_set_up_of_the_circles_so_far_has_a_new_number() -> None:
+    so_far = in_setups(simulated(plan()), 1, 1, 2, 2)
+    added = replace(in_setups(plan(), 1, 1, 1, 1), pilot=so_far, adds_to_pilot=True)
+    rows = circle_rows(added)
+    assert [row["setup"] for row in rows["tests"]] == ["3"] * 4
+    assert not rows["keeps_setup"]
+    words = sheet(added, "en")
+    assert "Mount the bar anew before circle 1 (set-up 3)." in words
+    assert "Enter the set-up numbers of this sheet as setup in campaign.toml" in words
