@@ -8,6 +8,7 @@ Fourier coefficients of the orders 0 to 12.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -17,6 +18,7 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
+from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.campaign.run_times import after_the_others, with_listed_times
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, check_seed, require
@@ -30,6 +32,7 @@ from ldbb_bayes.inference.coefficients import (
     shared_terms,
 )
 from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.inference.other_circles import shared_terms_of_plan
 from ldbb_bayes.inference.posterior import model_draws_of
 from ldbb_bayes.inference.residuals import matrix_to_harmonics
 from ldbb_bayes.inference.shared_draws import SharedDraws, draw_with_shared
@@ -69,7 +72,9 @@ def predict(
     centre), the discrepancy (the unexplained deviations of a circle), the random force error and
     the white noise. The scatter of set-up shift and discrepancy is learnt from the measured
     circles. Effects that do not occur in the measured circles, such as the length of the bar at
-    another radius, are drawn from their prior. If the times of the tests are not stated, the new
+    another radius, are drawn from their prior. How the compliance of an axis changes along its
+    travel is carried from the nearest measured circle to circles at other places and of other
+    radii. If the times of the tests are not stated, the new
     circles are predicted as if they were run after the measured circles. To predict a circle that
     is run between measured circles, state ``time_s`` of all tests.
 
@@ -199,7 +204,7 @@ def _draw_shared_of_plan(
         learnt += term.names
     posterior_draws = draw_shared(measured, phi, beta, rng)
     total = machine_coefficients(planned, beta)
-    for term in shared_terms(planned.nuisance_columns):
+    for term in shared_terms_of_plan(measured, planned):
         standard = rng.standard_normal((len(beta), len(term.names)))
         nuisances = term.sd_at(value) * standard
         if term.mean is not None:
@@ -252,7 +257,7 @@ def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
         f"the plan must be of the posterior's machine {campaign.topology}, its frames too, got"
         f" {plan.topology}. Make the plan with the campaign's topology and frames.",
     )
-    new_tests = [replace(test.with_reading_um(None), name="") for test in plan.tests]
+    new_tests = [replace(test, name="") for test in _with_pressures_of(campaign, plan)]
     timed = with_listed_times(campaign)
     union = replace(timed, tests=(*timed.plan().tests, *after_the_others(timed, new_tests)))
     model = bound.model
@@ -269,6 +274,23 @@ def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
     measured = union_bound.keeping(names[: len(campaign.tests)])
     measured.reduced = bound.reduced
     return _MeasuredAndPlanned(measured, union_bound.keeping(names[len(campaign.tests) :]))
+
+
+def _with_pressures_of(campaign: Campaign, plan: Campaign) -> list[CircularTest]:
+    """Return planned tests without readings, with the pressures that a campaign would have.
+
+    The regulator is that of the campaign. A pressure that follows from the force by the law of the
+    plan is replaced by the one that follows by the law of the campaign. A pressure that the user
+    stated otherwise is kept.
+    """
+    tests = []
+    for test in plan.tests:
+        force_N = float(test.force_N or 0.0)
+        by_plan = plan.force_law.pressure_bar(force_N)
+        if math.isclose(float(test.pressure_bar or 0.0), by_plan, rel_tol=1e-9):
+            test = replace(test, pressure_bar=campaign.force_law.pressure_bar(force_N))
+        tests.append(test.with_reading_um(None))
+    return tests
 
 
 def replicate_left_out(

@@ -310,12 +310,9 @@ class Position(Term):
         ``setting`` describes the test conditions. A column holds, for every test, the change of the
         reading per unit of one coefficient.
         """
-        force = setting.force_N[:, None]
         columns = []
         for axis, size in setting.driven_axes():
-            linear = force * setting.along(axis, 3.0, signed=True)
-            bow = setting.along(axis, 4.0) - 0.5 * setting.along(axis, 2.0)
-            values = np.stack([linear, force * bow], axis=2)
+            values = compliance_along_travel(setting, axis)
             letter = LINEAR[axis]
             names = (f"position_{letter}_linear", f"position_{letter}_quadratic")
             sd = np.array([self.linear_sd, self.quadratic_sd]) * size
@@ -330,3 +327,42 @@ class Position(Term):
         """
         axis, law = coefficient.removeprefix("position_").split("_")
         return f"{law} change of the compliance along {axis}"
+
+
+def compliance_along_travel(
+    setting: Setting, axis: int, *, shift: Array | float = 0.0, ratio: Array | float = 1.0
+) -> Array:
+    """Return the columns of a linear and a quadratic change of compliance along an axis.
+
+    Let x be the position on the axis in radii of a certain circle, from its centre. The compliance
+    of the axis changes by L x + Q (x² − ½), with the coefficients L and Q. On that circle x = u_a,
+    the cosine of the angle between bar and axis; on another circle x = s + ρ u_a. Because the
+    compliance acts on the force F u_a and its deflection on the reading as u_a, the two columns are
+    F u_a² x and F u_a² (x² − ½).
+
+    Parameters
+    ----------
+    setting : Setting
+        Conditions of the tests.
+    axis : int
+        Index of the machine axis: X is 0, Y is 1, Z is 2.
+    shift : ndarray, shape (tests,)
+        Position s of the centre of each test's circle.
+    ratio : ndarray, shape (tests,)
+        Radius ρ of each test's circle.
+
+    Returns
+    -------
+    ndarray, shape (tests, 25, 2)
+        Fourier coefficients of the readings per unit of L and of Q [N].
+    """
+    tests = setting.tests
+    s = np.broadcast_to(shift, tests)[:, None]
+    rho = np.broadcast_to(ratio, tests)[:, None]
+    squared = setting.along(axis, 2.0)
+    cubed = setting.along(axis, 3.0, signed=True)
+    fourth = setting.along(axis, 4.0)
+    linear = s * squared + rho * cubed
+    quadratic = (s**2 - 0.5) * squared + 2.0 * s * rho * cubed + rho**2 * fourth
+    force = setting.force_N[:, None]
+    return np.stack([force * linear, force * quadratic], axis=2)
