@@ -55,14 +55,16 @@ def aims_passages(step: NextCircle) -> list[Passage]:
 def _goals_table(step: NextCircle) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
-    For each goal, the table states the present U, the expected U after the next circle, and the U
-    that would remain after very many further circles. Two further columns state the probability
-    that the goal is reached now, and the probability that it is reached after the next circle.
+    For each goal, the table states the present U of a fit, the expected U after the next circle,
+    and the U that would remain after very many further circles. Two further columns state the
+    probability that the goal is reached now, and the probability that it is reached after the next
+    circle.
     """
     rows = []
     for name, goal in step.goals.items():
         factor, unit = display_unit(goal.unit)
-        sizes = [goal.U, goal.U_next, goal.U_floor]
+        expanded = goal.U if goal.U_of_fit is None else goal.U_of_fit
+        sizes = [expanded, goal.U_next, goal.U_floor]
         limit, now, after_next, floor = digits_apart(goal.limit, sizes, factor)
         met = wording.probability_words(goal.probability)
         met_next = wording.probability_words(goal.probability_next)

@@ -375,3 +375,29 @@ def test_a_bad_goal_is_refused_before_evidences_are_computed(
 def test_an_unknown_goal_is_refused(recovered: Campaign) -> None:
     with pytest.raises(InputError, match="C_XXZ"):
         next_circle(MODEL, recovered, goals={"C_XXZ": "5 %"})
+
+
+# ---- circles of one direction, where both may be run
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_campaign_stops_by_the_u_that_its_fit_states(recovered: Campaign, factor: float) -> None:
+    """Not by U of a model with what only circles of the other direction could show: a goal between
+    the two is met, or is not, as the fit says."""
+    options = {"directions": ("CW", "CCW"), "forces_N": (36.0, 742.0)}
+    name = "E_Xt0"
+    before = next_circle(MODEL, recovered, goals={name: "1 mm"}, tolerances={}, **options)
+    goal = before.goals[name]
+    assert goal.U_of_fit is not None
+    fitted_sd = lb.identify(MODEL, recovered).parameters[name].sd
+    assert goal.U_of_fit == pytest.approx(2.0 * fitted_sd, rel=0.02)
+    assert abs(goal.U_of_fit - goal.U) > 0.01 * goal.U
+    between = 0.5 * (goal.U_of_fit + goal.U)
+    wanted_um = 1e3 * (between if factor < 1.0 else factor * max(goal.U, goal.U_of_fit))
+    goals = {name: f"{wanted_um} µm"}
+    step = next_circle(MODEL, recovered, goals=goals, tolerances={}, **options)
+    is_met = 1e3 * goal.U_of_fit <= wanted_um
+    assert step.goals[name].probability == float(is_met)
+    assert step.finished is is_met
+    table = str(parts_of(step))
+    assert "U now is that of fit of the circles run so far." in table

@@ -9,7 +9,7 @@ whether it will be reached then.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +68,8 @@ class GoalSoFar(Result):
     #: largest expanded uncertainty U that the goal permits for its parameter; a goal in percent is
     #: taken as a percentage of ``value``, the parameter's posterior mean
     limit: float
-    #: probability that the goal is already met. It is 0 or 1 for a goal with a fixed limit. For a
+    #: probability that the goal is already met by the U of a fit of the circles run so far. It is 0
+    #: or 1 for a goal with a fixed limit. For a
     #: goal in percent of the parameter, it may lie between 0 and 1, because the parameter, and
     #: therefore the limit, is not known exactly.
     probability: float
@@ -178,6 +179,24 @@ class GoalState:
     # compliance is constant in the model
     averaged_U: float | None = None
 
+    @property
+    def sd_of_fit(self) -> float:
+        """Standard uncertainty that a fit states if the campaign stops after the circles so far."""
+        if self.U_of_fit is None:
+            return self.sd
+        return self.U_of_fit / COVERAGE_FACTOR
+
+    def with_fit(self, expanded: float, confidence: float) -> GoalState:
+        """Return the goal with the U that a fit states, by which the goal is reached or not.
+
+        A campaign that stops is judged by its fit, which has no effects that only further circles
+        could show. ``expanded`` is the expanded uncertainty (k = 2) that the fit states, and
+        ``confidence`` the minimum probability at which a goal counts as reached.
+        """
+        stated = replace(self, U_of_fit=expanded)
+        is_reached = bool(stated.is_met().mean() >= confidence)
+        return replace(stated, aim=replace(self.aim, is_reached=is_reached))
+
     def is_met(self) -> Array:
         """Return whether the goal is met, for each of n posterior draws of the goal's parameter.
 
@@ -185,7 +204,7 @@ class GoalState:
         value of the parameter, and U is the present uncertainty. The result differs between draws
         only if the goal limits U to a percentage of the parameter's value.
         """
-        return self.goal.is_met(self.draws, self.sd)
+        return self.goal.is_met(self.draws, self.sd_of_fit)
 
     def probability(self, sd: Array) -> float:
         """Return the probability that the goal is met, for given uncertainties of the parameter.
@@ -211,15 +230,17 @@ class GoalState:
         """
         sd_next = self.aim.sd(after)
         expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
-        probability = self.probability(np.array([self.sd]))
+        # After the next circle the fit has the effects that this circle shows. Its uncertainty is
+        # not larger than the present one under the same effects.
+        probability_at_least = self.probability(np.array([self.sd]))
         return GoalSoFar(
             unit=self.unit,
             value=self.mean,
             U=COVERAGE_FACTOR * self.sd,
             limit=float(self.goal.limit_U(np.array(self.mean))),
-            probability=probability,
+            probability=self.probability(np.array([self.sd_of_fit])),
             U_next=COVERAGE_FACTOR * expected_sd,
-            probability_next=max(self.probability(sd_next), probability),
+            probability_next=max(self.probability(sd_next), probability_at_least),
             U_floor=COVERAGE_FACTOR
             * min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), expected_sd),
             share=self.goal.share,

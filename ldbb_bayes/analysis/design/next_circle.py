@@ -298,7 +298,8 @@ def next_circle(
     circles = CandidateCovariances(objective)
     of_goals = goal_states(read_goals, known, circles.before, confidence)
     if of_goals:
-        of_goals = _with_other_uncertainties(of_goals, sds_of_fit(model, campaign, nodes))
+        stated = sds_of_fit(model, campaign, nodes)
+        of_goals = _with_other_uncertainties(of_goals, stated, confidence)
     of_tolerances = _states_of_tolerances(
         tolerances, space, known, evidences, circles.before, confidence
     )
@@ -403,18 +404,19 @@ def _states_of_tolerances(
 
 
 def _with_other_uncertainties(
-    goals: Mapping[str, GoalState], stated: FittedSds
+    goals: Mapping[str, GoalState], stated: FittedSds, confidence: float
 ) -> dict[str, GoalState]:
     """Return the goals, each with the U (k = 2) that analyses of the circles run so far state.
 
-    The keys of ``goals`` are the names of the parameters.
+    The keys of ``goals`` are the names of the parameters. ``confidence`` is the minimum probability
+    at which a goal counts as reached.
     """
     completed = {}
     for name, state in goals.items():
         completed[name] = state
         if name in stated.of_fit:
             of_fit = COVERAGE_FACTOR * stated.of_fit[name]
-            completed[name] = replace(completed[name], U_of_fit=of_fit)
+            completed[name] = state.with_fit(of_fit, confidence)
         if name in stated.averaged:
             averaged = COVERAGE_FACTOR * stated.averaged[name]
             completed[name] = replace(completed[name], averaged_U=averaged)

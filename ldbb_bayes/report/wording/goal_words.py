@@ -98,6 +98,7 @@ def goal_notes(
     averaged_then: Mapping[str, float | None],
     *,
     measured: bool,
+    of_next: bool = False,
 ) -> tuple[str, ...]:
     """Return sentences on the numbers of goals for uncertainties.
 
@@ -106,9 +107,11 @@ def goal_notes(
     the goals as fractions of the parameters, or None, and ``units`` are the internal units of the
     parameters. ``averaged_then`` is the averaged U to expect after the cheapest campaign, if it is
     known. The keys are the names of the parameters. ``measured`` states whether there are readings.
+    ``of_next`` states whether the goals are those of the next circle, whose table shows the U of a
+    fit as the U now; the sentence then states the other U.
     """
     percentages = []
-    of_fit = []
+    other_U = []
     averaged_texts: dict[str, list[str]] = {"now": [], "then": []}
     for name, goal in goals.items():
         factor, unit = display_unit(units[name])
@@ -124,15 +127,17 @@ def goal_notes(
             )
         if goal.U_of_fit is not None:
             of_fit_text = two_digits(goal.U_of_fit, factor)
-            if of_fit_text != two_digits(goal.U, factor):
-                of_fit.append(f"{display_name(name)} {of_fit_text} {unit}")
+            planned_text = two_digits(goal.U, factor)
+            if of_fit_text != planned_text:
+                text = planned_text if of_next else of_fit_text
+                other_U.append(f"{display_name(name)} {text} {unit}")
         averaged = {"now": goal.averaged_U, "then": averaged_then.get(name)}
         for time, averaged_U in averaged.items():
             if averaged_U is not None:
                 text = f"{display_name(name)} {two_digits(averaged_U, factor)} {unit}"
                 averaged_texts[time].append(text)
     return _TEMPLATES.sentences(
-        "goal_notes", percentages, of_fit, measured, *averaged_texts.values()
+        "goal_notes", percentages, other_U, of_next, measured, *averaged_texts.values()
     )
 
 

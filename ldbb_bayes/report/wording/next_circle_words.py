@@ -75,7 +75,7 @@ def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
     """
     shares = {name: goal.share for name, goal in step.goals.items()}
     units = {name: goal.unit for name, goal in step.goals.items()}
-    return goal_notes(step.goals, shares, units, {}, measured=True)
+    return goal_notes(step.goals, shares, units, {}, measured=True, of_next=True)
 
 
 def next_circle_tolerances(step: NextCircle) -> tuple[str, ...]:
