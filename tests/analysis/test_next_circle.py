@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns import simulated
+from reports import plan_of_three_planes
 from scipy.special import ndtri
 
 import ldbb_bayes as lb
@@ -401,3 +403,20 @@ def test_a_campaign_stops_by_the_u_that_its_fit_states(recovered: Campaign, fact
     assert step.finished is is_met
     table = str(parts_of(step))
     assert "U now is that of fit of the circles run so far." in table
+
+
+def test_planes_that_are_foreseen_are_weighed_too() -> None:
+    """As in a plan of two planes of which one has been run: the circle for the squareness of the
+    other plane is in it."""
+    planned = plan_of_three_planes()
+    run = planned.select([test.name for test in planned.tests if test.plane == "XY"])
+    others = tuple(test for test in planned.tests if test.plane == "YZ")
+    nine_angles = tuple(replace(test, angle_deg=np.arange(9) * 40.0) for test in others)
+    campaign = replace(simulated(run), foreseen=nine_angles)
+    options = {"goals": {"E_A0YZ": "60 µrad"}, "tolerances": {}, "forces_N": (100.0, 600.0)}
+    step = next_circle(MODEL, campaign, **options)
+    (test,) = step.plan().tests
+    assert test.plane == "YZ"
+    assert len(test.angle_deg) == len(run.tests[0].angle_deg)
+    assert step.more_circles is not None
+    assert set(step.table["plane"]) <= {"XY", "YZ"}

@@ -49,15 +49,23 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
     ``pilot`` is the campaign or plan that a design starts from, and ``directions`` are the
     directions of travel. By default, each plane has the directions of the pilot's tests in the
     plane. All other settings are copied from one of the pilot's tests in the plane: the test with
-    the median number of readings. The angles of the tests returned are in equal steps.
+    the median number of readings. The angles of the tests returned are in equal steps. A plane of
+    which the pilot has only foreseen tests counts, too.
     """
     tests: list[CircularTest] = []
-    for plane in dict.fromkeys(test.plane for test in pilot.tests):
+    for plane in dict.fromkeys(test.plane for test in pilot.scope):
         in_plane = [test for test in pilot.tests if test.plane == plane]
-        by_readings = sorted(in_plane, key=_number_of_angles)
-        median_test = by_readings[len(in_plane) // 2]
+        if not in_plane:
+            # The angles of foreseen tests have no meaning.
+            angle_deg = _median_test(pilot.tests).angle_deg
+            foreseen = [test for test in pilot.foreseen if test.plane == plane]
+            in_plane = [replace(test, angle_deg=angle_deg) for test in foreseen]
         template = replace(
-            median_test.planned(), pressure_bar=None, name="", temperature_C=None, time_s=None
+            _median_test(in_plane).planned(),
+            pressure_bar=None,
+            name="",
+            temperature_C=None,
+            time_s=None,
         )
         plane_directions: Iterable[Direction | None] = directions
         if not directions:
@@ -80,6 +88,12 @@ def _in_direction(test: CircularTest, direction: Direction | None) -> CircularTe
         start_deg = float(test.angle_deg[0]) % 360.0
     angle_deg = planned_angles(len(test.angle_deg), start_deg, -arc_deg)
     return replace(test, direction=direction, angle_deg=angle_deg).planned()
+
+
+def _median_test(tests: Sequence[CircularTest]) -> CircularTest:
+    """Return the test with the median number of readings."""
+    by_readings = sorted(tests, key=_number_of_angles)
+    return by_readings[len(tests) // 2]
 
 
 def _number_of_angles(test: CircularTest) -> int:
