@@ -230,7 +230,8 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
     assert (
         many["trend"]
         | {
-            "latest_found": 3,
+            "latest_found": 5,
+            "median_found": 1.0,
             "false_alarms": 0,
             "found_at_all": many["setting"]["series"],
         }
@@ -243,6 +244,7 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
         f"In {many['setting']['fleets']} simulated fleets",
         f"on all of {many['setting']['series']} machines",
         f"on {many['setting']['quiet']} that stayed",
+        f"{100.0 * many['trend']['level_inside']['coverage']:.0f} % hold the compliance",
         f"is {six['recommended']:.2f} against {six['equal steps']:.2f}",
     ):
         assert words in pages, words
