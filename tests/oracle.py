@@ -476,10 +476,12 @@ class Oracle:
             self._add(column, sd)
 
     def _position(self) -> None:
+        """All circles about one centre; places on an axis in units of the smallest radius."""
         for angle, in_plane, size in self.axes():
             u = in_plane * np.cos(angle)
-            self._add(self.force * u**3, 0.07 * size)
-            self._add(self.force * (u**4 - u**2 / 2.0), 0.04 * size)
+            x = self.radius / self.radius.min() * u
+            self._add(self.force * u**2 * x, 0.07 * size)
+            self._add(self.force * u**2 * (x**2 - 0.5), 0.04 * size)
 
     def _angle(self) -> None:
         def fitted(theta: np.ndarray) -> np.ndarray:

@@ -195,12 +195,12 @@ def path_draws(
         min(forces) >= 0.0,
         f"forces_N must not be negative, got {min(forces):g}. The bar pushes tool and table apart.",
     )
-    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    circles = [first_circle(bound, plane) for plane in bound.setting.tested_planes]
     loaded = np.array([force for force in forces if force > 0.0])
     per_force = None
     if len(loaded):
         per_force = elastic_draws_of(posterior, circles, loaded, draws).per_force
-    for k, plane in enumerate(bound.setting.planes):
+    for k, plane in enumerate(bound.setting.tested_planes):
         r = circles[k]
         radius_mm = float(bound.setting.radius_mm[r])
         geometric_um = geometric_errors @ machine_columns(bound, r, 0.0).geometric.T * 1e3

@@ -269,7 +269,7 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
     smallest radial deviation. The keys are these names; if there are several planes, each name ends
     with the plane, as in ``G_YZ``. ``force`` is the force of the bar [N].
     """
-    planes = bound.setting.planes
+    planes = bound.setting.tested_planes
     draws = {}
     for path in path_draws(posterior, [force], _PATH_DRAWS):
         for quantity in PATH_QUANTITIES:
@@ -287,7 +287,7 @@ def _directional_draws(posterior: xr.DataTree, bound: BoundModel, force: float) 
     If there are several planes, there are three keys for each plane. Each key then ends with the
     plane, as in ``k_min_YZ``. ``force`` is the force of the bar [N].
     """
-    planes = bound.setting.planes
+    planes = bound.setting.tested_planes
     draws = {}
     for plane, quantities in stiffness_draws(posterior, force).items():
         for quantity, values in quantities.items():

@@ -401,7 +401,7 @@ def stiffness(
     check_probability(prob)
     bound = bound_of(posterior)
     forces = _forces_of_stiffness(bound, forces_N)
-    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    circles = [first_circle(bound, plane) for plane in bound.setting.tested_planes]
     draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
     return _stiffness_of(bound, circles, forces, draws, prob)
 
@@ -417,7 +417,7 @@ def stiffness_of_fit(
     """
     bound = draws.bound
     forces = _forces_of_stiffness(bound, [force_N])
-    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    circles = [first_circle(bound, plane) for plane in bound.setting.tested_planes]
     elastic = elastic_draws(draws.thinned(_DRAWS), circles, forces, np.random.default_rng(0))
     return _stiffness_of(bound, circles, forces, elastic, prob)
 
@@ -454,10 +454,10 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
     """
     bound = bound_of(posterior)
     forces = _forces_of_stiffness(bound, [force_N])
-    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    circles = [first_circle(bound, plane) for plane in bound.setting.tested_planes]
     draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
     by_plane = {}
-    for k, plane in enumerate(bound.setting.planes):
+    for k, plane in enumerate(bound.setting.tested_planes):
         extremes = extremes_of(draws.per_force[:, k, 0] @ basis(ANGLE_RAD).T)
         by_plane[plane] = {
             "k_min": stiffness_from(extremes.largest),
@@ -608,7 +608,7 @@ def _principal_stiffness(
     force ``force_N`` of the bar [N]. ``prob`` is the probability of the credible intervals.
     """
     tensors = np.zeros((len(compliances), 3, 3))
-    for plane in bound.setting.planes:
+    for plane in bound.setting.tested_planes:
         tensor = _plane_tensor(bound, 0, plane, compliances)
         i = LINEAR.index(plane[0])
         j = LINEAR.index(plane[1])

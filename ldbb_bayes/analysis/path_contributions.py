@@ -111,7 +111,7 @@ def decompose_deviation(
         f"force_N must not be negative, got {force:g}. The bar pushes tool and table apart.",
     )
     rows = []
-    for plane in bound.setting.planes:
+    for plane in bound.setting.tested_planes:
         r = first_circle(bound, plane)
         radius_mm = float(bound.setting.radius_mm[r])
         for source, path in contribution_paths(posterior, r, force).items():

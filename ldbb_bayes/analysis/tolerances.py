@@ -166,7 +166,7 @@ def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
     F_min of the machine's circular path.
     """
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
-    return quantities(units, bound.setting.planes)
+    return quantities(units, bound.setting.tested_planes)
 
 
 def tolerances_in(

@@ -102,7 +102,10 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
             "wrong": _wrong_entries(folder, choices, error),
         }
     preview = lb.check_campaign(campaign)
-    traces = [_trace(campaign, plane) for plane in campaign.machine().planes]
+    tested_planes = {test.circle.plane for test in campaign.tests}
+    traces = [
+        _trace(campaign, plane) for plane in campaign.machine().planes if plane in tested_planes
+    ]
     assumptions: Sequence[Assumption] = ()
     if imported is not None:
         assumptions = imported.assumptions

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -32,6 +32,9 @@ from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.report.campaign_text import parts_of
 from ldbb_bayes.units import inside_name, is_direct
+
+if TYPE_CHECKING:
+    from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["check", "import_", "simulate"]
 
@@ -127,9 +130,11 @@ def check(
     if campaign.tolerances:
         _check_tolerances(campaign)
     preview = lb.check_campaign(campaign)
-    if model_file is not None:
-        preview = _with_reference_of(model_file, preview)
     uncertainties = lb.terms.uncertainties(campaign)
+    if model_file is not None:
+        model = lb.read_model(model_file)
+        preview = _with_model_file(preview, model_file, model.bind(campaign))
+        uncertainties = lb.terms.uncertainties(campaign, model.nuisances)
     record = lb.report.with_words(preview) | {
         "uncertainties": uncertainties.as_dict()["assumed"],
         "certificates": dict(uncertainties.certificates),
@@ -137,14 +142,16 @@ def check(
     output.deliver(record, (*parts_of(preview), *parts_of(uncertainties)), {_CHECK_NAME: record})
 
 
-def _with_reference_of(model_file: Path, preview: CampaignPreview) -> CampaignPreview:
-    """Return a preview with the reference force F0 that a model file beside the campaign states."""
-    force_N = lb.read_model(model_file).reference_force_N
-    if force_N is None:
-        return preview
+def _with_model_file(
+    preview: CampaignPreview, model_file: Path, bound: BoundModel
+) -> CampaignPreview:
+    """Return a preview with the reference force F0 of the model that lies beside the campaign.
+
+    ``bound`` is the model in the file ``model_file``, applied to the campaign.
+    """
     others = [remark for remark in preview.assumptions if remark.kind is not RemarkKind.REFERENCE]
-    stated = Remark(RemarkKind.MODEL_FILE, {"file": model_file.name, "force_N": force_N})
-    return replace(preview, assumptions=(*others, stated))
+    values = {"file": model_file.name, "force_N": bound.setting.reference_force_N}
+    return replace(preview, assumptions=(*others, Remark(RemarkKind.MODEL_FILE, values)))
 
 
 def _check_tolerances(campaign: lb.Campaign) -> None:

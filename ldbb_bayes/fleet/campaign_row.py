@@ -333,7 +333,7 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     if not reference_N > 0.0:
         return {}
     table = stiffness_of_fit(fitted.draws, reference_N, prob=prob).table()
-    planes = fitted.draws.bound.setting.planes
+    planes = fitted.draws.bound.setting.tested_planes
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:

@@ -54,6 +54,8 @@ __all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 # Pattern of the names of the coefficients of a compliance's change with force: slopes, such as
 # C_XXX_1, and curvatures, such as C_XXX_2.
 _SLOPE = re.compile(r"(C_.+)_([12])")
+# Two relative standard deviations count as equal if they differ by less than this share.
+_SAME_SD = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,13 +206,25 @@ def _best_prior(mean: Array, sd: Array) -> _CommonPrior:
     """Return the prior of s instrument errors that all campaigns have in common.
 
     A certificate that one campaign states of the common instrument is of all campaigns. The prior
-    with the smallest standard deviation is therefore that of all. ``mean`` and ``sd`` are the prior
-    means and sds in n campaigns, shape (n, s); the sd is zero in a campaign whose model lacks the
-    error.
+    with the smallest standard deviation, relative to its mean if this is not zero, is therefore
+    that of all. Campaigns without a certificate assume the same share of the mount's deflection
+    that they state. If several priors are equally narrow, the one with the median mean is taken.
+    ``mean`` and ``sd`` are the prior means and sds in n campaigns, shape (n, s); the sd is zero in
+    a campaign whose model lacks the error.
     """
-    best = np.where(sd > 0.0, sd, np.inf).argmin(axis=0)
-    columns = np.arange(sd.shape[1])
-    return _CommonPrior(mean[best, columns], sd[best, columns])
+    errors = sd.shape[1]
+    best = _CommonPrior(np.zeros(errors), np.zeros(errors))
+    for j in range(errors):
+        stated = np.flatnonzero(sd[:, j] > 0.0)
+        means = mean[stated, j]
+        size = np.where(means == 0.0, 1.0, np.abs(means))
+        relative_sd = sd[stated, j] / size
+        narrowest = stated[relative_sd <= relative_sd.min() * (1.0 + _SAME_SD)]
+        by_mean = narrowest[np.argsort(mean[narrowest, j])]
+        median = by_mean[len(by_mean) // 2]
+        best.mean[j] = mean[median, j]
+        best.sd[j] = sd[median, j]
+    return best
 
 
 def _usual_prior(mean: Array, sd: Array) -> _CommonPrior:
@@ -526,8 +540,9 @@ def _map_to_force(
     ``names`` that the campaign has. ``row`` is the row of the campaign in the table of a batch. Let
     ΔF be ``force_N`` minus the reference force of the campaign. A compliance at ``force_N`` is the
     compliance at the reference force, plus its slope times ΔF, plus its curvature times ΔF². A
-    direct compliance also changes by what `JointLoad` adds. ``wanted`` must not contain slopes or
-    curvatures. Slopes also depend on the reference force, but this function does not convert them.
+    direct compliance also changes by what `JointLoad` adds. Slopes and coefficients of `JointLoad`
+    are returned as they are; those of quadratic compliance, which depend on the reference force,
+    must not be among ``wanted``.
     """
     reference_N = float(row["reference_force_N"])
     matrix = np.zeros((len(wanted), len(names)))

@@ -72,7 +72,8 @@ def machine_effects(rows: pd.DataFrame) -> tuple[str, ...]:
 def ratios_of_effects(names: Sequence[str], rows: pd.DataFrame) -> Array:
     """Return the coefficients of n campaigns if those of the first campaign are one, shape (n, k).
 
-    Slopes are the same for all forces, so that their ratio is 1.
+    The first campaign is the first whose model has the coefficient; the ratio is 1 for campaigns
+    without it. Slopes are the same for all forces, so that their ratio is 1.
 
     Parameters
     ----------
@@ -91,8 +92,11 @@ def ratios_of_effects(names: Sequence[str], rows: pd.DataFrame) -> Array:
         )
     ]
     for k, name in enumerate(names):
-        if Term.owner(name) is JointLoad:
-            ratios[:, k] = [ratio_of_coefficients(name, forces[0], entry) for entry in forces]
+        if Term.owner(name) is not JointLoad:
+            continue
+        places = [i for i, of_row in enumerate(rows["gaussian_names"]) if name in list(of_row)]
+        first = forces[places[0]]
+        ratios[places, k] = [ratio_of_coefficients(name, first, forces[i]) for i in places]
     return ratios
 
 

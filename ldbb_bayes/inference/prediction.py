@@ -32,7 +32,6 @@ from ldbb_bayes.inference.coefficients import (
     shared_terms,
 )
 from ldbb_bayes.inference.nodes import Nodes
-from ldbb_bayes.inference.other_circles import shared_terms_of_plan
 from ldbb_bayes.inference.posterior import model_draws_of
 from ldbb_bayes.inference.residuals import matrix_to_harmonics
 from ldbb_bayes.inference.shared_draws import SharedDraws, draw_with_shared
@@ -73,10 +72,9 @@ def predict(
     the white noise. The scatter of set-up shift and discrepancy is learnt from the measured
     circles. Effects that do not occur in the measured circles, such as the length of the bar at
     another radius, are drawn from their prior. How the compliance of an axis changes along its
-    travel is carried from the nearest measured circle to circles at other places and of other
-    radii. If the times of the tests are not stated, the new
-    circles are predicted as if they were run after the measured circles. To predict a circle that
-    is run between measured circles, state ``time_s`` of all tests.
+    travel is carried to circles at other places and of other radii. If the times of the tests are
+    not stated, the new circles are predicted as if they were run after the measured circles. To
+    predict a circle that is run between measured circles, state ``time_s`` of all tests.
 
     Parameters
     ----------
@@ -204,7 +202,7 @@ def _draw_shared_of_plan(
         learnt += term.names
     posterior_draws = draw_shared(measured, phi, beta, rng)
     total = machine_coefficients(planned, beta)
-    for term in shared_terms_of_plan(measured, planned):
+    for term in shared_terms(planned.nuisance_columns):
         standard = rng.standard_normal((len(beta), len(term.names)))
         nuisances = term.sd_at(value) * standard
         if term.mean is not None:

@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, Instrument
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
 from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
@@ -146,6 +146,13 @@ class Setting:
     paths: tuple[CirclePath, ...]  #: the different paths of the campaign's circles
     #: indices of the axes that move in the campaign's tests: X is 0, Y is 1, Z is 2
     moving_axes: tuple[int, ...]
+    centre_mm: Array  #: centre of each test's circle on X, Y and Z [mm], shape (tests, 3)
+    #: position on X, Y and Z [mm] at which compliances are stated if they change along the travel:
+    #: for each axis, the mean of the centres of those circles in which it moves
+    reference_centre_mm: tuple[float, ...]
+    #: smallest nominal radius of the campaign's circles [mm]. It is the length over which the prior
+    #: of a change of compliance along the travel is stated
+    reference_radius_mm: float
     largest_force_N: float  #: largest bar force of the whole campaign [N]
     #: name of the hyper-parameter λ (noise factor) that multiplies the noise of each test's circle,
     #: shape (tests,); empty string if circles have no noise factors
@@ -188,6 +195,14 @@ class Setting:
             if isinstance(value, np.ndarray) and not name.endswith("_estimate"):
                 selected[name] = value[list(rows)]
         return replace(self, **selected)
+
+    @property
+    def tested_planes(self) -> tuple[str, ...]:
+        """Planes with at least one circle. Foreseen circles, which may be run later, do not count.
+
+        These planes, not ``planes``, are those of which a stiffness or a path can be stated.
+        """
+        return tuple(plane for plane in self.planes if plane in self.plane)
 
     @property
     def travels(self) -> tuple[float, ...]:
@@ -412,8 +427,8 @@ def setting_of(
         Reference force F0 [N]; None means the midpoint of the range of forces.
     pilot
         Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range and
-        largest value of the forces, and the mean time and temperature. If it is None, these values
-        are taken from ``campaign`` itself.
+        largest value of the forces, the mean time and temperature, and the reference of the travel.
+        If it is None, these values are taken from ``campaign`` itself.
     """
     machine = campaign.machine()
     tests = campaign.tests
@@ -421,7 +436,8 @@ def setting_of(
     clockings = np.deg2rad([[test.work_ball_deg, test.tool_ball_deg] for test in tests])
     turned = np.exp(1j * clockings)
     clocked = bool(np.abs(turned - turned[0]).max() > _SAME_CLOCKING)
-    forces = (pilot or campaign).forces_N
+    reference = pilot or campaign
+    forces = reference.forces_N
     if reference_force_N is None:
         reference_force_N = (forces.min() + forces.max()) / 2.0
     setup = np.array([test.setup or 1 for test in tests])
@@ -430,6 +446,7 @@ def setting_of(
     plane_of_tests = [str(test.plane) for test in tests]
     paths = map(CirclePath, plane_of_tests, radius_mm.tolist(), travel.tolist())
     moves = np.abs(columns.direction).max(axis=(0, 1)) > 0.0
+    travel_reference = _reference_of_travel(reference)
     return Setting(
         force_N=campaign.forces_N,
         pressure_bar=campaign.pressures_bar,
@@ -455,6 +472,9 @@ def setting_of(
         both_ways=planes_run_both_ways(campaign),
         paths=tuple(sorted(set(paths))),
         moving_axes=tuple(np.flatnonzero(moves).tolist()),
+        centre_mm=_centres_mm(tests),
+        reference_centre_mm=travel_reference.centre_mm,
+        reference_radius_mm=travel_reference.radius_mm,
         largest_force_N=float(forces.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
@@ -465,6 +485,36 @@ def setting_of(
         deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
         instrument=campaign.instrument,
     )
+
+
+def _centres_mm(tests: Sequence[CircularTest]) -> Array:
+    """Return the centres of the tests' circles on X, Y and Z [mm], shape (tests, 3)."""
+    return np.array([test.circle.centre_mm for test in tests], dtype=float)
+
+
+class _TravelReference(NamedTuple):
+    """Position and length to which changes of compliance along the travel of the axes refer."""
+
+    centre_mm: tuple[float, ...]  #: position on X, Y and Z [mm]
+    radius_mm: float  #: length [mm]
+
+
+def _reference_of_travel(campaign: Campaign) -> _TravelReference:
+    """Return the position and length to which changes of compliance along the travel refer.
+
+    The position on an axis is the mean of the centres of the circles in whose plane the axis lies.
+    Each of these centres counts once, however many tests have it. The length is the smallest radius
+    of the circles.
+    """
+    centre_mm = []
+    for axis, letter in enumerate("XYZ"):
+        centres = {
+            tuple(test.circle.centre_mm) for test in campaign.tests if letter in str(test.plane)
+        }
+        positions_mm = [centre[axis] for centre in sorted(centres)]
+        centre_mm.append(float(np.mean(positions_mm)) if positions_mm else 0.0)
+    radius_mm = min(float(test.radius_mm or 0.0) for test in campaign.tests)
+    return _TravelReference(tuple(centre_mm), radius_mm)
 
 
 def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:

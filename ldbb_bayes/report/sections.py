@@ -92,7 +92,7 @@ def results(findings: Findings) -> Iterator[Part]:
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
     yield fit_tables.results_table(findings.result, findings.verdicts_of_fit, shares=False)
     yield picture("forest", findings.posterior)
-    if len(bound_of(findings.posterior_of_certificate).setting.planes) == len(LINEAR):
+    if len(bound_of(findings.posterior_of_certificate).setting.tested_planes) == len(LINEAR):
         yield picture("compliance_ellipsoid", findings.posterior_of_certificate)
     coefficients = fit_tables.coefficient_table(findings.result, findings.verdicts_of_fit)
     if coefficients.rows:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from campaigns import Invoke, plan, simulated
+from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.model.specification import model_to_toml
@@ -115,3 +116,26 @@ def test_goals_out_of_reach_exit_with_1(folder: Path, invoke: Invoke) -> None:
     options = ("next", folder, "--preset", "first", "--goal")
     assert invoke(*options, "E_C0YX=0.1urad")[0] == 1
     assert invoke(*options, "C_XXX=1mm/N")[0] == 0
+
+
+def test_check_states_what_the_model_beside_the_plan_assumes(in_part: Path, invoke: Invoke) -> None:
+    model = lb.HybridModel.default(1).with_term(lb.terms.Mount(relative_sd=0.02, curvature_um=0.0))
+    (in_part / "model.toml").write_text(model_to_toml(model), encoding="utf-8")
+    record = json.loads(invoke("check", in_part, "--json")[1])
+    mount = {entry["name"]: entry for entry in record["uncertainties"]}
+    assert mount["mount"]["sd"] == pytest.approx(0.02 * 2.33e-3)
+    assert "mount_curvature" not in mount
+
+
+def test_no_stiffness_is_stated_of_a_plane_that_has_not_been_run(tmp_path: Path) -> None:
+    """A plan of two planes of which one has been run has the parameters of both."""
+    planned = plan_of_three_planes()
+    run = planned.select([test.name for test in planned.tests if test.plane == "XY"])
+    others = tuple(test for test in planned.tests if test.plane == "YZ")
+    campaign = replace(simulated(run), foreseen=others)
+    rule = lb.inference.StoppingRule(ess=300.0)
+    posterior = lb.sample(MODEL, campaign, sampler="independent", rule=rule)
+    assert "C_ZZZ" in posterior["posterior"]
+    assert {plane.plane for plane in lb.stiffness(posterior).planes} == {"XY"}
+    table = lb.analysis.predict_circularity(posterior, [300.0], draws=100)
+    assert set(table["plane"]) == {"XY"}

@@ -274,3 +274,35 @@ def test_a_difference_knows_that_the_mount_is_the_same() -> None:
         for name in ("C_XXX", "C_YYY"):
             change = result.loc[name]
             assert abs(change["difference"]) < 0.1 * change["sd"], (name, same_machine)
+
+
+def test_without_certificates_most_campaigns_say_how_far_the_mount_yields() -> None:
+    """Each assumes a tenth of what it states; the smallest deflection is not the best known."""
+    measured = simulated(plan())
+    rows = []
+    for deflection in (2.33, 2.33, 1.0):
+        campaign = replace(
+            restated(measured, deflection, 0.2),
+            instrument=measured.instrument,
+            name=f"{deflection}",
+        )
+        moments = sufficient_statistics(HyperPosterior(MODEL.bind(campaign), truncated=False))
+        rows.append(row(moments, campaign=f"{len(rows)}", machine_id=f"M{len(rows)}"))
+    statistics = fleet_statistics(pd.DataFrame(rows))
+    place = len(statistics.parameters) + statistics.instrument.index("mount")
+    assert statistics.prior_sd[place] == pytest.approx(2.33e-4)
+
+
+def test_a_row_without_joint_load_may_have_its_reference_force_at_zero(rows: pd.DataFrame) -> None:
+    """Its F0 scales no coefficient of the others."""
+    model = replace(MODEL.without("joint-load"), reference_force_N=0.0)
+    moments = sufficient_statistics(HyperPosterior(model.bind(simulated(plan())), truncated=False))
+    first = row(moments, campaign="zero", reference_force_N=0.0)
+    together = pd.concat([pd.DataFrame([first]), rows])
+    statistics = fleet_statistics(together, reference_force_N=FORCE_N)
+    assert np.isfinite(statistics.prior_sd).all()
+    alone = fleet_statistics(rows, reference_force_N=FORCE_N)
+    assert statistics.machine == alone.machine
+    loads = [k for k, name in enumerate(alone.machine) if name.startswith("joint_load")]
+    places = [len(alone.prior_sd) - len(alone.machine) + k for k in loads]
+    np.testing.assert_allclose(statistics.prior_sd[places], alone.prior_sd[places])

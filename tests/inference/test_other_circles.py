@@ -1,4 +1,4 @@
-"""Predicted circles at other places of the machine, and with another law of the regulator."""
+"""Circles at several places of the machine, predicted ones too; another law of the regulator."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.loading import ForceLaw
 from ldbb_bayes.inference.coefficients import shared_terms
-from ldbb_bayes.inference.other_circles import shared_terms_of_plan
 from ldbb_bayes.inference.prediction import _bind_with_plan
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.terms.joints import Position
@@ -38,8 +37,8 @@ def test_the_compliance_changes_along_the_axis_and_not_along_the_circle(
     settings: dict[str, float], centre_mm: tuple[float, float], radius_mm: float
 ) -> None:
     """L x/R + Q ((x/R)² − ½) at the place x of the axis, R = 150 mm of the measured circle."""
-    measured, planned = _bind_with_plan(MODEL.bind(CAMPAIGN), circle(**settings))
-    terms = {term.names: term for term in shared_terms_of_plan(measured, planned)}
+    _, planned = _bind_with_plan(MODEL.bind(CAMPAIGN), circle(**settings))
+    terms = {term.names: term for term in shared_terms(planned.nuisance_columns)}
     angle = np.deg2rad(ANGLE_DEG)
     for axis, u in enumerate((np.cos(angle), np.sin(angle))):
         letter = "XY"[axis]
@@ -50,35 +49,62 @@ def test_the_compliance_changes_along_the_axis_and_not_along_the_circle(
         np.testing.assert_allclose(readings[:, 1], 600.0 * u**2 * (place**2 - 0.5), atol=1e-9)
 
 
-def test_all_other_effects_are_those_of_the_plan() -> None:
-    measured, planned = _bind_with_plan(MODEL.bind(CAMPAIGN), circle(centre_x_mm=300.0))
-    moved = shared_terms_of_plan(measured, planned)
-    own = shared_terms(planned.nuisance_columns)
-    assert [term.names for term in moved] == [term.names for term in own]
-    for first, second in zip(moved, own, strict=True):
-        is_same = np.array_equal(first.values, second.values)
-        assert is_same is (first.names[0] != f"{Position.stem}_X_linear"), first.names
+def test_a_campaign_of_several_places_has_one_machine() -> None:
+    """Springs that change along the axes, in exact geometry: of readings at three centres and two
+    radii the model has the right ones but for rounding of its Fourier series."""
+    places = [((0.0, 0.0), 150.0), ((200.0, 100.0), 150.0), ((-80.0, 50.0), 260.0)]
+    tests = []
+    for (x_mm, y_mm), radius_mm in places:
+        tests.append(
+            lb.CircularTest(
+                600.0, ANGLE_DEG, centre_x_mm=x_mm, centre_y_mm=y_mm, radius_mm=radius_mm
+            )
+        )
+    bound = lb.HybridModel.default(0).bind(lb.Plan(tuple(tests)))
+    setting = bound.setting
+    mean_x_mm, mean_y_mm = np.mean([place for place, _ in places], axis=0)
+    assert setting.reference_centre_mm == pytest.approx((mean_x_mm, mean_y_mm, 0.0))
+    assert setting.reference_radius_mm == 150.0
+    terms = {term.names: term for term in shared_terms(bound.nuisance_columns)}
+    angle = np.deg2rad(ANGLE_DEG)
+    stiffness_N_per_mm = 2e4
+    for axis, (u, mean_mm) in enumerate(((np.cos(angle), mean_x_mm), (np.sin(angle), mean_y_mm))):
+        letter = "XY"[axis]
+        names = (f"position_{letter}_linear", f"position_{letter}_quadratic")
+        for r, (centre_mm, radius_mm) in enumerate(places):
+            x = (centre_mm[axis] + radius_mm * u - mean_mm) / 150.0
+            compliance = (1.0 + 0.08 * x + 0.05 * (x**2 - 0.5)) / stiffness_N_per_mm
+            # the spring yields along its axis to the share of the force along it
+            reading_mm = 600.0 * u * compliance * u
+            columns = basis(angle) @ terms[names].values[r]
+            modelled = 600.0 * u**2 + columns @ [0.08, 0.05]
+            np.testing.assert_allclose(modelled / stiffness_N_per_mm, reading_mm, atol=1e-12)
 
 
-def test_the_nearest_measured_circle_of_the_plane_counts() -> None:
-    """Twice the radius of the small circle, three quarters of that of the large one."""
-    small, large = plan(), plan()
-    tests = [replace(test, name="") for test in small.tests]
-    for test in large.tests:
-        tests.append(replace(test, name="", radius_mm=400.0, centre_x_mm=500.0))
-    both = simulated(replace(small, tests=tuple(tests)))
-    for centre_x_mm, expected in ((20.0, 2.0), (480.0, 0.75)):
-        planned_circle = circle(radius_mm=300.0, centre_x_mm=centre_x_mm)
-        union = replace(both, foreseen=planned_circle.tests)
-        measured, planned = _bind_with_plan(MODEL.bind(union), planned_circle)
-        (term,) = [
-            term
-            for term in shared_terms_of_plan(measured, planned)
-            if term.names[0] == "position_Y_linear"
-        ]
-        readings = basis(np.deg2rad(ANGLE_DEG)) @ term.values[0, :, 0]
-        u = np.sin(np.deg2rad(ANGLE_DEG))
-        np.testing.assert_allclose(readings, 600.0 * u**3 * expected, atol=1e-9)
+def test_one_place_has_the_columns_of_its_circle() -> None:
+    """F u³ and F (u⁴ − u²/2) wherever the circle is, whatever its radius."""
+    at_zero = MODEL.bind(plan())
+    for settings in ({"centre_x_mm": 300.0}, {"radius_mm": 260.0}):
+        tests = [replace(test, **settings) for test in plan().tests]
+        elsewhere = MODEL.bind(lb.Plan(tuple(tests)))
+        for first, second in zip(
+            shared_terms(at_zero.nuisance_columns),
+            shared_terms(elsewhere.nuisance_columns),
+            strict=True,
+        ):
+            if first.names[0].startswith(Position.stem):
+                np.testing.assert_allclose(second.values, first.values, atol=1e-9)
+
+
+def test_two_planes_have_a_reference_on_each_axis() -> None:
+    """Y moves in both planes, Z in one."""
+    tests = [
+        lb.CircularTest(100.0, ANGLE_DEG, plane="XY", centre_y_mm=10.0),
+        lb.CircularTest(200.0, ANGLE_DEG, plane="XY", centre_y_mm=10.0),
+        lb.CircularTest(100.0, ANGLE_DEG, plane="YZ", centre_y_mm=50.0, centre_z_mm=80.0, setup=2),
+    ]
+    bound = MODEL.bind(lb.Plan(tuple(tests)))
+    assert bound.setting.reference_centre_mm == pytest.approx((0.0, 30.0, 80.0))
 
 
 def test_a_plan_has_the_pressures_of_the_campaign_it_is_predicted_for() -> None:

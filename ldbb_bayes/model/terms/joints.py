@@ -275,12 +275,17 @@ def joint_load_columns(
 class Position(Term):
     """Change of the compliance of each machine axis a along its travel.
 
-    Screw and guideway are stiffer near their bearings. On a circle, the position of axis a is
-    proportional to u_a, the cosine of the angle between bar and axis. Let F be the force. The term
-    has two columns (changes of the reading per unit coefficient) for each axis: F u_a³ for a linear
-    change, and F (u_a⁴ − u_a²/2) for a quadratic change. The prior sds of the coefficients are
-    ``linear_sd`` and ``quadratic_sd`` times the magnitude of the axis' direct compliance C_aa: the
-    estimate of C_aa and its standard uncertainty, added in quadrature.
+    Screw and guideway are stiffer near their bearings. Let x be the position on axis a, measured
+    from the mean centre of the circles in which the axis moves, in units of the smallest radius R₀
+    of the campaign's circles. The compliance changes by L x + Q (x² − ½), with the coefficients L
+    and Q. On a circle with the radius R and the centre s (in the same units), x = s + (R/R₀) u_a,
+    where u_a is the cosine of the angle between bar and axis. With the force F, the columns
+    (changes of the reading per unit coefficient) are F u_a² x and F u_a² (x² − ½). If all circles
+    have one centre and one radius, they are F u_a³ and F (u_a⁴ − u_a²/2). The prior sds of the
+    coefficients are ``linear_sd`` and ``quadratic_sd`` times the magnitude of the axis' direct
+    compliance C_aa: the estimate of C_aa and its standard uncertainty, added in quadrature.
+
+    A direct compliance C_aa is that at the mean centre.
 
     Examples
     --------
@@ -329,16 +334,11 @@ class Position(Term):
         return f"{law} change of the compliance along {axis}"
 
 
-def compliance_along_travel(
-    setting: Setting, axis: int, *, shift: Array | float = 0.0, ratio: Array | float = 1.0
-) -> Array:
+def compliance_along_travel(setting: Setting, axis: int) -> Array:
     """Return the columns of a linear and a quadratic change of compliance along an axis.
 
-    Let x be the position on the axis in radii of a certain circle, from its centre. The compliance
-    of the axis changes by L x + Q (x² − ½), with the coefficients L and Q. On that circle x = u_a,
-    the cosine of the angle between bar and axis; on another circle x = s + ρ u_a. Because the
-    compliance acts on the force F u_a and its deflection on the reading as u_a, the two columns are
-    F u_a² x and F u_a² (x² − ½).
+    The columns are those of `Position`: F u_a² x and F u_a² (x² − ½), with x = s + ρ u_a. The
+    compliance at the position x acts on the force F u_a, and its deflection on the reading as u_a.
 
     Parameters
     ----------
@@ -346,19 +346,16 @@ def compliance_along_travel(
         Conditions of the tests.
     axis : int
         Index of the machine axis: X is 0, Y is 1, Z is 2.
-    shift : ndarray, shape (tests,)
-        Position s of the centre of each test's circle.
-    ratio : ndarray, shape (tests,)
-        Radius ρ of each test's circle.
 
     Returns
     -------
     ndarray, shape (tests, 25, 2)
         Fourier coefficients of the readings per unit of L and of Q [N].
     """
-    tests = setting.tests
-    s = np.broadcast_to(shift, tests)[:, None]
-    rho = np.broadcast_to(ratio, tests)[:, None]
+    reference_mm = setting.reference_radius_mm
+    shift_mm = setting.centre_mm[:, axis] - setting.reference_centre_mm[axis]
+    s = (shift_mm / reference_mm)[:, None]
+    rho = (setting.radius_mm / reference_mm)[:, None]
     squared = setting.along(axis, 2.0)
     cubed = setting.along(axis, 3.0, signed=True)
     fourth = setting.along(axis, 4.0)

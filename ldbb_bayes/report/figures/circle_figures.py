@@ -169,7 +169,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     new_circles = np.zeros(0)
     if trace_data.has_bands:
         new_circles = new_circle_coefficients(bound, phi, beta, rng)
-    planes = bound.setting.planes
+    planes = bound.setting.tested_planes
     heads = [_panel_head(trace_data, plane) for plane in planes]
     lines = max(head.count("\n") + 1 for head in heads)
     figure = Figure(figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * lines))
@@ -280,7 +280,7 @@ def _panel_head(trace_data: _TraceData, plane: str) -> str:
     elif len(radii_mm) > 1:
         rings = words["rings_of_several_radii"]
     lines = [", ".join(marks), rings]
-    if len(setting.planes) > 1:
+    if len(setting.tested_planes) > 1:
         lines.insert(0, f"{words['plane']} {plane}")
     return "\n".join(textwrap.fill(line, 72) for line in lines)
 

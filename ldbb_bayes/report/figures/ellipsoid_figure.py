@@ -60,7 +60,7 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
     ldbb_bayes.errors.InputError: an ellipsoid of compliance must have tests in 3 planes, got XY.
      Run circles in XY, YZ and ZX.
     """
-    planes = bound_of(posterior).setting.planes
+    planes = bound_of(posterior).setting.tested_planes
     require(
         len(planes) == len(LINEAR),
         f"an ellipsoid of compliance must have tests in 3 planes, got {', '.join(planes)}. Run"

@@ -96,7 +96,7 @@ def circularity(posterior: xr.DataTree) -> Figure:
     forces_N = np.linspace(0.0, highest_N, _FORCES).tolist()
     table = path_analysis.predict_circularity(posterior, forces_N, draws=_DRAWS)
     measured, _ = measure_circularity(posterior)
-    planes = bound.setting.planes
+    planes = bound.setting.tested_planes
     figure, all_axes = panels(len(_PANELS) * len(planes), 2, 1.8, 0.3)
     for k, axes in enumerate(all_axes):
         panel = _PANELS[k % len(_PANELS)]
@@ -163,7 +163,7 @@ def contributions(posterior: xr.DataTree) -> Figure:
     bound = bound_of(posterior)
     forces_N = distinct_forces(bound.setting.force_N)
     chosen = np.unique(np.linspace(0, len(forces_N) - 1, _MOST_FORCES).round().astype(int))
-    planes = bound.setting.planes
+    planes = bound.setting.tested_planes
     figure, all_axes = panels(len(planes) * len(chosen), 3, 1.5, 0.6, sharey=True)
     for k, axes in enumerate(all_axes):
         plane = planes[k // len(chosen)]
@@ -208,7 +208,7 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
     """
     bound = bound_of(posterior)
     force_N = float(bound.setting.force_N.max())
-    planes = bound.setting.planes
+    planes = bound.setting.tested_planes
     paths_by_plane = {}
     for plane in planes:
         paths_by_plane[plane] = _paths(posterior, bound, plane, force_N, bound.names)

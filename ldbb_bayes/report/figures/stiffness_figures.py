@@ -92,7 +92,7 @@ def stiffness_rose(
     tested_N = bound.setting.force_N
     forces_N = sorted({float(tested_N.min()), float(tested_N.max())})
     result = stiffness(posterior, forces_N)
-    planes = bound.setting.planes
+    planes = bound.setting.tested_planes
     _, unit = display_unit("mm/N")
     title = words["rose"].format(unit=unit)
     if len(planes) == 1 and compact:
