@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -32,9 +32,6 @@ from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.report.campaign_text import parts_of
 from ldbb_bayes.units import inside_name, is_direct
-
-if TYPE_CHECKING:
-    from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["check", "import_", "simulate"]
 
@@ -133,7 +130,7 @@ def check(
     uncertainties = lb.terms.uncertainties(campaign)
     if model_file is not None:
         model = lb.read_model(model_file)
-        preview = _with_model_file(preview, model_file, model.bind(campaign))
+        preview = _with_model_file(preview, model_file, model.reference_force_N)
         uncertainties = lb.terms.uncertainties(campaign, model.nuisances)
     record = lb.report.with_words(preview) | {
         "uncertainties": uncertainties.as_dict()["assumed"],
@@ -143,15 +140,21 @@ def check(
 
 
 def _with_model_file(
-    preview: CampaignPreview, model_file: Path, bound: BoundModel
+    preview: CampaignPreview, model_file: Path, reference_force_N: float | None
 ) -> CampaignPreview:
-    """Return a preview with the reference force F0 of the model that lies beside the campaign.
+    """Return a preview that names the model file beside the campaign, and the reference force F0.
 
-    ``bound`` is the model in the file ``model_file``, applied to the campaign.
+    ``reference_force_N`` is F0 in the model file [N]. If it is None, F0 is that of the preview.
     """
-    others = [remark for remark in preview.assumptions if remark.kind is not RemarkKind.REFERENCE]
-    values = {"file": model_file.name, "force_N": bound.setting.reference_force_N}
-    return replace(preview, assumptions=(*others, Remark(RemarkKind.MODEL_FILE, values)))
+    assumptions = []
+    for remark in preview.assumptions:
+        if remark.kind is RemarkKind.REFERENCE:
+            values = {"file": model_file.name, **remark.values}
+            if reference_force_N is not None:
+                values["force_N"] = reference_force_N
+            remark = Remark(RemarkKind.MODEL_FILE, values)
+        assumptions.append(remark)
+    return replace(preview, assumptions=tuple(assumptions))
 
 
 def _check_tolerances(campaign: lb.Campaign) -> None:

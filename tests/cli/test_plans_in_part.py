@@ -139,3 +139,14 @@ def test_no_stiffness_is_stated_of_a_plane_that_has_not_been_run(tmp_path: Path)
     assert {plane.plane for plane in lb.stiffness(posterior).planes} == {"XY"}
     table = lb.analysis.predict_circularity(posterior, [300.0], draws=100)
     assert set(table["plane"]) == {"XY"}
+
+
+def test_check_is_content_with_the_first_circle_of_a_plan(in_part: Path, invoke: Invoke) -> None:
+    toml = in_part / "campaign.toml"
+    text = toml.read_text(encoding="utf-8")
+    for test in lb.read_campaign(in_part).tests[1:]:
+        text = text.replace(f'file = "{test.name}.csv"\n', "")
+    toml.write_text(text, encoding="utf-8")
+    code, stdout, stderr = invoke("check", in_part)
+    assert code == 0, stderr
+    assert "F0 = 500 N" in stdout

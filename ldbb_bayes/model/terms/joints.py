@@ -359,7 +359,7 @@ def compliance_along_travel(setting: Setting, axis: int) -> Array:
     squared = setting.along(axis, 2.0)
     cubed = setting.along(axis, 3.0, signed=True)
     fourth = setting.along(axis, 4.0)
-    linear = s * squared + rho * cubed
-    quadratic = (s**2 - 0.5) * squared + 2.0 * s * rho * cubed + rho**2 * fourth
+    linear = rho * cubed + s * squared
+    quadratic = rho**2 * fourth - 0.5 * squared + 2.0 * s * rho * cubed + s**2 * squared
     force = setting.force_N[:, None]
     return np.stack([force * linear, force * quadratic], axis=2)
