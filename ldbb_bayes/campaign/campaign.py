@@ -327,6 +327,22 @@ class Campaign(CampaignFields):
         return self.tests[0].reading_um is None
 
     @property
+    def mean_centre_mm(self) -> tuple[float, ...]:
+        """Mean of the centres of the circles on X, Y and Z [mm].
+
+        On each axis it is the mean of the different centres of those circles in whose plane the
+        axis lies; zero if there are none. Each centre counts once, however many tests have it.
+        """
+        mean_mm = []
+        for axis, letter in enumerate("XYZ"):
+            centres = {
+                tuple(test.circle.centre_mm) for test in self.tests if letter in str(test.plane)
+            }
+            positions_mm = [centre[axis] for centre in sorted(centres)]
+            mean_mm.append(float(np.mean(positions_mm)) if positions_mm else 0.0)
+        return tuple(mean_mm)
+
+    @property
     def forces_N(self) -> Array:
         """Force of the bar in each test, shape (tests,) [N]."""
         return np.array([test.force_N for test in self.tests], dtype=float)

@@ -114,6 +114,7 @@ class RemarkKind(StrEnum):
     ONE_TRACE = "one trace of a ball"
     MACHINE = "machine"
     FRAMES = "frames"
+    CENTRES = "centres"
     SETUPS = "set-ups"
     BOTH_WAYS = "both ways"
     DRIFT = "drift"
@@ -605,6 +606,8 @@ def _assumption_remarks(campaign: Campaign) -> tuple[Remark, ...]:
         kinds.MACHINE, topology=campaign.topology, plane=machine.plane, radii_mm=_radii(campaign)
     )
     remarks.add(kinds.FRAMES, campaign.frames_mm, frames_mm=dict(campaign.frames_mm))
+    centres = {tuple(test.circle.centre_mm) for test in tests}
+    remarks.add(kinds.CENTRES, len(centres) > 1, mean_mm=campaign.mean_centre_mm)
     remarks.add(kinds.SETUPS, len(setups) > 1, setups=setups)
     remarks.add(kinds.BOTH_WAYS, both_ways, planes=both_ways)
     _remark_on_drift(campaign, remarks)

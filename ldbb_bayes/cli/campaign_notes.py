@@ -56,11 +56,13 @@ def notes_on_campaign(
     -------
     tuple of str
     """
-    return tuple(
-        f"Note: {wording.remark_words(remark).rstrip('.')}."
-        for remark in lb.check_campaign(campaign).remarks
-        if remark.kind in kinds
-    )
+    notes = []
+    for remark in lb.check_campaign(campaign).remarks:
+        if remark.kind in kinds:
+            words = wording.remark_words(remark)
+            end = "" if words.endswith((".", "?")) else "."
+            notes.append(f"Note: {words}{end}")
+    return tuple(notes)
 
 
 def notes_on_readings(campaign: lb.Campaign) -> tuple[Passage, ...]:

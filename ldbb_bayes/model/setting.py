@@ -441,12 +441,11 @@ def setting_of(
     if reference_force_N is None:
         reference_force_N = (forces.min() + forces.max()) / 2.0
     setup = np.array([test.setup or 1 for test in tests])
-    radius_mm = np.array([test.radius_mm for test in tests], dtype=float)
+    radius_mm = _radii_mm(tests)
     travel = np.array([TRAVEL_SIGNS[test.direction or "CW"] for test in tests])
     plane_of_tests = [str(test.plane) for test in tests]
     paths = map(CirclePath, plane_of_tests, radius_mm.tolist(), travel.tolist())
     moves = np.abs(columns.direction).max(axis=(0, 1)) > 0.0
-    travel_reference = _reference_of_travel(reference)
     return Setting(
         force_N=campaign.forces_N,
         pressure_bar=campaign.pressures_bar,
@@ -473,8 +472,8 @@ def setting_of(
         paths=tuple(sorted(set(paths))),
         moving_axes=tuple(np.flatnonzero(moves).tolist()),
         centre_mm=_centres_mm(tests),
-        reference_centre_mm=travel_reference.centre_mm,
-        reference_radius_mm=travel_reference.radius_mm,
+        reference_centre_mm=reference.mean_centre_mm,
+        reference_radius_mm=float(_radii_mm(reference.tests).min()),
         largest_force_N=float(forces.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
@@ -487,34 +486,14 @@ def setting_of(
     )
 
 
+def _radii_mm(tests: Sequence[CircularTest]) -> Array:
+    """Return the nominal radii of the tests' circles [mm], shape (tests,)."""
+    return np.array([test.radius_mm for test in tests], dtype=float)
+
+
 def _centres_mm(tests: Sequence[CircularTest]) -> Array:
     """Return the centres of the tests' circles on X, Y and Z [mm], shape (tests, 3)."""
     return np.array([test.circle.centre_mm for test in tests], dtype=float)
-
-
-class _TravelReference(NamedTuple):
-    """Position and length to which changes of compliance along the travel of the axes refer."""
-
-    centre_mm: tuple[float, ...]  #: position on X, Y and Z [mm]
-    radius_mm: float  #: length [mm]
-
-
-def _reference_of_travel(campaign: Campaign) -> _TravelReference:
-    """Return the position and length to which changes of compliance along the travel refer.
-
-    The position on an axis is the mean of the centres of the circles in whose plane the axis lies.
-    Each of these centres counts once, however many tests have it. The length is the smallest radius
-    of the circles.
-    """
-    centre_mm = []
-    for axis, letter in enumerate("XYZ"):
-        centres = {
-            tuple(test.circle.centre_mm) for test in campaign.tests if letter in str(test.plane)
-        }
-        positions_mm = [centre[axis] for centre in sorted(centres)]
-        centre_mm.append(float(np.mean(positions_mm)) if positions_mm else 0.0)
-    radius_mm = min(float(test.radius_mm or 0.0) for test in campaign.tests)
-    return _TravelReference(tuple(centre_mm), radius_mm)
 
 
 def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:

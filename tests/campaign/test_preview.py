@@ -292,3 +292,21 @@ def test_what_is_taken_for_granted_is_what_a_fit_has(is_stated: bool) -> None:
                 sds |= dict(zip(columns.names, sd, strict=True))
     in_fit = {name: sds[name.replace("form_", "form_cos")] for name in taken}
     assert in_fit == pytest.approx(taken, rel=1e-12)
+
+
+def test_several_centres_say_where_direct_compliances_are() -> None:
+    """Each axis has the mean of the different centres of the circles in which it moves."""
+    places = ((0.0, 0.0), (0.0, 0.0), (300.0, 90.0))
+    angle_deg = np.arange(0.0, 360.0, 5.0)
+    tests = [
+        lb.CircularTest(100.0 * (k + 1), angle_deg, centre_x_mm=x_mm, centre_y_mm=y_mm)
+        for k, (x_mm, y_mm) in enumerate(places)
+    ]
+    other_plane = lb.CircularTest(100.0, angle_deg, plane="YZ", centre_z_mm=80.0, setup=2)
+    campaign = lb.Plan((*tests, other_plane))
+    assert campaign.mean_centre_mm == pytest.approx((150.0, 30.0, 80.0))
+    words = [remark_words(remark) for remark in lb.check_campaign(campaign).assumptions]
+    assert any("those at their mean, (150, 30, 80) mm" in sentence for sentence in words)
+    one_centre = lb.Plan(tuple(tests[:2]))
+    kinds = {remark.kind for remark in lb.check_campaign(one_centre).assumptions}
+    assert RemarkKind.CENTRES not in kinds
