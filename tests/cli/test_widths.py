@@ -118,8 +118,7 @@ def printed(
             batch = machines
             if arguments[0] == "trend":
                 batch = rows
-            for reader in ("read_batch", "read_fleet"):
-                patch.setattr(f"ldbb_bayes.cli.fleets.{reader}", always(batch))
+            patch.setattr("ldbb_bayes.cli.fleets.read_fleet", always(batch))
             printed_parts = parts_of_commands.setdefault(str(arguments[0]), [])
             patch.setattr(output, "show", collector(printed_parts))
             ended = CliRunner().invoke(app, [*map(str, arguments)])
