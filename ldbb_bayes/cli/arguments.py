@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,8 +52,6 @@ __all__ = [
     "campaign_fields",
     "campaign_from",
     "instrument_fields",
-    "measured_campaign_from",
-    "measured_readings_from",
     "model_beside",
     "model_from",
 ]
@@ -62,13 +61,15 @@ __all__ = [
 _MOUNT_UM_PER_BAR = 2.33
 
 
-def campaign_from(path: Path, **options: Any) -> lb.Campaign:
+def campaign_from(path: Path, *, needs_readings: bool = False, **options: Any) -> lb.Campaign:
     """Return the campaign in the file or folder that the user names as argument of a command.
 
     Parameters
     ----------
     path
         A campaign folder, a campaign.toml or a tidy CSV.
+    needs_readings
+        Whether a plan is refused.
     **options
         Values of the options for a tidy CSV and for certificates.
 
@@ -79,69 +80,24 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
     Raises
     ------
     InputError
-        If the campaign cannot be read, or options and files contradict each other.
+        If the campaign cannot be read, if it is a plan but needs readings, or if options and files
+        contradict each other.
     """
     certificates = {}
     for name in _CERTIFICATE_KEYWORDS:
         if name in options:
             certificates[name] = options.pop(name)
-    return lb.read_campaign(
+    campaign = lb.read_campaign(
         path,
         certificates=instrument_fields(bar_length_mm=options.get("radius_mm"), **certificates),
         **campaign_fields(**options),
     )
-
-
-def measured_campaign_from(path: Path, **options: Any) -> lb.Campaign:
-    """Return the same campaign as `campaign_from`, which must have readings.
-
-    Parameters
-    ----------
-    path
-        A campaign folder, a campaign.toml or a tidy CSV.
-    **options
-        Values of the options for a tidy CSV and for certificates.
-
-    Returns
-    -------
-    Campaign
-
-    Raises
-    ------
-    InputError
-        If the campaign cannot be read, or is a plan.
-    """
-    campaign = campaign_from(path, **options)
-    _require_measured(campaign, path)
+    if needs_readings:
+        _require_readings(campaign, path)
     return campaign
 
 
-def measured_readings_from(files: list[Path], **options: Any) -> SourceCampaign:
-    """Return the same campaign as `readings_from`, which must have readings.
-
-    Parameters
-    ----------
-    files
-        Paths as typed by the user.
-    **options
-        Values of the options for tables, for their layout, and for certificates.
-
-    Returns
-    -------
-    SourceCampaign
-        The campaign, with the assumptions of its import if the files are tables.
-
-    Raises
-    ------
-    InputError
-        If the files cannot be read, or are those of a plan.
-    """
-    source = readings_from(files, **options)
-    _require_measured(source.campaign, files[0])
-    return source
-
-
-def _require_measured(campaign: lb.Campaign, path: Path) -> None:
+def _require_readings(campaign: lb.Campaign, path: Path) -> None:
     """Raise an `InputError` that names the path of a campaign if the campaign is a plan."""
     require(
         not campaign.is_plan,
@@ -151,13 +107,17 @@ def _require_measured(campaign: lb.Campaign, path: Path) -> None:
     )
 
 
-def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
+def readings_from(
+    files: list[Path], *, needs_readings: bool = False, **options: Any
+) -> SourceCampaign:
     """Return the campaign or plan that is read from a campaign folder, a stored fit, or tables.
 
     Parameters
     ----------
     files
         Paths as typed by the user.
+    needs_readings
+        Whether a plan is refused.
     **options
         Values of the options for tables, for their layout, and for certificates.
 
@@ -169,7 +129,8 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
     Raises
     ------
     InputError
-        If the files cannot be read, or options and files contradict each other.
+        If the files cannot be read, if they are a plan but need readings, or if options and files
+        contradict each other.
     """
     # The modules for the input of commands are imported here, and not at the top of the file,
     # because they take a long time to load.
@@ -191,7 +152,10 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
         campaign_fields(**options),
         instrument_fields(bar_length_mm=bar_length_mm, **certificates),
     )
-    return source.read_any()
+    read = source.read_any()
+    if needs_readings:
+        _require_readings(read.campaign, files[0])
+    return read
 
 
 def instrument_fields(
@@ -497,7 +461,12 @@ GivenCampaign = Annotated[
 ]
 MeasuredCampaign = Annotated[
     "lb.Campaign",
-    group(measured_campaign_from, _CAMPAIGN_PATH, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS),
+    group(
+        partial(campaign_from, needs_readings=True),
+        _CAMPAIGN_PATH,
+        **_TABLE_OPTIONS,
+        **_CERTIFICATE_OPTIONS,
+    ),
 ]
 _FILES = inspect.Parameter(
     "files",
@@ -522,7 +491,7 @@ GivenReadings = Annotated[
 MeasuredReadings = Annotated[
     "SourceCampaign",
     group(
-        measured_readings_from,
+        partial(readings_from, needs_readings=True),
         _FILES,
         **_TABLE_OPTIONS,
         **_CERTIFICATE_OPTIONS,

@@ -32,11 +32,13 @@ def assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
     tuple
         Tables and sentences; empty if nothing was imported.
     """
+    if source.imported is None:
+        return ()
     # The module for the input of commands is imported here, and not at the top of the file, because
     # it takes a long time to load.
-    from ldbb_bayes.cli.sources import import_parts
+    from ldbb_bayes.cli.sources import assumed_parts
 
-    return import_parts(source)
+    return assumed_parts(source.campaign, source.imported)
 
 
 def notes_on_campaign(

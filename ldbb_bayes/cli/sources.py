@@ -24,7 +24,6 @@ __all__ = [
     "SourceCampaign",
     "assumed_parts",
     "has_unstated_balls",
-    "import_parts",
 ]
 
 # Name of the file that a folder must contain to count as a campaign folder.
@@ -91,24 +90,6 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
     if imported is None:
         return tuple(wording.assumption_words(assumption) for assumption in assumptions)
     return tuple(import_text.parts_of(replace(imported, assumptions=assumptions)))
-
-
-def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
-    """Return the tables and sentences that state what was assumed when tables were imported.
-
-    Parameters
-    ----------
-    source
-        The campaign and the record of its import.
-
-    Returns
-    -------
-    tuple
-        Tables and sentences; empty if nothing was imported.
-    """
-    if source.imported is None:
-        return ()
-    return assumed_parts(source.campaign, source.imported)
 
 
 def _require_path(path: Path) -> None:
