@@ -45,7 +45,8 @@ class SufficientStatistics:
     deflection and errors of the force), which have the same values in all campaigns with the same
     instrument, and coefficients of `JointLoad`, which describe the machine. The mount's deflection
     is its nominal value plus the coefficient of the model, because campaigns with the same mount
-    may state different nominal values. All moments are in internal units (mm, N, rad).
+    may state different nominal values. So is the gain of the force, whose nominal value is the
+    logarithm of the slope of the force law. All moments are in internal units (mm, N, rad).
     """
 
     #: names of the q parameters and further coefficients of a campaign's fit

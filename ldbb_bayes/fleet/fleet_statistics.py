@@ -169,7 +169,7 @@ def fleet_statistics(
         chosen, units, of_campaigns.prior_mean[:, :c], of_campaigns.prior_sd[:, :c]
     )
     priors = of_campaigns.prior_mean, of_campaigns.prior_sd
-    of_instrument = _best_prior(*(values[:, c : c + s] for values in priors))
+    of_instrument = _best_prior(instrument, *(values[:, c : c + s] for values in priors))
     of_machine = _usual_prior(*(values[:, c + s :] for values in priors))
     scale = np.concatenate([parameter_sd, of_instrument.sd, of_machine.sd])
     centre = np.concatenate([np.zeros(c), of_instrument.mean, of_machine.mean])
@@ -202,22 +202,24 @@ class _CommonPrior(NamedTuple):
     sd: Array  #: prior standard deviation of each quantity in internal units
 
 
-def _best_prior(mean: Array, sd: Array) -> _CommonPrior:
+def _best_prior(names: Sequence[str], mean: Array, sd: Array) -> _CommonPrior:
     """Return the prior of s instrument errors that all campaigns have in common.
 
     A certificate that one campaign states of the common instrument is of all campaigns. The prior
     with the smallest standard deviation, relative to its mean if this is not zero, is therefore
-    that of all. Campaigns without a certificate assume the same share of the mount's deflection
-    that they state. If several priors are equally narrow, the one with the median mean is taken.
-    ``mean`` and ``sd`` are the prior means and sds in n campaigns, shape (n, s); the sd is zero in
-    a campaign whose model lacks the error.
+    that of all. An sd without a unit, such as that of the force's gain, is relative already.
+    Campaigns without a certificate assume the same share of the mount's deflection that they state.
+    If several priors are equally narrow, the one with the median mean is taken. ``names`` are the
+    names of the errors. ``mean`` and ``sd`` are the prior means and sds in n campaigns, shape
+    (n, s); the sd is zero in a campaign whose model lacks the error.
     """
     errors = sd.shape[1]
     best = _CommonPrior(np.zeros(errors), np.zeros(errors))
-    for j in range(errors):
+    for j, name in enumerate(names):
         stated = np.flatnonzero(sd[:, j] > 0.0)
         means = mean[stated, j]
-        size = np.where(means == 0.0, 1.0, np.abs(means))
+        is_relative = Term.owner(name).unit_of(name).inside == "1"
+        size = np.where((means == 0.0) | is_relative, 1.0, np.abs(means))
         relative_sd = sd[stated, j] / size
         narrowest = stated[relative_sd <= relative_sd.min() * (1.0 + _SAME_SD)]
         by_mean = narrowest[np.argsort(mean[narrowest, j])]

@@ -136,17 +136,20 @@ def noise_of_tests(parts: list[Any], turns: list[np.ndarray], value: Any) -> lis
     return noises
 
 
-def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
+def dense(
+    bounds: list[BoundModel], gains: tuple[float, float] = (0.0, 0.0)
+) -> tuple[np.ndarray, np.ndarray]:
     """Posterior of both parameter vectors at PHI from all readings stacked: y = J₁ β₁ + J₂ β₂ + N ν
     + noise, N shared by both; without a certificate, a quarter of the variance of the bar's length
-    is (the radii of the balls), and the rest is of each campaign."""
+    is (the radii of the balls), and the rest is of each campaign. The prior means of the force's
+    gain are ``gains``."""
     value = dict(zip((scale.name for scale in MODEL.scales), PHI, strict=True)) | {None: 1.0}
     designs = []
     shared = []
     noises = []
     readings = []
     lengths = []
-    for bound in bounds:
+    for bound, gain_mean in zip(bounds, gains, strict=True):
         turns = [basis(test.angles_rad()) for test in bound.campaign.tests]
         designs.append(np.concatenate([own @ bound.interest[r] for r, own in enumerate(turns)]))
         readings.append(np.concatenate([test.readings_mm() for test in bound.campaign.tests]))
@@ -178,6 +181,8 @@ def dense(bounds: list[BoundModel]) -> tuple[np.ndarray, np.ndarray]:
             for c in columns:
                 if c.mean is not None:
                     known = known + own @ c.values[r] @ c.mean
+                if c.names == ("force_gain",):
+                    known = known + own @ c.values[r][:, 0] * gain_mean
             expected.append(known)
         readings[-1] = readings[-1] - np.concatenate(expected)
     every = np.concatenate([own for campaign in shared for own in campaign])
@@ -217,6 +222,56 @@ def test_the_same_instrument(work_deg: float) -> None:
         assert difference.means[0, k] == pytest.approx(
             mean[i], abs=1e-5 * np.sqrt(covariance[i, i])
         ), name
+
+
+def with_law(campaign: lb.Campaign, slope_N_per_bar: float) -> lb.Campaign:
+    """The same readings at the same pressures, whose forces another force law states."""
+    law = lb.campaign.ForceLaw(slope_N_per_bar)
+    tests = tuple(
+        replace(test, force_N=law.force_N(float(test.pressure_bar or 0.0)))
+        for test in campaign.tests
+    )
+    return replace(campaign, tests=tests, force_law=law)
+
+
+@pytest.mark.parametrize("slope_N_per_bar", [122.0, 130.0])
+def test_one_regulator_has_one_slope(slope_N_per_bar: float) -> None:
+    """Against the dense model of both campaigns, in which the slope of the regulator is
+    s₁ (1 + g) = s₂ (1 + g − ln(s₂/s₁)), g the gain that both share."""
+    campaigns = campaign_of(1), with_law(campaign_of(2), slope_N_per_bar)
+    bounds = [MODEL.bind(campaign) for campaign in campaigns]
+    names, difference = together(bounds)
+    first_slope = campaigns[0].force_law.slope_N_per_bar
+    mean, covariance = dense(bounds, (0.0, -np.log(slope_N_per_bar / first_slope)))
+    p = len(bounds[0].names)
+    for k, name in enumerate(names):
+        if name.startswith("C_"):  # at the second one's reference force here
+            continue
+        for place in (bounds[0].names.index(name), p + bounds[0].names.index(name)):
+            sd = float(np.sqrt(covariance[place, place]))
+            campaign = int(place >= p)
+            assert difference.means[campaign, k] == pytest.approx(mean[place], abs=1e-5 * sd)
+    for name in ("C_XXX", "C_YYY", "C_CCY"):
+        k = names.index(name)
+        i = bounds[0].names.index(name)
+        to_first_N = 389.0 - bounds[1].setting.reference_force_N
+        contrast = np.zeros(2 * p)
+        contrast[[i, p + i, p + bounds[1].names.index(f"{name}_1")]] = -1.0, 1.0, to_first_N
+        sd = float(np.sqrt(contrast @ covariance @ contrast))
+        assert difference.sd[k] == pytest.approx(sd, rel=1e-5), name
+        assert difference.difference[k] == pytest.approx(contrast @ mean, abs=1e-5 * sd), name
+
+
+def test_a_force_law_stated_anew_is_no_change_of_the_machine() -> None:
+    """The same pressures moved the same machine by as much."""
+    first, second = campaign_of(1), campaign_of(2)
+    changes = []
+    for slope_N_per_bar in (126.04, 130.0):
+        restated = with_law(second, slope_N_per_bar)
+        names, difference = together([MODEL.bind(first), MODEL.bind(restated)])
+        k = names.index("C_XXX")
+        changes.append(difference.difference[k] / difference.sd[k])
+    assert changes[1] == pytest.approx(changes[0], abs=0.05)
 
 
 CERTIFIED = lb.Instrument(

@@ -11,7 +11,7 @@ from campaigns import plan, refuses, simulated
 from fleets import row
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.loading import MountCompensation
+from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
 from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
 from ldbb_bayes.fleet.machine_effects import (
@@ -237,6 +237,34 @@ def test_one_mount_has_one_deflection_whatever_campaigns_state() -> None:
     posterior = Gaussian(statistics.likelihood.precision + np.eye(q), statistics.likelihood.shift)
     first, second = posterior.mean
     np.testing.assert_allclose((second - first) / posterior.sd[0], 0.0, atol=0.05)
+
+
+def test_one_regulator_has_one_slope_whatever_campaigns_state() -> None:
+    """The same readings at the same pressures, whose forces another law states: the compliances are
+    those of the law that most campaigns state."""
+    model = lb.HybridModel.first(degree=1).without("truncation")
+    measured = simulated(plan())
+    rows = []
+    for slope_N_per_bar in (126.04, 126.04, 130.0):
+        law = ForceLaw(slope_N_per_bar)
+        tests = tuple(
+            replace(test, force_N=law.force_N(float(test.pressure_bar or 0.0)))
+            for test in measured.tests
+        )
+        campaign = replace(measured, tests=tests, force_law=law)
+        bound = model.bind(campaign)
+        moments = sufficient_statistics(HyperPosterior(bound, truncated=False))
+        number = len(rows)
+        fields = {"campaign": f"{number}", "machine_id": f"M{number}"}
+        reference_N = bound.setting.reference_force_N
+        rows.append(row(moments, reference_force_N=reference_N, **fields))
+    statistics = fleet_statistics(pd.DataFrame(rows))
+    place = len(statistics.parameters) + statistics.instrument.index("force_gain")
+    assert statistics.prior_sd[place] == pytest.approx(0.01)
+    q = statistics.likelihood.shift.shape[1]
+    posterior = Gaussian(statistics.likelihood.precision + np.eye(q), statistics.likelihood.shift)
+    first, _, third = posterior.mean
+    np.testing.assert_allclose((third - first)[:6] / posterior.sd[0, :6], 0.0, atol=0.1)
 
 
 def test_a_row_that_states_the_error_of_the_mount_alone_is_refused(rows: pd.DataFrame) -> None:

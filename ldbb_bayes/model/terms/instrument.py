@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, Instrument
+from ldbb_bayes.campaign.loading import ForceLaw
 from ldbb_bayes.model.fourier import derivative
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.terms.base import Term, Uncertainty, Unit, assumption
@@ -292,6 +293,20 @@ class ForceError(Term):
         }
         for name, sd in self._sd_by_name(campaign.instrument).items():
             yield assumption(campaign, name, certificates[name], sd)
+
+    @classmethod
+    def nominal(cls, coefficient: str, campaign: Campaign) -> float:
+        """Return the logarithm of the slope of the force law that a campaign states.
+
+        The slope is divided by that of the default force law. The force is in error by the gain g
+        if the slope of the regulator is 1 + g times the stated slope. To first order, ln(1 + g) is
+        g, so that the logarithm of the true slope is the nominal value plus the coefficient
+        ``force_gain``. The other errors have no nominal values.
+        """
+        if coefficient == "force_gain":
+            slope_ratio = campaign.force_law.slope_N_per_bar / ForceLaw().slope_N_per_bar
+            return float(np.log(slope_ratio))
+        return 0.0
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
