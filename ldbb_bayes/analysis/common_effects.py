@@ -4,7 +4,8 @@ If bar, balls, mount and force device are the same in both campaigns, the errors
 largely cancel in the difference. These errors are described by nuisance coefficients (of effects
 that are modelled but not of interest), which are common to both campaigns. Their prior is therefore
 used only once. If the campaigns state different knowledge of an error, such as a certificate in
-only one of them, the prior with the smaller standard deviation is used.
+only one of them, the prior with the smaller standard deviation is used. If what they state
+contradicts each other, they are in conflict, as if their readings were.
 
 Other effects are only similar in both campaigns: some effects of the machine, if it is the same,
 and the error of the bar's length, if no certificate states it (`similar_effects`).
@@ -96,7 +97,8 @@ class Conflict(NamedTuple):
     coefficient: str
     #: p-value of the disagreement of two campaigns about an effect that they have in common: the
     #: probability of a larger disagreement by chance. It is multiplied by the number of compared
-    #: coefficients (Bonferroni) and limited to 1.
+    #: coefficients (Bonferroni) and limited to 1. The estimates are those from the readings alone,
+    #: or what the two campaigns state.
     p_value: float
 
 
@@ -109,8 +111,9 @@ class JointDifference(NamedTuple):
     difference: Array
     #: standard uncertainties of the differences of n parameters between two campaigns, shape (n,)
     sd: Array
-    #: the common effect for which the estimates from the two campaigns disagree most; None if no
-    #: common effect can be estimated from both campaigns
+    #: the common effect for which the estimates from the two campaigns, or what they state,
+    #: disagree most; None if no common effect can be estimated from both campaigns, and they state
+    #: the same
     conflict: Conflict | None
 
 
@@ -190,14 +193,16 @@ def _conflict(
     similar: Sequence[str],
     bounds: Sequence[BoundModel],
 ) -> Conflict | None:
-    """Return the effect about which the readings of two campaigns disagree most, or None.
+    """Return the effect about which two campaigns disagree most, or None.
 
-    ``common`` are the names of the coefficients that have the same value in both campaigns, and
-    ``similar`` those of the coefficients that are similar. ``bounds`` are the models.
+    They disagree if their readings do, or if they state different values of an error of the common
+    instrument. ``common`` are the names of the coefficients that have the same value in both
+    campaigns, and ``similar`` those of the coefficients that are similar. ``bounds`` are the
+    models.
     """
     similar_sd = np.stack([_prior_sds(campaign, similar) for campaign in campaigns])
     units = np.hstack([np.ones((2, len(common))), similar_units(similar, similar_sd, bounds)])
-    return worst_conflict(
+    of_readings = worst_conflict(
         [*common, *similar],
         units,
         [0.0] * len(common) + [prior_difference(name) for name in similar],
@@ -206,6 +211,35 @@ def _conflict(
         [campaign.mean for campaign in campaigns],
         [campaign.prior_mean for campaign in campaigns],
     )
+    of_statements = _contradicted_statement(campaigns, common, bounds)
+    if of_readings is None or of_statements is None:
+        return of_readings or of_statements
+    return min(of_statements, of_readings, key=lambda conflict: conflict.p_value)
+
+
+def _contradicted_statement(
+    campaigns: Sequence[_Campaign], common: Sequence[str], bounds: Sequence[BoundModel]
+) -> Conflict | None:
+    """Return the error of the common instrument of which two campaigns state the most different.
+
+    A statement is a certificate, or a nominal value such as the mount's deflection. The difference
+    of the two prior means is divided by the standard uncertainty of this difference. The result is
+    None if the campaigns state the same of all errors. ``common`` are the names of the coefficients
+    that have the same value in both campaigns, and ``bounds`` are the models.
+    """
+    first, second = (_prior_of(campaign, common) for campaign in campaigns)
+    sd = np.sqrt(1.0 / first.precision + 1.0 / second.precision)
+    distance = np.abs(first.mean - second.mean) / sd
+    distances = {}
+    for j, name in enumerate(common):
+        nominal = {Term.owner(name).nominal(name, bound.campaign) for bound in bounds}
+        is_stated = all(_is_stated(name, bound) for bound in bounds)
+        if (is_stated or len(nominal) > 1) and distance[j] > 0.0:
+            distances[name] = float(distance[j])
+    if not distances:
+        return None
+    worst = ranked(distances, distances.__getitem__)[0]
+    return Conflict(worst, min(1.0, float(2.0 * ndtr(-distances[worst])) * len(distances)))
 
 
 def _several_clockings(bounds: Sequence[BoundModel]) -> bool:

@@ -108,8 +108,10 @@ def compare_posteriors(
 
         If the instrument or the machine was the same, ``attrs["conflict"]`` names the common effect
         about which the readings of the two campaigns disagree most, and states the p-value of the
-        disagreement (with Bonferroni correction). If both were different, or if there is no common
-        effect about which both campaigns give information, ``attrs["conflict"]`` is None.
+        disagreement (with Bonferroni correction). What the campaigns state of the common
+        instrument, such as the mount's deflection, may disagree as well. If both were different, or
+        if there is no common effect about which both campaigns give information,
+        ``attrs["conflict"]`` is None.
 
     Raises
     ------

@@ -31,6 +31,7 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtr
 
 from ldbb_bayes.analysis.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.errors import InputError, check_known
@@ -40,7 +41,7 @@ from ldbb_bayes.fleet.machine_effects import (
     ratios_of_effects,
     with_deviations,
 )
-from ldbb_bayes.fleet.selection import Caveat, CaveatKind, moment
+from ldbb_bayes.fleet.selection import Caveat, CaveatKind, labels, moment
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.prior import Prior, geometric_unit
@@ -56,6 +57,9 @@ __all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 _SLOPE = re.compile(r"(C_.+)_([12])")
 # Two relative standard deviations count as equal if they differ by less than this share.
 _SAME_SD = 1e-6
+# What a campaign states of the common instrument contradicts the best statement if the probability
+# of a larger difference by chance is below this number.
+_CONTRADICTION = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +106,9 @@ class FleetStatistics:
     #: names of the k effects that a machine keeps from campaign to campaign (see
     #: `machine_effects`); empty if every machine has one campaign only
     machine: tuple[str, ...] = ()
+    #: one caveat for each instrument error of which campaigns state values that contradict the best
+    #: statement, such as two deflections of one mount
+    contradictions: tuple[Caveat, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of campaigns whose likelihoods this object holds."""
@@ -109,16 +116,17 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """List with one caveat if compliances are extrapolated to the reference force.
+        """List of caveats on extrapolated compliances and on statements that contradict each other.
 
         A caveat is a limitation that reports describe. The list has one caveat if, in at least one
-        campaign, the reference force is outside the range of the tested forces; otherwise it is
-        empty.
+        campaign, the reference force is outside the range of the tested forces, and one for each
+        instrument error of which campaigns state contradictory values.
         """
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
-            return []
-        return [Caveat(CaveatKind.EXTRAPOLATED, values=(self.reference_force_N,))]
+            return list(self.contradictions)
+        extrapolated = Caveat(CaveatKind.EXTRAPOLATED, values=(self.reference_force_N,))
+        return [extrapolated, *self.contradictions]
 
 
 def fleet_statistics(
@@ -169,7 +177,8 @@ def fleet_statistics(
         chosen, units, of_campaigns.prior_mean[:, :c], of_campaigns.prior_sd[:, :c]
     )
     priors = of_campaigns.prior_mean, of_campaigns.prior_sd
-    of_instrument = _best_prior(instrument, *(values[:, c : c + s] for values in priors))
+    stated = _CommonPrior(*(values[:, c : c + s] for values in priors))
+    of_instrument = _best_prior(instrument, stated)
     of_machine = _usual_prior(*(values[:, c + s :] for values in priors))
     scale = np.concatenate([parameter_sd, of_instrument.sd, of_machine.sd])
     centre = np.concatenate([np.zeros(c), of_instrument.mean, of_machine.mean])
@@ -192,6 +201,7 @@ def fleet_statistics(
         topology=topology,
         compliances=_common_meanings(rows, chosen),
         machine=kept,
+        contradictions=_contradictions(instrument, stated, of_instrument, labels(rows, rows)),
     )
 
 
@@ -202,7 +212,7 @@ class _CommonPrior(NamedTuple):
     sd: Array  #: prior standard deviation of each quantity in internal units
 
 
-def _best_prior(names: Sequence[str], mean: Array, sd: Array) -> _CommonPrior:
+def _best_prior(names: Sequence[str], stated: _CommonPrior) -> _CommonPrior:
     """Return the prior of s instrument errors that all campaigns have in common.
 
     A certificate that one campaign states of the common instrument is of all campaigns. The prior
@@ -210,23 +220,56 @@ def _best_prior(names: Sequence[str], mean: Array, sd: Array) -> _CommonPrior:
     that of all. An sd without a unit, such as that of the force's gain, is relative already.
     Campaigns without a certificate assume the same share of the mount's deflection that they state.
     If several priors are equally narrow, the one with the median mean is taken. ``names`` are the
-    names of the errors. ``mean`` and ``sd`` are the prior means and sds in n campaigns, shape
-    (n, s); the sd is zero in a campaign whose model lacks the error.
+    names of the errors. ``stated`` holds the prior means and sds in n campaigns, shape (n, s); the
+    sd is zero in a campaign whose model lacks the error.
     """
-    errors = sd.shape[1]
-    best = _CommonPrior(np.zeros(errors), np.zeros(errors))
+    mean, sd = stated
+    best = _CommonPrior(np.zeros(len(names)), np.zeros(len(names)))
     for j, name in enumerate(names):
-        stated = np.flatnonzero(sd[:, j] > 0.0)
-        means = mean[stated, j]
+        having = np.flatnonzero(sd[:, j] > 0.0)
+        means = mean[having, j]
         is_relative = Term.owner(name).unit_of(name).inside == "1"
         size = np.where((means == 0.0) | is_relative, 1.0, np.abs(means))
-        relative_sd = sd[stated, j] / size
-        narrowest = stated[relative_sd <= relative_sd.min() * (1.0 + _SAME_SD)]
+        relative_sd = sd[having, j] / size
+        narrowest = having[relative_sd <= relative_sd.min() * (1.0 + _SAME_SD)]
         by_mean = narrowest[np.argsort(mean[narrowest, j])]
         median = by_mean[len(by_mean) // 2]
         best.mean[j] = mean[median, j]
         best.sd[j] = sd[median, j]
     return best
+
+
+def _contradictions(
+    names: Sequence[str], stated: _CommonPrior, best: _CommonPrior, campaigns: Sequence[str]
+) -> tuple[Caveat, ...]:
+    """Return one caveat for each instrument error of which campaigns state contradictory values.
+
+    A campaign contradicts the best statement if the probability of a larger difference by chance is
+    below 1 %, multiplied by the number of campaigns (Bonferroni).
+
+    Parameters
+    ----------
+    names
+        Names of s instrument errors.
+    stated
+        Prior means and sds of the errors in n campaigns, shape (n, s). The sd is zero in a campaign
+        whose model lacks the error.
+    best
+        Prior of each error that counts for all campaigns.
+    campaigns
+        Names of the n campaigns for the caveat.
+    """
+    difference_sd = np.hypot(stated.sd, best.sd)
+    distance = np.where(stated.sd > 0.0, np.abs(stated.mean - best.mean) / difference_sd, 0.0)
+    p_values = 2.0 * ndtr(-distance) * len(campaigns)
+    caveats = []
+    for j, name in enumerate(names):
+        contradicts = np.flatnonzero(p_values[:, j] < _CONTRADICTION)
+        others = tuple(campaigns[i] for i in contradicts.tolist())
+        if others:
+            text = Term.owner(name).describe(name)
+            caveats.append(Caveat(CaveatKind.CONTRADICTED_INSTRUMENT, others, text=text))
+    return tuple(caveats)
 
 
 def _usual_prior(mean: Array, sd: Array) -> _CommonPrior:

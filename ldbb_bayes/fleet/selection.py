@@ -51,6 +51,7 @@ class CaveatKind(StrEnum):
     TWO_CAMPAIGNS = "two-campaigns"
     SPREADS_NOT_TRUSTED = "spreads-not-trusted"
     ONE_INSTRUMENT = "one-instrument"
+    CONTRADICTED_INSTRUMENT = "contradicted-instrument"
     FEW_MACHINES = "few-machines"
     UNCERTAIN_P_VALUES = "uncertain-p-values"
 

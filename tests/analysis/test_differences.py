@@ -309,6 +309,52 @@ def test_a_certificate_in_one_campaign_is_no_disagreement() -> None:
         assert together(bounds)[1].conflict.p_value > 0.01
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "p_value"),
+    [
+        ((2.33, 2.0), (2.0, 2.0), 2.0 * stats.norm.sf(0.33 / np.hypot(0.0233, 0.02))),
+        ((2.33, 2.0), (2.28, 2.0), None),
+        ((2.33, None), (2.0, None), None),
+        ((2.33, None), (2.0, 2.0), None),
+        ((2.33, None), (1.5, 2.0), 2.0 * stats.norm.sf(0.83 / np.hypot(0.233, 0.015))),
+    ],
+)
+def test_statements_of_one_mount_that_contradict_each_other(
+    first: tuple[float, float | None],
+    second: tuple[float, float | None],
+    p_value: float | None,
+) -> None:
+    """Deflections in µm/bar with U in percent, or 10 % of one sd where nothing is stated. Readings
+    are compensated for what is stated, so that they agree about the mount."""
+    bounds = []
+    for seed, (deflection, percent) in zip((3, 4), (first, second), strict=True):
+        campaign = campaign_of(seed)
+        tests = tuple(
+            test.with_reading_um(
+                np.asarray(test.reading_um) + (2.33 - deflection) * float(test.pressure_bar or 0.0)
+            )
+            for test in campaign.tests
+        )
+        stated = replace(
+            campaign,
+            tests=tests,
+            mount=lb.campaign.MountCompensation(deflection),
+            instrument=lb.Instrument(mount_U_percent=percent),
+        )
+        bounds.append(MODEL.without("ball-form").bind(stated))
+    names = list(bounds[0].names)
+    conflict = joint_difference(
+        bounds,
+        [PHI[:3].copy(), PHI[:3].copy()],
+        [_rows_at_force(bound, names, 389.0) for bound in bounds],
+        Shared(instrument=True),
+    ).conflict
+    if p_value is None:
+        assert conflict is None or conflict.p_value > 0.01
+    else:
+        assert conflict == ("mount", pytest.approx(p_value, rel=1e-6))
+
+
 def test_another_radius_is_another_length() -> None:
     """One certified length at 150 mm in both cancels, those of 150 and 100 mm do not."""
     certified = lb.Instrument(bar_U_um=18.0)

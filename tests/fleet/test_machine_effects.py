@@ -20,6 +20,7 @@ from ldbb_bayes.fleet.machine_effects import (
     with_deviations,
     without_effects,
 )
+from ldbb_bayes.fleet.selection import CaveatKind
 from ldbb_bayes.fleet.spread_density import machine_likelihoods
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
@@ -319,6 +320,30 @@ def test_without_certificates_most_campaigns_say_how_far_the_mount_yields() -> N
     statistics = fleet_statistics(pd.DataFrame(rows))
     place = len(statistics.parameters) + statistics.instrument.index("mount")
     assert statistics.prior_sd[place] == pytest.approx(2.33e-4)
+    # One sd of the two statements is 0.233 and 0.1 µm/bar; they differ by 1.33.
+    (caveat,) = statistics.caveats
+    assert caveat.kind == CaveatKind.CONTRADICTED_INSTRUMENT
+    assert (caveat.names, caveat.text) == (("2",), "mount deflection")
+
+
+@pytest.mark.parametrize(
+    ("deflection", "contradicted"), [(2.33, False), (2.28, False), (2.0, True)]
+)
+def test_certificates_that_contradict_each_other_are_told(
+    deflection: float, contradicted: bool
+) -> None:
+    """Both with u = 1 %: 2.28 is 1.5 standard uncertainties of the difference from 2.33, 2.0 is
+    11. Campaigns with instruments of their own contradict nobody."""
+    measured = simulated(plan())
+    rows = []
+    for stated in (2.33, deflection):
+        campaign = restated(measured, stated, 0.02 * stated)
+        moments = sufficient_statistics(HyperPosterior(MODEL.bind(campaign), truncated=False))
+        name = f"c{len(rows)}"
+        rows.append(row(moments, campaign=name, name=name, machine_id=f"M{len(rows)}"))
+    caveats = fleet_statistics(pd.DataFrame(rows)).caveats
+    assert [caveat.text for caveat in caveats] == ["mount deflection"] * contradicted
+    assert fleet_statistics(pd.DataFrame(rows), one_instrument=False).caveats == []
 
 
 def test_a_row_without_joint_load_may_have_its_reference_force_at_zero(rows: pd.DataFrame) -> None:
