@@ -404,6 +404,8 @@ def replicated(
     *,
     again: Mapping[Effort, int],
     tolerance: float = 0.01,
+    astray: float = 0.0,
+    of_draws: float = np.inf,
 ) -> pd.DataFrame:
     """Simulated campaigns, one row each with columns kind, seed and what ``job(kind, seed)`` gives.
 
@@ -418,13 +420,18 @@ def replicated(
         How many of each.
     tolerance : float
         Relative to each column's largest absolute value.
+    astray, of_draws : float
+        See `kept`.
     """
     jobs = [
         (kind, seed)
         for kind, count in kinds.items()
         for seed in range(min(count, again.get(effort, count)))
     ]
-    return kept(path, pd.DataFrame(_on_all_cores(job, jobs)), kinds, effort, tolerance=tolerance)
+    made = pd.DataFrame(_on_all_cores(job, jobs))
+    return kept(
+        path, made, kinds, effort, tolerance=tolerance, astray=astray, of_draws=of_draws
+    )
 
 
 def kept(
@@ -435,6 +442,7 @@ def kept(
     *,
     tolerance: float = 0.01,
     astray: float = 0.0,
+    of_draws: float = np.inf,
 ) -> pd.DataFrame:
     """Keep the rows made (``--write``), or compare them with those kept; returns all that are kept,
     see `replicated`.
@@ -443,7 +451,11 @@ def kept(
     ----------
     astray : float
         Share of the rows made again that may differ by more: those of random draws part for good
-        where a choice hangs on the last digit, which versions of the libraries round differently.
+        where a choice hangs on the last digit, which versions of the libraries, and kernels of
+        OpenBLAS, round differently.
+    of_draws : float
+        What numbers (not decisions) of such rows may differ by, as ``tolerance``: a few Monte Carlo
+        errors.
     """
     if effort == "write":
         made.to_csv(path, index=False, float_format="%.6g", lineterminator="\n")
@@ -460,12 +472,17 @@ def kept(
             f"{path.parent.name}/{path.name}: holds {counts}, the study asks for {dict(kinds)}."
             f" {RESTORE}"
         )
-    _compare(made, known, f"{path.parent.name}/{path.name}", tolerance, astray)
+    _compare(made, known, f"{path.parent.name}/{path.name}", tolerance, astray, of_draws)
     return known
 
 
 def _compare(
-    made: pd.DataFrame, kept: pd.DataFrame, where: str, tolerance: float, astray: float = 0.0
+    made: pd.DataFrame,
+    kept: pd.DataFrame,
+    where: str,
+    tolerance: float,
+    astray: float = 0.0,
+    of_draws: float = np.inf,
 ) -> None:
     """Refuse rows that are not those kept."""
     both = made.merge(
@@ -475,17 +492,14 @@ def _compare(
     missing = [name for name in numbers if name not in kept.columns]
     if missing:
         sys.exit(f"{where}: {', '.join(missing)} are not kept. {RESTORE}")
-    off = pd.DataFrame(
-        {
-            name: (
-                ((both[name] - both[f"{name} kept"]).abs() > tolerance * kept[name].abs().max())
-                | (both[name].isna() != both[f"{name} kept"].isna())
-            )
-            for name in numbers
-        }
-    )
+    off = _differs(both, numbers, kept, tolerance)
+    measured = [name for name in numbers if not kept[name].isin([0, 1]).all()]
+    far = _differs(both, measured, kept, of_draws)
     rows = np.flatnonzero(off.any(axis=1))
-    if len(rows) > astray * len(both):
+    if far.any(axis=None):
+        rows = np.flatnonzero(far.any(axis=1))
+        off = far
+    if far.any(axis=None) or len(rows) > astray * len(both):
         row = both.iloc[rows[0]]
         name = off.columns[off.iloc[rows[0]]][0]
         sys.exit(
@@ -494,6 +508,23 @@ def _compare(
         )
     if len(rows):
         print(f"{where}: {len(rows)} of {len(both)} rows of random draws came out differently")
+
+
+def _differs(
+    both: pd.DataFrame, names: list[str], kept: pd.DataFrame, tolerance: float
+) -> pd.DataFrame:
+    """Where columns of rows made again are not those kept, within a tolerance relative to the
+    largest value kept."""
+    return pd.DataFrame(
+        {
+            name: (
+                ((both[name] - both[f"{name} kept"]).abs() > tolerance * kept[name].abs().max())
+                | (both[name].isna() != both[f"{name} kept"].isna())
+            )
+            for name in names
+        },
+        index=both.index,
+    )
 
 
 @contextmanager

@@ -32,6 +32,10 @@ KINDS_OF_SECOND = tuple(label for label, kind in made.KINDS.items() if not kind.
 BASELINES = 40
 # Of the hysteresis in proportion to force, what is expected where circles run in one direction.
 ONE_WAY_SHARE = 0.6
+# Where acceptance of a draw hangs on the last digit, all draws that follow are others: by at most
+# five Monte Carlo errors of 1500 draws, relative to the largest z, about 2.5.
+ASTRAY = 0.1
+OF_DRAWS = 5.0 * np.sqrt(2.0 / 1500.0) / 2.5
 BELONGING_EVERY = 10
 DRIFT_EVERY = 3  # the slower judgements are of some campaigns
 CIRCLES = 5000
@@ -122,7 +126,13 @@ def measure(effort: Effort) -> dict[str, Any]:
     rows = replicated(HERE / "simulated.csv", job, kinds, effort, again={"quick": 1, "usual": 6})
     kinds = dict.fromkeys(KINDS_OF_THIRD, CAMPAIGNS["third"]) | {"baseline": BASELINES}
     third = replicated(
-        HERE / "third.csv", job_of_third, kinds, effort, again={"quick": 1, "usual": 3}
+        HERE / "third.csv",
+        job_of_third,
+        kinds,
+        effort,
+        again={"quick": 1, "usual": 3},
+        astray=ASTRAY,
+        of_draws=OF_DRAWS,
     )
     second = pd.read_csv(HERE / "second_edition.csv")
     baseline = rows[rows["kind"] == "baseline"]

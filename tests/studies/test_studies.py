@@ -132,6 +132,9 @@ def test_simulated_campaigns_that_differ_are_refused(capsys: pytest.CaptureFixtu
     assert "1 of 2 rows of random draws" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="2 of 2 rows differ"):
         study._compare(stored.assign(x=[1.5, 2.5]), stored, "here", 0.01, astray=0.5)
+    study._compare(stored.assign(x=[1.0, 2.1]), stored, "here", 0.01, astray=0.5, of_draws=0.1)
+    with pytest.raises(SystemExit, match=r"seed 1: x is 2.5, kept 2; 1 of 2 rows differ"):
+        study._compare(stored.assign(x=[1.0, 2.5]), stored, "here", 0.01, astray=0.5, of_draws=0.1)
 
 
 def test_the_papers_tables_and_figures_are_found_by_number() -> None:
