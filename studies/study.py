@@ -429,9 +429,7 @@ def replicated(
         for seed in range(min(count, again.get(effort, count)))
     ]
     made = pd.DataFrame(_on_all_cores(job, jobs))
-    return kept(
-        path, made, kinds, effort, tolerance=tolerance, astray=astray, of_draws=of_draws
-    )
+    return kept(path, made, kinds, effort, tolerance=tolerance, astray=astray, of_draws=of_draws)
 
 
 def kept(

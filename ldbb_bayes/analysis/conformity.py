@@ -131,7 +131,8 @@ def assess_conformity(
     The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η
     with tolerance limits ``lower`` and ``upper``, given the readings y. By ISO 14253-1 the quantity
     conforms if p is at least ``confidence``. It does not conform if 1 − p is at least
-    ``confidence``. In all other cases, no decision is made.
+    ``confidence``. In all other cases, no decision is made. Nor is one made on a parameter, or its
+    stiffness, on which no reading depends because the circles of its plane are still to be run.
 
     The probability that a quantity lies beyond a limit is the share of the posterior draws beyond
     the limit. If fewer than 10 of the n draws lie on one side of the limit, the probability of that
@@ -196,8 +197,13 @@ def assess_conformity(
     decisions = ByName[Conformity]()
     if not limits:
         return decisions
+    untested = bound.untested_parameters
     for name, stated in _stated_draws(posterior, bound, limits, force).items():
-        decisions[name] = _decide_by_draws(known[name].unit, stated, limits[name], confidence)
+        decision = _decide_by_draws(known[name].unit, stated, limits[name], confidence)
+        if stated.parameter in untested:
+            # Only the prior would decide.
+            decision = replace(decision, decision=Decision.NOT_DECIDED)
+        decisions[name] = decision
     return decisions
 
 
@@ -228,6 +234,9 @@ class _StatedDraws(NamedTuple):
     #: whether the quantity is a stiffness. Its reciprocal, a compliance, is more nearly normally
     #: distributed.
     is_stiffness: bool = False
+    #: name of the parameter that the quantity is, or whose reciprocal it is; empty for a quantity
+    #: of a plane
+    parameter: str = ""
 
 
 def _stated_draws(
@@ -251,14 +260,14 @@ def _stated_draws(
     for name in names:
         if name in compliances:
             stiffness = stiffness_from(values[compliances[name]])
-            draws[name] = _StatedDraws(stiffness, force, is_stiffness=True)
+            draws[name] = _StatedDraws(stiffness, force, True, compliances[name])
         elif name in of_planes:
             is_stiffness = name.startswith(("k_min", "k_max"))
             draws[name] = _StatedDraws(of_planes[name], force, is_stiffness=is_stiffness)
         elif parameters[name].group == "compliance":
-            draws[name] = _StatedDraws(values[name], force)
+            draws[name] = _StatedDraws(values[name], force, parameter=name)
         else:
-            draws[name] = _StatedDraws(values[name], None)
+            draws[name] = _StatedDraws(values[name], None, parameter=name)
     return draws
 
 

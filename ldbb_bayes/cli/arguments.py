@@ -6,7 +6,7 @@ Several commands share these functions.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from ldbb_bayes.cli.layout_options import LAYOUT_FLAGS, LAYOUT_OPTIONS
 from ldbb_bayes.cli.options import Group, Option, group, options_of
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.fleet.gathering import gather
 from ldbb_bayes.model.terms import Term
 
 if TYPE_CHECKING:
@@ -300,13 +301,15 @@ def model_from(
     without: tuple[str, ...] = (),
     model: Path | None = None,
     drift: str | None = None,
+    campaigns: Sequence[str] = (),
     **paths: Path | list[Path],
 ) -> lb.HybridModel:
     """Return the model of the readings that the command-line options describe.
 
     If neither ``model`` nor ``preset`` is given, and a file model.toml lies in the folder of the
     campaign, beside its campaign.toml, the model is read from this file. `design` writes such a
-    file with a plan. A note on stderr says so.
+    file with a plan. The campaigns of a batch have one model. It is read from such files if each
+    campaign has one and all files are the same. A note on stderr says so.
 
     Parameters
     ----------
@@ -323,6 +326,8 @@ def model_from(
     drift
         Quantity to which drift is proportional: ``time`` or ``temperature``. By default, the drift
         term of the model is not changed.
+    campaigns
+        Paths and lists of the campaigns of a batch, as typed by the user.
     **paths
         Path or paths of the campaign, as typed by the user.
 
@@ -347,7 +352,7 @@ def model_from(
             " file."
         )
     if model is None and preset is None:
-        model = _model_of_campaign(**paths)
+        model = _model_of_batch(campaigns) if campaigns else _model_of_campaign(**paths)
         if model is not None:
             typer.echo(f"The model is that of {model}. For another give --preset.", err=True)
     chosen = _model_of(model, preset or "default", degree).without(*without)
@@ -380,6 +385,28 @@ def _model_of_campaign(**paths: Path | list[Path]) -> Path | None:
         named = path if isinstance(path, list) else [path]
         if len(named) == 1:
             return model_beside(named[0])
+    return None
+
+
+def _model_of_batch(campaigns: Sequence[str]) -> Path | None:
+    """Return the path of the model.toml that lies beside every campaign of a batch, or None.
+
+    The model.toml of all campaigns must have the same content. If only some campaigns have one, or
+    if the contents differ, a note on stderr says that the files are not used. ``campaigns`` are
+    paths and lists of campaigns, as typed by the user.
+    """
+    beside = [model_beside(Path(path)) for path in gather(campaigns)]
+    files = [file for file in beside if file is not None]
+    if not files:
+        return None
+    if len(files) == len(beside) and len({file.read_bytes() for file in files}) == 1:
+        return files[0]
+    typer.echo(
+        f"The campaigns of a batch have one model, here that of --preset default: {len(files)} of"
+        f" {len(beside)} have a {MODEL_NAME} beside them, such as {files[0]}, which are not used."
+        " For one of them give --model.",
+        err=True,
+    )
     return None
 
 
@@ -503,7 +530,7 @@ TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)
 # The model may lie beside the campaign, so that it depends on the paths of the campaign as well.
 ChosenModel = Annotated[
     "lb.HybridModel",
-    Group(_model_options(), model_from, None, sees=("campaign", "files", "source")),
+    Group(_model_options(), model_from, None, sees=("campaign", "campaigns", "files", "source")),
 ]
 # Path of the model.toml beside the campaign; None if there is none.
 ModelBeside = Annotated["Path | None", Group({}, _model_of_campaign, None, sees=("campaign",))]

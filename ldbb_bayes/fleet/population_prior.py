@@ -107,7 +107,7 @@ class PopulationPrior(Shown):
             raise InputError(
                 f"reference_force_N must be the population's {self.reference_force_N:g} N, at which"
                 f" its compliances are meant, got {force:g} N. Leave reference_force_N out of the"
-                " model."
+                " model (model.toml); --preset default has none."
             )
         prior = replace(
             prior, overrides={**prior.overrides, **self.sds}, means={**prior.means, **self.means}
@@ -203,8 +203,8 @@ def _check_takes_prior(model: HybridModel, name: str) -> None:
         )
     if name in model.prior.overrides or name in model.prior.means:
         raise InputError(
-            f"{name} must have one prior, got the population's and the model's own. Remove one of"
-            " them."
+            f"{name} must have one prior, got the population's and the model's own. Remove it from"
+            " the model (model.toml), or leave --prior-from out."
         )
 
 

@@ -805,6 +805,17 @@ class BoundModel(Shown):
         return interest_columns(self.setting, self.model.degree)[:, :, self._free]
 
     @property
+    def untested_parameters(self) -> frozenset[str]:
+        """Names of the free parameters on which no reading depends.
+
+        They are parameters of planes in which circles are planned, but none has been run yet.
+        """
+        has_effect = self._interest_columns().any(axis=(0, 1))
+        return frozenset(
+            name for name, tested in zip(self.names, has_effect, strict=True) if not tested
+        )
+
+    @property
     def compliances(self) -> tuple[ComplianceName, ...]:
         """Names of the model's compliances at the reference force, including those fixed at zero.
 

@@ -91,6 +91,21 @@ def test_a_model_beside_other_files_is_not_used(
     )
 
 
+def test_a_batch_uses_the_model_that_every_campaign_has(
+    in_part: Path, folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    shared = (in_part / "model.toml").read_bytes()
+    options = ("--ess", 100, "--no-compare", "--force", "--out", tmp_path / "fitted")
+    stderr = invoke("batch", in_part, folder, *options)[2]
+    assert f"1 of 2 have a model.toml beside them, such as {in_part}/model.toml" in stderr
+    (folder / "model.toml").write_bytes(shared)
+    stderr = invoke("batch", in_part, folder, *options)[2]
+    assert f"The model is that of {in_part}/model.toml" in stderr
+    rows = lb.fleet.read_batch(tmp_path / "fitted")
+    assert set(rows["reference_force_N"]) == {500.0}
+    assert "model.toml" not in invoke("batch", in_part, folder, "--preset", "first", *options)[2]
+
+
 @pytest.mark.parametrize("command", ["fit", "compare", "next"])
 def test_a_plan_without_readings_is_named(command: str, planned: Path, invoke: Invoke) -> None:
     code, stdout, stderr = invoke(command, planned)
@@ -137,6 +152,10 @@ def test_no_stiffness_is_stated_of_a_plane_that_has_not_been_run(tmp_path: Path)
     posterior = lb.sample(MODEL, campaign, sampler="independent", rule=rule)
     assert "C_ZZZ" in posterior["posterior"]
     assert {plane.plane for plane in lb.stiffness(posterior).planes} == {"XY"}
+    wide = {"C_ZZZ": "1 mm/N", "stiffness_Z": "1 N/mm", "C_XXX": "1 mm/N"}
+    decisions = lb.assess_conformity(posterior, wide)
+    decided = {name: decision.decision.value for name, decision in decisions.items()}
+    assert decided == {"C_ZZZ": "not decided", "stiffness_Z": "not decided", "C_XXX": "conforms"}
     table = lb.analysis.predict_circularity(posterior, [300.0], draws=100)
     assert set(table["plane"]) == {"XY"}
 
