@@ -1,8 +1,8 @@
 """Uncertainties that parameters would have with a changed plan or with a new certificate.
 
 A remedy for a large uncertainty is a change of the plan or a calibration certificate of the
-instrument. The plan is changed by another order of the circles, circles in the other direction of
-travel, circles with turned balls, more circles, or circles of a second radius. The uncertainties
+instrument. The plan is changed by the circles that it foresees and that have not been run yet, by
+another order of the circles, circles in the other direction of travel, circles with turned balls, more circles, or circles of a second radius. The uncertainties
 are computed for the changed plan, or for the campaign with the certificate. The hyper-parameters φ,
 such as the standard deviation of the noise, keep their values (`HyperPrior.carried`). Some effects
 in the model depend on an estimate of the machine's compliances. This estimate comes from the
@@ -47,6 +47,8 @@ _ORDERS_TRIED = 200
 class RemedyKind(StrEnum):
     """Kinds of remedy for a large uncertainty, from the cheapest to the most expensive."""
 
+    #: remedy for a large uncertainty: the circles of the plan that have not been run yet
+    PLANNED = "planned"
     #: remedy for a large uncertainty: the same circles are run in an order that is not correlated
     #: with force
     ORDER = "order"
@@ -233,7 +235,8 @@ def sd_by_name(
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     """Return the changed plans that may reduce uncertainties, the cheapest change first.
 
-    The keys are the kinds of change. If the change is another order of the circles, the circles of
+    The keys are the kinds of change. The first is to run the circles that are planned already, if
+    there are any. If the change is another order of the circles, the circles of
     a plan are reordered; the circles of a campaign that has already been run are repeated in the
     new order. This change is left out if the model has no drift. The change to the other direction
     of travel is left out if every plane is already run in both directions.
@@ -241,6 +244,9 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     plan = bound.campaign.plan()
     tests = _with_drift_times(plan)
     plans: dict[RemedyKind, Campaign] = {}
+    if plan.foreseen:
+        as_planned = _with_added_circles(plan, tests, plan.foreseen)
+        plans[RemedyKind.PLANNED] = replace(as_planned, foreseen=())
     if bound.columns_of.get(Drift):
         if bound.campaign.is_plan:
             plans[RemedyKind.ORDER] = replace(plan, tests=_shuffled(tests))

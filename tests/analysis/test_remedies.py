@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns import plan, simulated
+from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.paired_remedies import paired_remedies
@@ -260,3 +261,19 @@ def test_what_one_remedy_frees_has_no_pair(planned: lb.analysis.Identifiability)
             freed.append(name)
     assert freed
     assert paired_remedies(tried, remedies, sd, freed) == {}
+
+
+def test_circles_still_planned_are_the_cure_of_their_plane() -> None:
+    """What is said of them is what a fit with them states; of the plane that has been run, others
+    are named."""
+    model = lb.HybridModel.first(0)
+    every = simulated(plan_of_three_planes())
+    run = every.select([test.name for test in every.tests if test.plane == "XY"])
+    planned = tuple(test for test in every.tests if test.plane == "YZ")
+    identified = lb.identify(model, replace(run, foreseen=planned))
+    remedy = remedy_of(identified, "C_ZZZ")
+    assert (remedy.kind, remedy.circles) == (RemedyKind.PLANNED, len(planned))
+    both = every.select([test.name for test in every.tests if test.plane != "ZX"])
+    assert remedy.sd == pytest.approx(lb.identify(model, both).parameters["C_ZZZ"].sd, rel=0.2)
+    other = identified.parameters["C_XXX"].remedy
+    assert other is None or other.kind != RemedyKind.PLANNED
