@@ -2,9 +2,10 @@
 
 A remedy for a large uncertainty is a change of the plan or a calibration certificate of the
 instrument. The plan is changed by the circles that it foresees and that have not been run yet, by
-another order of the circles, circles in the other direction of travel, circles with turned balls, more circles, or circles of a second radius. The uncertainties
-are computed for the changed plan, or for the campaign with the certificate. The hyper-parameters φ,
-such as the standard deviation of the noise, keep their values (`HyperPrior.carried`). Some effects
+another order of the circles, circles in the other direction of travel, circles with turned balls,
+more circles, or circles of a second radius. The uncertainties are computed for the changed plan, or
+for the campaign with the certificate. The hyper-parameters φ, such as the standard deviation of the
+noise, keep their values (`HyperPrior.carried`). Some effects
 in the model depend on an estimate of the machine's compliances. This estimate comes from the
 unchanged campaign, or from its pilot (the campaign from which it was planned).
 """

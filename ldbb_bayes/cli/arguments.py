@@ -301,8 +301,11 @@ def model_from(
     without: tuple[str, ...] = (),
     model: Path | None = None,
     drift: str | None = None,
+    *,
+    campaign: Path | None = None,
+    files: Sequence[Path] = (),
+    source: Path | Sequence[Path] = (),
     campaigns: Sequence[str] = (),
-    **paths: Path | list[Path],
 ) -> lb.HybridModel:
     """Return the model of the readings that the command-line options describe.
 
@@ -326,10 +329,11 @@ def model_from(
     drift
         Quantity to which drift is proportional: ``time`` or ``temperature``. By default, the drift
         term of the model is not changed.
+    campaign, files, source
+        Path of the campaign, as typed by the user. Commands name this argument differently. If it
+        holds several paths, they are tables, which have no model beside them.
     campaigns
         Paths and lists of the campaigns of a batch, as typed by the user.
-    **paths
-        Path or paths of the campaign, as typed by the user.
 
     Returns
     -------
@@ -352,7 +356,10 @@ def model_from(
             " file."
         )
     if model is None and preset is None:
-        model = _model_of_batch(campaigns) if campaigns else _model_of_campaign(**paths)
+        if campaigns:
+            model = _model_of_batch(campaigns)
+        else:
+            model = _model_of_campaign(campaign or files or source)
         if model is not None:
             typer.echo(f"The model is that of {model}. For another give --preset.", err=True)
     chosen = _model_of(model, preset or "default", degree).without(*without)
@@ -375,16 +382,16 @@ def _model_of(file: Path | None, preset: str, degree: int | None) -> lb.HybridMo
     return model.with_degree(degree)
 
 
-def _model_of_campaign(**paths: Path | list[Path]) -> Path | None:
+def _model_of_campaign(campaign: Path | Sequence[Path]) -> Path | None:
     """Return the path of the model.toml beside the campaign that the user names, or None.
 
-    ``paths`` is the path of a campaign, or the list of all paths that the user typed; its keys are
-    the names of the arguments.
+    ``campaign`` is one path, or all paths that the user typed. Several paths are tables, which have
+    no model beside them.
     """
-    for path in paths.values():
-        named = path if isinstance(path, list) else [path]
-        if len(named) == 1:
-            return model_beside(named[0])
+    if isinstance(campaign, Path):
+        return model_beside(campaign)
+    if len(campaign) == 1:
+        return model_beside(campaign[0])
     return None
 
 
@@ -530,10 +537,17 @@ TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)
 # The model may lie beside the campaign, so that it depends on the paths of the campaign as well.
 ChosenModel = Annotated[
     "lb.HybridModel",
-    Group(_model_options(), model_from, None, sees=("campaign", "campaigns", "files", "source")),
+    Group(
+        _model_options(),
+        model_from,
+        None,
+        also_takes=("campaign", "files", "source", "campaigns"),
+    ),
 ]
 # Path of the model.toml beside the campaign; None if there is none.
-ModelBeside = Annotated["Path | None", Group({}, _model_of_campaign, None, sees=("campaign",))]
+ModelBeside = Annotated[
+    "Path | None", Group({}, _model_of_campaign, None, also_takes=("campaign",))
+]
 Tolerances = Annotated[dict[str, str], group(_tolerances, tolerance=_SHARED["tolerance"])]
 # Tolerances of quantities that are followed over time: parameters, and stiffnesses along an axis.
 FollowedTolerances = Annotated[dict[str, str], group(_tolerances, **options_of("followed"))]

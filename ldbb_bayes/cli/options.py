@@ -155,7 +155,7 @@ class Group:
     positional: inspect.Parameter | None
     #: names of parameters of other groups whose typed values are passed to the function ``make``
     #: too, as keyword arguments, if the command has such parameters
-    sees: tuple[str, ...] = ()
+    also_takes: tuple[str, ...] = ()
 
     def parameters(self) -> list[inspect.Parameter]:
         """Return the function parameters from which Typer makes the options of the group.
@@ -167,13 +167,13 @@ class Group:
             return parameters
         return [self.positional, *parameters]
 
-    def take_from(self, typed: dict[str, Any], seen: Mapping[str, Any] | None = None) -> Any:
+    def take_from(self, typed: dict[str, Any], all_typed: Mapping[str, Any] | None = None) -> Any:
         """Return the argument of a command that is made from the values of this group of options.
 
         ``typed`` holds the values of the options of the command from which no argument has been
         made yet; the keys are the names of the options. The values of the options of this group are
-        removed from ``typed``. ``seen`` holds the values of all options of the command; None if no
-        group of the command needs those of another group.
+        removed from ``typed``. ``all_typed`` holds the values of all options of the command; None
+        if no group of the command needs those of another group.
         """
         positional = []
         if self.positional is not None:
@@ -183,8 +183,10 @@ class Group:
             value = option.read(typed.pop(name), name)
             if value is not None:
                 keywords[option.to or name] = value
-        if seen is not None:
-            keywords |= {name: seen[name] for name in self.sees if name in seen}
+        if all_typed is not None:
+            for name in self.also_takes:
+                if name in all_typed:
+                    keywords[name] = all_typed[name]
         return self.make(*positional, **keywords)
 
 
@@ -329,8 +331,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
         exit code 2.
         """
         try:
-            seen = dict(typed)
-            arguments = {name: group.take_from(typed, seen) for name, group in groups.items()}
+            all_typed = dict(typed)
+            arguments = {}
+            for name, group in groups.items():
+                arguments[name] = group.take_from(typed, all_typed)
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:

@@ -810,10 +810,12 @@ class BoundModel(Shown):
 
         They are parameters of planes in which circles are planned, but none has been run yet.
         """
-        has_effect = self._interest_columns().any(axis=(0, 1))
-        return frozenset(
-            name for name, tested in zip(self.names, has_effect, strict=True) if not tested
-        )
+        effects = self._interest_columns()
+        untested = []
+        for k, name in enumerate(self.names):
+            if not effects[:, :, k].any():
+                untested.append(name)
+        return frozenset(untested)
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
