@@ -245,9 +245,8 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     plan = bound.campaign.plan()
     tests = _with_drift_times(plan)
     plans: dict[RemedyKind, Campaign] = {}
-    if plan.foreseen:
-        as_planned = _with_added_circles(plan, tests, plan.foreseen)
-        plans[RemedyKind.PLANNED] = replace(as_planned, foreseen=())
+    if plan.foreseen and not bound.campaign.is_plan:
+        plans[RemedyKind.PLANNED] = _with_added_circles(plan, tests, _still_planned(plan))
     if bound.columns_of.get(Drift):
         if bound.campaign.is_plan:
             plans[RemedyKind.ORDER] = replace(plan, tests=_shuffled(tests))
@@ -261,6 +260,21 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     plans[RemedyKind.CIRCLES] = _with_added_circles(plan, tests, tests)
     plans[RemedyKind.RADIUS] = _with_added_circles(plan, tests, at_other_radius(plan))
     return plans
+
+
+def _still_planned(campaign: Campaign) -> list[CircularTest]:
+    """Return the foreseen circles of a campaign, with readings at the angles of its first circle.
+
+    The angles of foreseen circles have no meaning. A circle has no direction of travel in a plane
+    whose circles do not state theirs.
+    """
+    undirected = {test.plane for test in campaign.tests if test.direction is None}
+    planned = []
+    for test in campaign.foreseen:
+        direction = None if test.plane in undirected else test.direction
+        angles = campaign.tests[0].angle_deg
+        planned.append(replace(test, angle_deg=angles, direction=direction))
+    return planned
 
 
 def _with_drift_times(plan: Campaign) -> tuple[CircularTest, ...]:

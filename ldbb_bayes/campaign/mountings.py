@@ -29,22 +29,23 @@ def setups_as_run(plan: Campaign) -> tuple[int, ...]:
     before the plan.
     """
     tests_before = _tests_before(plan)
-    taken = {_setup(test) for test in tests_before}
-    unused = max(_setup(test) for test in (*tests_before, *plan.tests)) + 1
-    planned = last_setup(plan)
-    as_run = planned or 1
+    numbers_taken = {_setup(test) for test in tests_before}
+    next_free = max(_setup(test) for test in (*tests_before, *plan.tests)) + 1
+    mounted = last_setup(plan)
+    number = mounted or 1
     if tests_before and _place(tests_before[-1]) == _place(plan.tests[0]):
-        planned = _setup(plan.tests[0])
+        # The bar may stay as it is: the plan's first set-up is that of the last circle.
+        mounted = _setup(plan.tests[0])
     numbers = []
     for test in plan.tests:
-        if _setup(test) != planned:
-            planned = _setup(test)
-            as_run = planned
-            if planned in taken:
-                as_run = unused
-                unused += 1
-        taken.add(planned)
-        numbers.append(as_run)
+        if _setup(test) != mounted:
+            mounted = _setup(test)
+            number = mounted
+            if number in numbers_taken:
+                number = next_free
+                next_free += 1
+        numbers_taken.add(mounted)
+        numbers.append(number)
     return tuple(numbers)
 
 

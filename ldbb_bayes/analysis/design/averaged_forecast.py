@@ -104,12 +104,12 @@ def _known_before(models: NestedModels, analyses: SimulatedAnalyses) -> Coeffici
         of_pilot = NestedModels.of(bound.model.bind(pilot))
     if of_pilot is None:
         return Coefficients(np.zeros((len(phi), q)), np.tile(np.eye(q), (len(phi), 1, 1)))
-    mean, covariance, pilot_sd = _aligned(of_pilot, of_pilot.coefficients_given(phi), models)
+    aligned = _aligned(of_pilot, of_pilot.coefficients_given(phi), models)
     # A coefficient may have a narrower prior in the plan than in the pilot, because of a new
     # certificate. Its prior precision increases accordingly.
-    ratio = pilot_sd / models.prior_sd
-    precision = np.linalg.inv(covariance * np.outer(ratio, ratio))
-    shift = np.einsum("kij,kj->ki", precision, mean * ratio)
+    ratio = aligned.prior_sd / models.prior_sd
+    precision = np.linalg.inv(aligned.covariance * np.outer(ratio, ratio))
+    shift = np.einsum("kij,kj->ki", precision, aligned.mean * ratio)
     precision += np.diag(1.0 - ratio**-2.0)
     known = np.linalg.inv(precision)
     return Coefficients(np.einsum("kij,kj->ki", known, shift), known)
@@ -136,17 +136,17 @@ def _aligned(
     """
     q = len(models.names)
     states = len(known.mean)
-    places_of_pilot = {name: place for place, name in enumerate(pilot.names)}
-    common = [k for k, name in enumerate(models.names) if name in places_of_pilot]
-    places = [places_of_pilot[models.names[k]] for k in common]
-    mean = np.zeros((states, q))
-    mean[:, common] = known.mean[:, places]
-    covariance = np.tile(np.eye(q), (states, 1, 1))
-    covariance[:, np.array(common)[:, None], common] = known.covariance[
-        :, np.array(places)[:, None], places
-    ]
+    common = [name for name in models.names if name in pilot.names]
+    in_plan = [models.names.index(name) for name in common]
+    in_pilot = [pilot.names.index(name) for name in common]
     prior_sd = models.prior_sd.copy()
-    prior_sd[common] = pilot.prior_sd[places]
+    prior_sd[in_plan] = pilot.prior_sd[in_pilot]
+    mean = np.zeros((states, q))
+    covariance = np.tile(np.eye(q), (states, 1, 1))
+    for state in range(states):
+        mean[state, in_plan] = known.mean[state, in_pilot]
+        of_pilot = known.covariance[state][np.ix_(in_pilot, in_pilot)]
+        covariance[state][np.ix_(in_plan, in_plan)] = of_pilot
     return _AlignedCoefficients(mean, covariance, prior_sd)
 
 
