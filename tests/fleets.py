@@ -174,6 +174,7 @@ def row(statistics: SufficientStatistics, **fields: object) -> dict[str, object]
         "date": None,
         "topology": "wCAFYXZSt",
         "planes": "XY",
+        "circles": None,
         "reference_force_N": 389.0,
         "force_min_N": 36.0,
         "force_max_N": 742.0,

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ldbb_bayes.campaign.placed_circles import placed_circles
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Term
@@ -32,16 +33,10 @@ def machine_terms(bounds: Sequence[BoundModel]) -> frozenset[str]:
     radius, centre and direction are left out if the two campaigns have different circles.
     ``bounds`` are the models of the two campaigns.
     """
-    circles = []
-    for bound in bounds:
-        kinds = set()
-        for test in bound.campaign.tests:
-            centre = (test.centre_x_mm, test.centre_y_mm, test.centre_z_mm)
-            kinds.add((test.plane, test.radius_mm, centre, test.direction))
-        circles.append(kinds)
+    first, second = (placed_circles(bound.campaign) for bound in bounds)
     names = []
     for name, kind in Term.kinds.items():
-        if kind.machine and (circles[0] == circles[1] or not kind.of_circle):
+        if kind.machine and (first == second or not kind.of_circle):
             names.append(name)
     return frozenset(names)
 

@@ -21,6 +21,7 @@ from ldbb_bayes.analysis.posterior_verdicts import confounded_parameters
 from ldbb_bayes.analysis.tolerances import name_in_plane, quantities_of
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
+from ldbb_bayes.campaign.placed_circles import placed_circles
 from ldbb_bayes.errors import InputError, check_known, plain_reason
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.dataset import PARAMETER_COLUMNS
@@ -225,6 +226,7 @@ def _origin_columns(campaign: Campaign) -> dict[str, Any]:
     columns: dict[str, Any] = {name: getattr(campaign, name) for name in _CAMPAIGN_COLUMNS}
     return columns | {
         "planes": ",".join(campaign.machine().planes),
+        "circles": json.dumps(sorted(placed_circles(campaign), key=str)),
         "compliances": json.dumps(stands_for(campaign)),
         "tolerances": json.dumps(dict(campaign.tolerances), ensure_ascii=False),
         "tests": len(campaign.tests),

@@ -3,8 +3,9 @@
 Analyses of many campaigns need no other results of a campaign's fit. Parameters are compliances,
 their changes with force (slopes) and geometric errors. The further coefficients are modelled but
 not of interest (nuisance coefficients). They are errors of the instrument, of the mount's
-deflection and of the force, and coefficients of `JointLoad`, which describe how direct compliances
-change with force in addition to their slopes.
+deflection and of the force, and coefficients of the machine. Those of `JointLoad` describe how
+direct compliances change with force in addition to their slopes, those of `Position` how they
+change along the travel.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.terms import Columns, JointLoad, Term
+from ldbb_bayes.model.terms import Columns, JointLoad, Position, Term
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
@@ -43,10 +44,11 @@ class SufficientStatistics:
     There are q quantities: first the parameters (compliances, their changes with force, geometric
     errors), then further coefficients. These are properties of the instrument (the mount's
     deflection and errors of the force), which have the same values in all campaigns with the same
-    instrument, and coefficients of `JointLoad`, which describe the machine. The mount's deflection
-    is its nominal value plus the coefficient of the model, because campaigns with the same mount
-    may state different nominal values. So is the gain of the force, whose nominal value is the
-    logarithm of the slope of the force law. All moments are in internal units (mm, N, rad).
+    instrument, and coefficients of `JointLoad` and `Position`, which describe the machine. The
+    mount's deflection is its nominal value plus the coefficient of the model, because campaigns
+    with the same mount may state different nominal values. So is the gain of the force, whose
+    nominal value is the logarithm of the slope of the force law. All moments are in internal units
+    (mm, N, rad).
     """
 
     #: names of the q parameters and further coefficients of a campaign's fit
@@ -80,8 +82,8 @@ class SufficientStatistics:
 def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     """Return the posterior moments of a campaign's parameters and of further coefficients.
 
-    Further coefficients are errors of the instrument and coefficients of `JointLoad`; see
-    `SufficientStatistics`.
+    Further coefficients are errors of the instrument and coefficients of `JointLoad` and
+    `Position`; see `SufficientStatistics`.
 
     Parameters
     ----------
@@ -119,7 +121,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 class _ChosenCoefficients(NamedTuple):
     """The q coefficients whose posterior moments are computed: parameters, then others.
 
-    The others are errors of the instrument and coefficients of `JointLoad`; see
+    The others are errors of the instrument and coefficients of `JointLoad` and `Position`; see
     `SufficientStatistics`.
     """
 
@@ -156,7 +158,7 @@ def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
     further_sds = []
     for place, (name, sd) in enumerate(nuisance_sds):
         owner = Term.owner(name)
-        if owner.common or owner is JointLoad:
+        if owner.common or owner in (JointLoad, Position):
             places.append(place)
             names.append(name)
             units.append(owner.unit_of(name).inside)

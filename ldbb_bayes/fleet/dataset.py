@@ -237,7 +237,8 @@ def read_batch(
     - ``status``: "done" or "failed". ``reason``: why the fit failed.
     - ``topology``, ``planes``, ``tests``, ``readings``, ``force_min_N``, ``force_max_N``,
       ``reference_force_N``: the machine and its tests. ``tests`` is the number of tests, and
-      ``readings`` the number of readings.
+      ``readings`` the number of readings. ``circles``: JSON text with plane, radius, centre and
+      direction of each kind of circle.
     - ``compliances``: JSON text that states the weighted sum of joint compliances for each fitted
       compliance. ``tolerances``: JSON text with the tolerances.
     - ``degree``, ``terms``, ``model_sha256``, ``sampler``, ``seed``, ``versions``: the model, the

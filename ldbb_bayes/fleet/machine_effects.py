@@ -1,9 +1,10 @@
 """Effects that a machine keeps from campaign to campaign.
 
-They are the changes of compliances with force (slopes), and the coefficients of `JointLoad`, which
-describe how direct compliances change with force in addition. One campaign hardly tells them from
-the compliances, and their values are nearly the same in all campaigns of a machine. Their error
-does not average out over the campaigns.
+They are the changes of compliances with force (slopes), the coefficients of `JointLoad`, which
+describe how direct compliances change with force in addition, and those of `Position`, which
+describe how they change along the travel. One campaign hardly tells them from the compliances, and
+their values are nearly the same in all campaigns of a machine. Their error does not average out
+over the campaigns.
 
 Let ν_i be a coefficient in campaign i, with the prior standard deviation σ. It is
 ν_i = r_i (√ρ z + √(1 − ρ) e_i) σ, where z ~ N(0, 1) belongs to the machine, e_i ~ N(0, 1) to the
@@ -20,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.terms import JointLoad, Term
+from ldbb_bayes.model.terms import JointLoad, Position, Term
 from ldbb_bayes.model.terms.joints import ForcesOfCampaign, ratio_of_coefficients
 from ldbb_bayes.results import Array
 
@@ -44,7 +45,8 @@ def machine_effects(rows: pd.DataFrame) -> tuple[str, ...]:
     """Return the names of the effects that machines keep, sorted.
 
     Slopes are left out if compliance is quadratic in force in a campaign, because a slope then
-    depends on the reference force of the campaign.
+    depends on the reference force of the campaign. Coefficients of `Position` are left out unless
+    all campaigns have the same circles, because they depend on place and radius of the circles.
 
     Parameters
     ----------
@@ -63,10 +65,23 @@ def machine_effects(rows: pd.DataFrame) -> tuple[str, ...]:
             is_quadratic = True
         elif match is not None:
             slopes.append(name)
-    loads = [name for name in names if Term.owner(name) is JointLoad]
-    if is_quadratic:
-        return tuple(loads)
-    return (*loads, *slopes)
+    effects = [name for name in names if Term.owner(name) is JointLoad]
+    if _have_same_circles(rows):
+        effects += [name for name in names if Term.owner(name) is Position]
+    if not is_quadratic:
+        effects += slopes
+    return tuple(effects)
+
+
+def _have_same_circles(rows: pd.DataFrame) -> bool:
+    """Return whether all campaigns have circles of the same planes, radii, centres and directions.
+
+    ``rows`` are rows of the table of a batch. Tables of earlier versions do not state the circles;
+    the result is then false.
+    """
+    if "circles" not in rows or rows["circles"].isna().any():
+        return False
+    return bool(rows["circles"].nunique() == 1)
 
 
 def ratios_of_effects(names: Sequence[str], rows: pd.DataFrame) -> Array:

@@ -151,7 +151,8 @@ class Trend(Result):
     It has the following columns:
 
     - campaign, date, parameter and unit;
-    - estimate, sd, ci_low and ci_high: the result from this campaign alone;
+    - estimate, sd, ci_low and ci_high: the result from this campaign, with the errors and effects
+      that all campaigns have in common as the readings of all campaigns tell them;
     - limit_low and limit_high: the 99.7 % control limits that follow from the earlier campaigns if
       nothing changes (NaN for the first campaign);
     - outside: whether the estimate is outside these limits;
@@ -159,7 +160,7 @@ class Trend(Result):
     - change_by_here: the probability that the parameter changed just before this campaign or
       earlier.
 
-    The estimates and limits in the table are computed with the instrument's errors fixed at their
+    The estimates and limits in the table are computed with these errors and effects fixed at their
     posterior means. The JSON record does not contain the table.
 
     Examples
@@ -194,8 +195,9 @@ class Trend(Result):
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
     #: decisions on conformity with tolerances, a dictionary of dictionaries. The outer keys are the
     #: names of the quantities that have a tolerance, and the inner keys are the names of the
-    #: campaigns. A decision follows from one campaign alone, and assumes a normal distribution of
-    #: the parameter.
+    #: campaigns. A decision follows from one campaign and from what the others say of the errors
+    #: and effects that all have in common. It may differ from that of a fit of this campaign. A
+    #: normal distribution of the parameter is assumed.
     conformity: Mapping[str, Mapping[str, Conformity]]
     #: stiffness by direction from each campaign alone, in the order of time; the keys are names
     #: such as ``k_min``. The mapping is empty if the batches have no stiffness by direction.
@@ -238,7 +240,11 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     if newest_decisions:
         newest_campaign = trend.campaigns[-1].campaign
         passages.append(conformity_table(newest_decisions))
-        passages += [f"Of the newest campaign alone, {newest_campaign}.", ""]
+        passages.append(
+            f"Of the newest campaign, {newest_campaign}, with what the others say of the errors and"
+            " effects that all have in common."
+        )
+        passages.append("")
     if trend.stiffness:
         passages += [stiffness_table(trend.stiffness), ""]
     passages += trend_sentences(trend)
@@ -734,7 +740,8 @@ def _conformities(
 
     The result is a dictionary of dictionaries. The outer keys are the names of the quantities
     (parameters or stiffnesses), and the inner keys are the names of the campaigns. Each decision
-    follows from one campaign alone. The uncertainties include the uncertainty due to the
+    follows from one campaign, and from what the others say of the errors and effects that all have
+    in common. The uncertainties include the uncertainty due to the
     instrument's errors, which is common to all campaigns.
 
     Parameters

@@ -9,6 +9,7 @@ and what its axes yield under their own load, written out here from the formula 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.placed_circles import placed_circles
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.terms import ForceError, Mount
@@ -181,6 +183,7 @@ def row_of(campaign: lb.Campaign, model: lb.HybridModel = MODEL) -> dict[str, An
         "date": campaign.date,
         "topology": campaign.topology,
         "planes": ",".join(campaign.machine().planes),
+        "circles": json.dumps(sorted(placed_circles(campaign), key=str)),
         "sha256": campaign.sha256,
         "circles_sha256": campaign.circles_sha256,
         "compliances": None,

@@ -73,7 +73,7 @@ def _change(name: str, force_N: float, entry: pd.Series) -> dict[str, float]:
 
 def _ratio(name: str, entry: pd.Series) -> float:
     """A coefficient of the joint load beside that of the first campaign."""
-    if name.startswith("C_"):
+    if name.startswith(("C_", "position")):
         return 1.0
     if name.endswith("_slope"):
         return float(entry["force_max_N"]) / 742.0
@@ -82,8 +82,8 @@ def _ratio(name: str, entry: pd.Series) -> float:
 
 def _dense(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of the compliances at 300 N from one Gaussian of everything: compliances,
-    instrument, what the machine keeps, what differs from campaign to campaign, geometric errors of
-    each campaign."""
+    instrument, what the machine keeps, what differs from campaign to campaign, and what is each
+    campaign's alone."""
     statistics = fleet_statistics(rows, reference_force_N=FORCE_N)
     scale = dict(
         zip(
@@ -100,7 +100,7 @@ def _dense(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
             unknowns.append(f"{name} of {k}")
             sd.append(scale[name] * np.sqrt(1.0 / 0.99 - 1.0))
         for name in entry["gaussian_names"]:
-            if name.startswith("E_"):
+            if name not in scale:
                 unknowns.append(f"{name} of {k}")
                 sd.append(own_sd[name])
     precision = np.diag(np.array(sd) ** -2.0)
@@ -112,7 +112,7 @@ def _dense(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
             if name in statistics.machine:
                 places = [unknowns.index(name), unknowns.index(f"{name} of {k}")]
                 rows_of_names[i, places] = _ratio(name, entry)
-            elif name.startswith("E_"):
+            elif name not in unknowns:
                 rows_of_names[i, unknowns.index(f"{name} of {k}")] = 1.0
             else:
                 rows_of_names[i, unknowns.index(name)] = 1.0
@@ -132,12 +132,20 @@ def _dense(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     return (joint @ shift)[:c], joint[:c, :c]
 
 
-def test_the_campaigns_of_a_machine_are_those_of_one_dense_gaussian(rows: pd.DataFrame) -> None:
+@pytest.mark.parametrize("circles", ["the same", None])
+def test_the_campaigns_of_a_machine_are_those_of_one_dense_gaussian(
+    rows: pd.DataFrame, circles: str | None
+) -> None:
+    rows = rows.assign(circles=circles)
     statistics = fleet_statistics(rows, reference_force_N=FORCE_N)
-    assert statistics.machine == (
-        *(f"joint_load_{axis}_{law}" for axis in "XY" for law in ("contact", "seat", "slope")),
-        *sorted(f"{name}_1" for name in COMPLIANCES),
-    )
+    of_joints = [
+        f"joint_load_{axis}_{law}" for axis in "XY" for law in ("contact", "seat", "slope")
+    ]
+    of_travel = [f"position_{axis}_{law}" for axis in "XY" for law in ("linear", "quadratic")]
+    if circles is None:
+        of_travel = []
+    slopes = sorted(f"{name}_1" for name in COMPLIANCES)
+    assert statistics.machine == (*of_joints, *of_travel, *slopes)
     mean, covariance = _dense(rows)
     _, of_machine = machine_likelihoods(statistics)
     q = of_machine.shift.shape[-1]
@@ -163,6 +171,19 @@ def test_what_the_machine_keeps_does_not_average_out(rows: pd.DataFrame) -> None
         q = len(precision)
         sds.append(Gaussian(precision + np.eye(q), np.zeros(q)).sd[0])
     assert sds[0] > 1.2 * sds[1]
+
+
+def test_compliance_along_the_travel_is_kept_where_the_circles_are_the_same(
+    rows: pd.DataFrame,
+) -> None:
+    alike = rows.assign(circles="the same")
+    assert "position_Y_linear" in machine_effects(alike)
+    for circles in (["one", "another"], ["one", None]):
+        others = machine_effects(rows.assign(circles=circles))
+        assert [name for name in machine_effects(alike) if name not in others] == [
+            f"position_{axis}_{law}" for axis in "XY" for law in ("linear", "quadratic")
+        ]
+    assert machine_effects(rows.drop(columns="circles")) == others
 
 
 def test_deviations_widen_a_likelihood() -> None:
