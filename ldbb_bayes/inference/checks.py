@@ -14,6 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, ndtr, stdtr
@@ -71,6 +72,9 @@ _LONGEST_STRETCH = 100_000
 # The Fourier orders 0 to 12 are fitted to the readings of a test. The residuals count as rounding
 # errors if their sum of squares is at most this fraction of the sum of squares of the readings.
 _ROUNDING = 1e-24
+# Smallest standard deviation of the autocorrelation of residuals. With one degree of freedom (26
+# readings) the autocorrelation is the same for all readings, and its standard deviation is zero.
+_LEAST_SD = 1e-6
 # A shift of the circles' centre with force is checked only in planes with at least this many tests.
 _FEWEST_TESTS = 4
 # A shift of the circles' centre with force is checked only in planes that were tested at this many
@@ -458,11 +462,9 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
 
     The Fourier orders 0 to 12 are fitted to the readings in order of angle; the residuals are the
     readings minus this fit. The p-value is that of a two-sided test of the hypothesis that the
-    noise is white. For n readings of white noise, the autocorrelation has the mean tr(M S) / tr(M)
-    and a variance of about 1/n. The matrix M, shape (n, n), removes the Fourier orders 0 to 12 from
-    the readings; the matrix S, shape (n, n), shifts the readings by one reading. Only the first
-    100 000 readings in order of angle are used. If the residuals are only rounding errors, the
-    autocorrelation is 0 and its p-value is 1.
+    noise is white; its moments under this hypothesis are those of `_moments_under_white_noise`.
+    Only the first 100 000 readings in order of angle are used. If the residuals are only rounding
+    errors, the autocorrelation is 0 and its p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]
@@ -472,7 +474,35 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     square = float(residual @ residual)
     if square <= _ROUNDING * float(reading @ reading):
         return 0.0, 1.0
-    n = len(residual)
-    expected = -float((columns[1:] * columns[:-1]).sum()) / (n - SIZE)
     value = float(residual[1:] @ residual[:-1]) / square
-    return value, float(2.0 * ndtr(-abs(value - expected) * np.sqrt(n)))
+    white = _moments_under_white_noise(columns)
+    return value, float(2.0 * ndtr(-abs(value - white.mean) / white.sd))
+
+
+class _WhiteNoiseMoments(NamedTuple):
+    """Mean and standard deviation of the lag-one autocorrelation of a test's residuals."""
+
+    mean: float
+    sd: float  #: standard deviation of the lag-one autocorrelation, at least ``_LEAST_SD``
+
+
+def _moments_under_white_noise(columns: Array) -> _WhiteNoiseMoments:
+    """Return mean and standard deviation of the autocorrelation of residuals of white noise.
+
+    The residuals are M e, where e are n readings of white noise, and M = I − Q Qᵀ, shape (n, n),
+    removes the Fourier orders 0 to 12 from them. ``columns`` is Q, shape (n, 25): an orthonormal
+    basis of these orders. The autocorrelation is eᵀ A e / eᵀ M e with A = M H M, where H has ½
+    beside its diagonal. Both are exact: ν = n − 25 degrees of freedom are left, the mean is
+    tr A / ν, and the variance 2 (ν tr A² − (tr A)²) / (ν² (ν + 2)). The variance is far below 1/n
+    if n is small, because few orders above 12 are left.
+    """
+    n = len(columns)
+    freedom = n - SIZE
+    shifted = np.zeros_like(columns)
+    shifted[1:] += 0.5 * columns[:-1]
+    shifted[:-1] += 0.5 * columns[1:]
+    within = columns.T @ shifted
+    trace = -float(np.trace(within))
+    trace_of_square = 0.5 * (n - 1) - 2.0 * float((shifted**2).sum()) + float((within**2).sum())
+    variance = 2.0 * (freedom * trace_of_square - trace**2) / (freedom**2 * (freedom + 2))
+    return _WhiteNoiseMoments(trace / freedom, max(float(np.sqrt(max(variance, 0.0))), _LEAST_SD))

@@ -102,6 +102,23 @@ def test_autocorrelation_of_white_noise_is_uniform() -> None:
     assert stats.kstest(p_values, "uniform").pvalue > 0.01
 
 
+@pytest.mark.parametrize("readings", [36, 72])
+def test_autocorrelation_of_few_readings_is_uniform(readings: int) -> None:
+    """The residuals of a full circle of few readings are of few orders, and vary little."""
+    rng = np.random.default_rng(2)
+    angle = np.arange(readings) * 360.0 / readings
+    p_values = []
+    for _ in range(400):
+        test = lb.CircularTest(100.0, angle, rng.normal(size=readings))
+        p_values.append(autocorrelation(test)[1])
+    assert stats.kstest(p_values, "uniform").pvalue > 0.01
+
+
+def test_autocorrelation_with_one_degree_of_freedom_says_nothing() -> None:
+    reading = np.random.default_rng(2).normal(size=26)
+    assert autocorrelation(lb.CircularTest(100.0, np.arange(26) * 360.0 / 26, reading))[1] > 0.99
+
+
 def test_autocorrelation_of_smoothed_noise_is_seen() -> None:
     noise = np.random.default_rng(2).normal(size=402)
     smooth = np.convolve(noise, np.ones(3) / 3.0, mode="valid")
