@@ -741,8 +741,8 @@ def _conformities(
     The result is a dictionary of dictionaries. The outer keys are the names of the quantities
     (parameters or stiffnesses), and the inner keys are the names of the campaigns. Each decision
     follows from one campaign, and from what the others say of the errors and effects that all have
-    in common. The uncertainties include the uncertainty due to the
-    instrument's errors, which is common to all campaigns.
+    in common. The uncertainties include the uncertainty due to the instrument's errors, which is
+    common to all campaigns.
 
     Parameters
     ----------
