@@ -39,6 +39,7 @@ class ReasonKind(StrEnum):
     NOT_CONVERGED = "not-converged"
     MISFIT = "misfit"
     TRUNCATION = "truncation"
+    UNIT = "unit"
     ROUGH_EVIDENCE = "rough-evidence"
     NOT_DETERMINED = "not-determined"
     PRIOR_SENSITIVE = "prior-sensitive"
@@ -123,9 +124,10 @@ def state_of(
 ) -> Judgement:
     """Return whether the values on a test certificate can be used, with reasons against their use.
 
-    The values cannot be used if the sampler did not converge, the readings do not fit the model, or
-    the readings contradict the condition that compliances are not negative. Otherwise, they can be
-    used only with caution (``Use.WITH_RESERVATION``) in each of the following cases:
+    The values cannot be used if the sampler did not converge, the unit of the readings is in doubt,
+    the readings do not fit the model, or the readings contradict the condition that compliances are
+    not negative. Otherwise, they can be used only with caution (``Use.WITH_RESERVATION``) in each
+    of the following cases:
 
     - the readings hardly determine a parameter on the certificate;
     - a parameter on the certificate depends on the prior;
@@ -163,6 +165,9 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
     reasons = []
     if fit.state == State.UNUSABLE:
         reasons.append(Reason(ReasonKind.NOT_CONVERGED))
+    doubted = [concern.name for concern in fit.concerns if concern.kind == ConcernKind.UNIT]
+    if doubted:
+        reasons.append(Reason(ReasonKind.UNIT, tuple(doubted)))
     if fit.misfits:
         tests = dict.fromkeys(misfit.test for misfit in fit.misfits)
         reasons.append(Reason(ReasonKind.MISFIT, tuple(tests)))

@@ -21,8 +21,11 @@ from ldbb_bayes.results import Result
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
 # Kinds of warnings and checks of a campaign's fit. A warning or a failed check of one of these
-# kinds means that the readings of the campaign do not fit the model.
-_MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
+# kinds means that the readings of the campaign do not fit the model or that their unit is in
+# doubt.
+_MISFIT_KINDS: frozenset[str] = frozenset(
+    {CheckKind.ORDER, ConcernKind.TRUNCATION, ConcernKind.UNIT}
+)
 # Kinds of checks of a campaign's fit. A failed check of one of these kinds means that the noise of
 # the campaign's readings is not white, although the model assumes white noise.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
@@ -105,10 +108,10 @@ def choose(
     """Return the rows of a batch to be analysed, and limitations (caveats) of this selection.
 
     By default, campaigns whose readings do not fit the model are left out. The readings do not fit
-    if they differ too much from the model at one Fourier order of a circle, or if they contradict
-    the condition that no compliance is negative. For example, readings in a wrong unit would shift
-    the mean of a population and increase its spread, or hide a change of a machine. The following
-    campaigns are also left out:
+    if they differ too much from the model at one Fourier order of a circle, if they contradict the
+    condition that no compliance is negative, or if their unit is in doubt. For example, readings in
+    a wrong unit would shift the mean of a population and increase its spread, or hide a change of a
+    machine. The following campaigns are also left out:
 
     - campaigns that could not be fitted;
     - campaigns whose row lacks sufficient statistics;

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ldbb_bayes.campaign.unlikely_spans import unlikely_spans
 from ldbb_bayes.inference.checks import (
     SHIFTED,
     Check,
@@ -105,6 +106,7 @@ class ConcernKind(StrEnum):
     CENTRE = "centre"
     PRIOR = "prior"
     ZERO = "zero"
+    UNIT = "unit"
     NEAR_ZERO = "near-zero"
 
 
@@ -134,6 +136,9 @@ class Concern(Result):
       beforehand, minus the error that is stated. ``limit`` is the largest size of this constant to
       be expected of the bar and of the machine [mm], and ``name`` the coefficient of the bar's
       length.
+    - UNIT: ``value`` is the range of the readings of the test ``name`` [mm], ``limit`` the smallest
+      or largest range that a ball bar shows [mm]. The readings probably are in another unit than
+      stated.
     - NEAR_ZERO: ``value`` is the posterior mean of the compliance ``name``, which cannot be
       negative and is not larger than two standard deviations. ``limit`` is the value below which it
       lies with a probability of 95 %. Both are in the internal unit ``unit``, such as mm/N.
@@ -238,14 +243,14 @@ class Fit(Result):
         """Return whether the results of the fit can be used.
 
         The results are unusable if the sampler did not converge. Otherwise, they are doubtful if
-        the fitted model does not describe the readings well enough (see `misfits`), or if the
-        readings contradict the condition that no compliance is negative. In all other cases the
-        results are usable.
+        the fitted model does not describe the readings well enough (see `misfits`), if the readings
+        contradict the condition that no compliance is negative, or if the unit of the readings of a
+        test is in doubt. In all other cases the results are usable.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
             return State.UNUSABLE
-        if self.misfits or ConcernKind.TRUNCATION in kinds:
+        if self.misfits or kinds & {ConcernKind.TRUNCATION, ConcernKind.UNIT}:
             return State.DOUBTFUL
         return State.USABLE
 
@@ -424,7 +429,7 @@ def _check_posterior(
 
     There is a warning for each assumption that the posterior contradicts, and a warning if there
     are too few different forces to check an assumption. `Concern` describes the kinds of warnings:
-    TRUNCATION, FORCES, HYPER, PRIOR, ZERO, CENTRE and NEAR_ZERO.
+    TRUNCATION, FORCES, HYPER, PRIOR, ZERO, UNIT, CENTRE and NEAR_ZERO.
 
     Parameters
     ----------
@@ -453,7 +458,7 @@ def _check_posterior(
 def contradicted_priors(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Concern]:
     """Yield a warning for everything known beforehand that the readings contradict.
 
-    `Concern` describes the kinds of these warnings: HYPER, PRIOR and ZERO.
+    `Concern` describes the kinds of these warnings: HYPER, PRIOR, ZERO and UNIT.
 
     Parameters
     ----------
@@ -473,6 +478,8 @@ def contradicted_priors(bound: BoundModel, phi: Array, beta: Array) -> Iterator[
     yield from _distant_means(bound, beta)
     for zero in distant_zeros(bound, phi, beta):
         yield Concern(ConcernKind.ZERO, zero.distance_mm, zero.expected_mm, zero.name)
+    for span in unlikely_spans(bound.campaign):
+        yield Concern(ConcernKind.UNIT, span.span_um * 1e-3, span.limit_um * 1e-3, span.test)
 
 
 def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from ldbb_bayes.analysis.usability import Use, state_of
+from ldbb_bayes.analysis.usability import Judgement, Use, state_of
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.report.blocks import Banner
@@ -43,19 +43,7 @@ def banner(numbers: SheetNumbers) -> Banner:
         fit_of(findings.posterior), findings.verdicts, quantities, comparison=comparison
     )
     is_unusable = state_of_use.use == Use.DO_NOT_USE
-    names_by_kind: dict[str, list[str]] = {}
-    for reason in state_of_use.reasons:
-        names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
-        names += reason.names
-    reasons = []
-    for kind, names in names_by_kind.items():
-        text = words(
-            f"state.{kind}",
-            names=words.joined(_labels(names, quantities)),
-            count=str(len(names)),
-            all=str(len(quantities)),
-        )
-        reasons.append(text)
+    reasons = _reason_texts(state_of_use, numbers)
     if findings.has_flat_priors:
         reasons.append(words("state.least_squares"))
     forces_N = campaign_of(findings.posterior_of_certificate).forces_N
@@ -80,6 +68,33 @@ def banner(numbers: SheetNumbers) -> Banner:
         reason=because[:1].upper() + because[1:],
     )
     return Banner(kind, sentence)
+
+
+def _reason_texts(judgement: Judgement, numbers: SheetNumbers) -> list[str]:
+    """Return the reasons for caution as texts, one for each kind of reason.
+
+    ``judgement`` states the reasons, and ``numbers`` are those of the certificate.
+    """
+    words = numbers.words
+    quantities = numbers.parameters
+    names_by_kind: dict[str, list[str]] = {}
+    for reason in judgement.reasons:
+        names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
+        names += reason.names
+    circles = campaign_of(numbers.findings.posterior).tests
+    texts = []
+    for kind, names in names_by_kind.items():
+        labels = _labels(names, quantities)
+        if kind == "unit" and len(names) == len(circles):
+            labels = [words("state.all_circles")]
+        text = words(
+            f"state.{kind}",
+            names=words.joined(labels),
+            count=str(len(names)),
+            all=str(len(quantities)),
+        )
+        texts.append(text)
+    return texts
 
 
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:

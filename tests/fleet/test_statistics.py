@@ -365,6 +365,8 @@ def test_which_campaigns_are_relied_on(rows: pd.DataFrame) -> None:
         rows.assign(kinds=[["truncation"], ["hyper", "forces"], None, *[[]] * 5])
     )
     assert list(relied["name"]) == [f"c{k:02d}" for k in range(2, 9)]
+    relied, caveats = choose(rows.assign(kinds=[["unit"], *[[]] * 7]))
+    assert caveats == [Caveat(CaveatKind.UNEXPECTED, ("c01",))]
     relied, caveats = choose(rows, ["year/c01", "c02", "M2", "M6"])
     assert list(relied["name"]) == ["c04", "c05", "c06"]
     assert caveats == [Caveat(CaveatKind.EXCLUDED, ("c01", "c02", "c03", "c07", "c08"))]

@@ -69,6 +69,19 @@ def test_what_has_not_converged_is_unusable(fit: Fit) -> None:
     assert replace(fit, concerns=(MISSED,)).state == State.UNUSABLE
 
 
+def test_readings_in_another_unit_are_doubtful(fit: Fit) -> None:
+    """One sentence names all the circles; a misfit is then no news."""
+    concerns = tuple(Concern(ConcernKind.UNIT, 1.2e-5, 9e-5, name) for name in ("a", "b"))
+    doubtful = replace(fit, concerns=concerns)
+    assert "the unit of the readings is in doubt: do not use the numbers" in fit_verdict(doubtful)
+    assert (doubtful.state, doubtful.kinds) == (State.DOUBTFUL, ("unit",))
+    (sentence,) = concern_sentences(concerns, {})
+    assert sentence.startswith(
+        "The unit of the readings is in doubt: those of a, b span less than 0.09 µm or more"
+        " than 3000 µm (the first of them 0.012 µm)"
+    )
+
+
 def test_a_failing_check_that_moves_intervals_is_doubtful(unlikely: Fit) -> None:
     assert fit_verdict(unlikely).startswith(
         "Converged; the model does not expect readings like these (order 0 of a): without a"

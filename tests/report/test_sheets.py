@@ -87,6 +87,28 @@ def test_the_certificate_begins_with_whether_it_can_be_used(english: Sheets) -> 
     assert banner.kind in ("usable", "reserved")
 
 
+@pytest.mark.parametrize(
+    ("language", "all_of_them", "one"),
+    [
+        ("en", "DO NOT USE THE RESULTS. The readings of all circles span", "readings of f300 span"),
+        ("de", "DIE ERGEBNISSE NICHT VERWENDEN. Die Messwerte (alle Kreise)", "Messwerte (f300)"),
+    ],
+)
+def test_the_certificate_doubts_the_unit_of_readings(
+    language: str, all_of_them: str, one: str
+) -> None:
+    """A thousandth of the readings, of all circles or of one, looks like a very stiff machine."""
+    campaign = simulated(plan())
+    small = [test.with_reading_um(1e-3 * np.asarray(test.reading_um)) for test in campaign.tests]
+    mixed = [small[1] if test.name == "f300" else test for test in campaign.tests]
+    for tests, text in ((small, all_of_them), (mixed, one)):
+        first, _ = sheets(findings_of(replace(campaign, tests=tuple(tests))), language=language)
+        banner = first.blocks[0]
+        assert isinstance(banner, Banner)
+        assert banner.kind == "unusable"
+        assert text in banner.sentence
+
+
 def test_the_certificate_ends_with_lines_to_sign(english: Sheets) -> None:
     first, _ = english
     signatures = first.blocks[-1]

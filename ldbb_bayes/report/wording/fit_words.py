@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ldbb_bayes.report.wording.effect_names import joined, joined_parameters, term_words
+from ldbb_bayes.report.wording.effect_names import (
+    first_names,
+    joined,
+    joined_parameters,
+    term_words,
+)
 from ldbb_bayes.report.wording.fixed_texts import IN_FORCE, PAGE, SENTENCES
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
 from ldbb_bayes.units import display_name, display_unit, is_slope, two_digits, typeset
@@ -113,7 +118,7 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     """
     grave = tuple(concern for concern in fit.concerns if concern.kind not in _MINOR_CONCERNS)
     sentences = list(concern_sentences(grave, result["sampler"]))
-    is_explained = "not-converged" in fit.kinds or "truncation" in fit.kinds
+    is_explained = not {"not-converged", "truncation", "unit"}.isdisjoint(fit.kinds)
     if fit.misfits and not is_explained:
         sentences.append(f"Misfit: {expectation(fit)}. Intervals assume that the model holds.")
     if result["model"]["preset"] == "paper":
@@ -123,6 +128,8 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
     """Yield a description of each concern about a fit.
+
+    The concerns about the unit of several tests have one description, which names the tests.
 
     Parameters
     ----------
@@ -139,8 +146,14 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
     advice = "allow more steps (--max-steps)"
     if sampler.get("kind") == "independent":
         advice = "ask for more independent draws (a larger --ess)"
+    doubted = [concern.name for concern in concerns if concern.kind == "unit"]
     for concern in concerns:
         kind = str(concern.kind)
+        name = display_name(concern.name)
+        if kind == "unit":
+            name = first_names(doubted)
+            if concern.name != doubted[0]:
+                continue
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
@@ -160,7 +173,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
             verb=verb,
             rhat=sampler.get("target_rhat", 0.0),
             advice=advice,
-            name=display_name(concern.name),
+            name=name,
             limit_shown=limit_shown,
         )
         yield typeset(sentence)
