@@ -20,12 +20,14 @@ from scipy.special import ndtr, ndtri
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_effects import Conflict, Shared, joint_difference
 from ldbb_bayes.analysis.compliance_meaning import same_meaning, stands_for
+from ldbb_bayes.analysis.differing_models import differing_parts, names_of_concerns
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import joint_load_secants
+from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.inference.force_curves import draws_at
-from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
+from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
@@ -113,6 +115,12 @@ def compare_posteriors(
         if there is no common effect about which both campaigns give information,
         ``attrs["conflict"]`` is None.
 
+        ``attrs["contradicted_priors"]`` holds two tuples, one for each posterior: the names of the
+        parameters whose prior the readings contradict. ``attrs["doubted_units"]`` holds two tuples
+        likewise: the names of the tests whose readings probably are in another unit. The
+        differences cannot be used if any of these is not empty. ``attrs["differing_parts"]`` names
+        the parts in which the two models differ, such as ``priors``.
+
     Raises
     ------
     InputError
@@ -175,6 +183,13 @@ def compare_posteriors(
     table.attrs["conflict"] = None
     if compared.conflict is not None:
         table.attrs["conflict"] = tuple(compared.conflict)
+    fits = (fit_of(posterior), fit_of(other))
+    for key, kind in (
+        ("contradicted_priors", ConcernKind.PRIOR),
+        ("doubted_units", ConcernKind.UNIT),
+    ):
+        table.attrs[key] = tuple(names_of_concerns(fit, kind) for fit in fits)
+    table.attrs["differing_parts"] = differing_parts(first.model, second.model)
     return readable(table, f"Second less first, {100 * prob:g} % intervals")
 
 

@@ -73,7 +73,8 @@ def _blocks(
 
     The content is: doubts about the comparison, the two campaigns, the parameters that have
     changed, a table of all differences, what is taken to be common, and the fields for signatures.
-    If there are doubts, no changes are named.
+    If there are doubts, no changes are named. If only the models of the two fits differ, this is a
+    reservation.
     """
     first = campaign_of(findings.posterior)
     name = str(first.name)
@@ -82,14 +83,17 @@ def _blocks(
         name,
         other.name,
         other.result["sampler"]["converged"],
-        other.differences.attrs.get("conflict"),
+        other.differences.attrs,
     )
+    reservations = wording.difference_reservations(other.differences.attrs)
     translation = annex_translation(words, frozenset([name, other.name]))
     if translation is not None:
         common = translation.text(common)
         doubts = tuple(translation.text(doubt) for doubt in doubts)
-    if doubts:
-        yield Banner("unusable", " ".join(doubts))
+        reservations = tuple(translation.text(sentence) for sentence in reservations)
+    if doubts or reservations:
+        kind = "unusable" if doubts else "reserved"
+        yield Banner(kind, " ".join((*doubts, *reservations)))
     yield Fields(
         (
             (words("fields.first_campaign"), _campaign_text(name, first)),

@@ -241,8 +241,9 @@ def _alerts(findings: Findings, others: Sequence[FurtherCampaign]) -> Iterator[s
     name = str(findings.result["campaign"]["name"])
     for other in others:
         converged = other.result["sampler"]["converged"]
-        conflict = other.differences.attrs.get("conflict")
-        yield from wording.difference_doubts(name, other.name, converged, conflict)
+        attributes = other.differences.attrs
+        yield from wording.difference_doubts(name, other.name, converged, attributes)
+        yield from wording.difference_reservations(attributes)
 
 
 def html_page(document: Document) -> str:

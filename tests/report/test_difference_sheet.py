@@ -134,6 +134,67 @@ def test_doubts_stand_first(before: Findings, after: FurtherCampaign) -> None:
     assert banner.sentence.startswith("Not one instrument: before and after disagree")
 
 
+def stated(prior: dict[str, tuple[float, float]]) -> lb.HybridModel:
+    """A model with prior means and standard deviations that a user stated [mm/N]."""
+    means = {name: mean for name, (mean, _) in prior.items()}
+    overrides = {name: sd for name, (_, sd) in prior.items()}
+    return replace(MODEL, prior=replace(MODEL.prior, means=means, overrides=overrides))
+
+
+@pytest.mark.parametrize(
+    ("language", "contradicted", "unlike", "parts"),
+    [
+        (
+            "en",
+            "The readings of after contradict the prior of C_YYY. Do not use the differences",
+            "The two fits have different models: their priors differ.",
+            "their terms and degree differ.",
+        ),
+        (
+            "de",
+            "Die Messwerte von after widersprechen dem Vorwissen über C_YYY. Die Unterschiede",
+            "Die zwei Auswertungen haben verschiedene Modelle; verschieden: Vorwissen.",
+            "verschieden: Terme und Grad.",
+        ),
+    ],
+)
+def test_a_contradicted_prior_and_other_models_are_said(
+    before: Findings, language: str, contradicted: str, unlike: str, parts: str
+) -> None:
+    """Of a prior that the readings contradict the differences are not named; of another model, or
+    another prior that they do not contradict, they are, with a reservation."""
+    campaign = replace(MODEL.simulate(plan(), seed=3).campaign, name="after")
+
+    def banner_and_kinds(model: lb.HybridModel) -> tuple[Banner, set[type]]:
+        posterior = fitted(model, campaign)
+        table = lb.analysis.compare_posteriors(before.posterior, posterior)
+        after = FurtherCampaign("after", campaign, result_json(posterior), table)
+        blocks = sheet_of(before, after, language).blocks
+        banner = blocks[0]
+        assert isinstance(banner, Banner)
+        return banner, {type(block) for block in blocks}
+
+    banner, kinds = banner_and_kinds(stated({"C_YYY": (300e-6, 5e-6)}))
+    assert (banner.kind, Items in kinds) == ("unusable", False)
+    assert banner.sentence.startswith(contradicted)
+    assert unlike in banner.sentence
+    banner, kinds = banner_and_kinds(stated({"C_YYY": (50e-6, 200e-6)}))
+    assert (banner.kind, Items in kinds) == ("reserved", True)
+    assert banner.sentence.startswith(unlike)
+    banner, kinds = banner_and_kinds(lb.HybridModel.first(1).without("ball-form"))
+    assert banner.kind == "reserved"
+    assert parts in banner.sentence
+
+
+def test_a_doubted_unit_is_said(before: Findings, after: FurtherCampaign) -> None:
+    table = after.differences.copy()
+    table.attrs |= {"conflict": None, "doubted_units": ((), ("f036",))}
+    banner = sheet_of(before, replace(after, differences=table)).blocks[0]
+    assert isinstance(banner, Banner)
+    assert banner.kind == "unusable"
+    assert banner.sentence.startswith("The unit of the readings of after is in doubt.")
+
+
 def test_no_banner_without_doubts(before: Findings, after: FurtherCampaign) -> None:
     table = after.differences.copy()
     table.attrs["conflict"] = None

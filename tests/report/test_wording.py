@@ -627,17 +627,19 @@ def test_what_differences_rest_on(instrument: bool, machine: bool) -> None:
 
 
 def test_differences_without_doubts() -> None:
-    assert wording.difference_doubts("a", "b", True, ("bar_length", 0.02)) == ()
-    assert wording.difference_doubts("a", "b", True, None) == ()
+    assert wording.difference_doubts("a", "b", True, {"conflict": ("bar_length", 0.02)}) == ()
+    assert wording.difference_doubts("a", "b", True, {}) == ()
 
 
 def test_differences_with_doubts() -> None:
-    converged, instrument = wording.difference_doubts("a", "b", False, ("bar_length", 0.004))
+    converged, instrument = wording.difference_doubts(
+        "a", "b", False, {"conflict": ("bar_length", 0.004)}
+    )
     assert converged == "Not converged: b. Do not use its numbers."
     assert "a and b disagree about the bar length (p = 0.004)" in instrument
     assert instrument.startswith("Not one instrument")
     conflict = ("joint_load_X_seat", 0.004)
-    (machine,) = wording.difference_doubts("a", "b", True, conflict)
+    (machine,) = wording.difference_doubts("a", "b", True, {"conflict": conflict})
     assert machine.startswith("Not the same joints: a and b disagree about the seat of axis X")
 
 

@@ -103,6 +103,7 @@ from ldbb_bayes.report.wording.report_words import (
     change_sentence,
     common_words,
     difference_doubts,
+    difference_reservations,
 )
 from ldbb_bayes.report.wording.worded_records import with_words
 
@@ -142,6 +143,7 @@ __all__ = [
     "design_screen",
     "design_sentences",
     "difference_doubts",
+    "difference_reservations",
     "direction_words",
     "expectation",
     "fit_verdict",

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes.analysis.parameter_changes import changed_parameters
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
+from ldbb_bayes.report.wording.effect_names import joined, joined_parameters
 from ldbb_bayes.report.wording.fixed_texts import PAGE
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
 from ldbb_bayes.units import display_name, plus_minus
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import pandas as pd
 
     from ldbb_bayes.analysis.common_effects import Shared
 
-__all__ = ["NO_ANNEX", "annex_words", "change_sentence", "common_words", "difference_doubts"]
+__all__ = [
+    "NO_ANNEX",
+    "annex_words",
+    "change_sentence",
+    "common_words",
+    "difference_doubts",
+    "difference_reservations",
+]
 
 NO_ANNEX = "left out with the annex (--sheets-only)"
 # Two campaigns with the same instrument or machine have two estimates of each effect that they have
@@ -47,23 +57,50 @@ def common_words(force_N: float, shared: Shared) -> str:
 
 
 def difference_doubts(
-    first: str, other: str, converged: bool, conflict: tuple[str, float] | None
+    first: str, other: str, converged: bool, attributes: Mapping[Any, Any]
 ) -> tuple[str, ...]:
     """Return sentences on reasons not to use the differences between two campaigns.
 
-    ``first`` and ``other`` are the names of the campaigns. The tuple is empty if there is no such
-    reason. There are two possible reasons:
+    ``first`` and ``other`` are the names of the campaigns, and ``attributes`` are the attributes of
+    the table of differences (`compare_posteriors`). The tuple is empty if there is no such reason.
+    There are four possible reasons:
 
     - The fit of the second campaign has not converged; ``converged`` is then false.
     - The campaigns are said to have the instrument or the machine in common, but their fits
-      disagree about an effect of it, which is a coefficient of the model. ``conflict`` holds the
-      name of the coefficient with the largest disagreement, and the p-value of this disagreement,
-      multiplied by the number of compared coefficients (Bonferroni). A sentence names the
-      coefficient only if this p-value is below 1 %. ``conflict`` is None if no coefficient can be
-      compared.
+      disagree about an effect of it, which is a coefficient of the model. The attribute
+      ``conflict`` holds the name of the coefficient with the largest disagreement, and the p-value
+      of this disagreement, multiplied by the number of compared coefficients (Bonferroni). A
+      sentence names the coefficient only if this p-value is below 1 %. ``conflict`` is None if no
+      coefficient can be compared.
+    - The readings of a campaign contradict a prior of its model (``contradicted_priors``).
+    - The unit of the readings of a campaign is in doubt (``doubted_units``).
     """
+    conflict = attributes.get("conflict")
     of_machine = conflict is not None and Term.owner(conflict[0]).machine
-    return _TEMPLATES.sentences("difference_doubts", first, other, converged, conflict, of_machine)
+    sentences = list(
+        _TEMPLATES.sentences("difference_doubts", first, other, converged, conflict, of_machine)
+    )
+    for name, tests in zip((first, other), attributes.get("doubted_units", ()), strict=False):
+        if tests:
+            sentences.append(PAGE["doubted_unit"].format(campaign=name))
+    contradicted = attributes.get("contradicted_priors", ())
+    for name, parameters in zip((first, other), contradicted, strict=False):
+        if parameters:
+            priors = joined_parameters(parameters)
+            sentences.append(PAGE["contradicted_prior"].format(campaign=name, parameters=priors))
+    return tuple(sentences)
+
+
+def difference_reservations(attributes: Mapping[Any, Any]) -> tuple[str, ...]:
+    """Return a sentence on the parts in which the models of two compared fits differ.
+
+    ``attributes`` are the attributes of the table of differences (`compare_posteriors`). The tuple
+    is empty if the models are alike.
+    """
+    parts = attributes.get("differing_parts", ())
+    if not parts:
+        return ()
+    return (PAGE["other_model"].format(parts=joined(parts)),)
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
