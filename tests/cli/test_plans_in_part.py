@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -95,15 +96,16 @@ def test_a_batch_uses_the_model_that_every_campaign_has(
     in_part: Path, folder: Path, tmp_path: Path, invoke: Invoke
 ) -> None:
     shared = (in_part / "model.toml").read_bytes()
+    other = shutil.copytree(folder, tmp_path / "other")
     options = ("--ess", 100, "--no-compare", "--force", "--out", tmp_path / "fitted")
-    stderr = invoke("batch", in_part, folder, *options)[2]
+    stderr = invoke("batch", in_part, other, *options)[2]
     assert f"1 of 2 have a model.toml beside them, such as {in_part}/model.toml" in stderr
-    (folder / "model.toml").write_bytes(shared)
-    stderr = invoke("batch", in_part, folder, *options)[2]
+    (other / "model.toml").write_bytes(shared)
+    stderr = invoke("batch", in_part, other, *options)[2]
     assert f"The model is that of {in_part}/model.toml" in stderr
     rows = lb.fleet.read_batch(tmp_path / "fitted")
     assert set(rows["reference_force_N"]) == {500.0}
-    assert "model.toml" not in invoke("batch", in_part, folder, "--preset", "first", *options)[2]
+    assert "model.toml" not in invoke("batch", in_part, other, "--preset", "first", *options)[2]
 
 
 @pytest.mark.parametrize("command", ["fit", "compare", "next"])
