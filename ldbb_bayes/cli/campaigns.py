@@ -7,7 +7,7 @@ set of circular tests of one machine.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -179,7 +179,10 @@ def simulate(
     ],
     out: Annotated[Path, option(Path, "Campaign folder to write.", REQUIRED, metavar="DIR")],
     model: arguments.ChosenModel,
-    truth: Annotated[Path | None, option(Path, "Truths for a plan, as TOML.", metavar="FILE.toml")],
+    truth: Annotated[
+        Path | None,
+        option(Path, "Truths for a plan: a TOML, or a truth.json.", metavar="FILE"),
+    ],
     table: arguments.TableFields,
     certificates: arguments.Certificates,
     force: Annotated[bool, arguments.FORCE],
@@ -250,6 +253,10 @@ def simulate(
         "parameters": simulation.parameters,
         "units": simulation.units,
         "hyper_um": simulation.hyper_um,
+        "effects": simulation.effects,
+        "change_with_force": {
+            name: asdict(change) for name, change in simulation.change_with_force.items()
+        },
     }
     contents: dict[str, Any] = {TRUTH_NAME: record}
     if arguments.model_beside(source) is not None:
@@ -257,8 +264,22 @@ def simulate(
     output = Output(out, force, as_json, quiet, files=(*files_of(out), MODEL_NAME))
     output.deliver(
         record,
-        notes_on_campaign(plan, (RemarkKind.NOT_RUN,)),
+        (*notes_on_campaign(plan, (RemarkKind.NOT_RUN,)), *_notes_on_truth(truth)),
         contents,
         write_more=partial(write_campaign_into, simulation.campaign),
         note=f"{_counts_in_brackets(simulation.campaign)}, the truth in {out}/truth.json",
+    )
+
+
+def _notes_on_truth(truth: Path | None) -> tuple[str, ...]:
+    """Return a note on what a simulation does not take from a file truth.json.
+
+    ``truth`` is the file with true values that the user gives, or None. There is no note on a TOML
+    file, because all of it is used.
+    """
+    if truth is None or truth.suffix.lower() != ".json":
+        return ()
+    return (
+        f"Note: parameters and hyper_um are those of {truth}. Its effects, and the scales of its"
+        " circles, are not used: they are drawn anew.",
     )

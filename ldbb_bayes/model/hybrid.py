@@ -56,7 +56,13 @@ from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.reference_posterior import ReferencePosterior, fixed_point
 from ldbb_bayes.model.rivals import RIVALS
 from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
-from ldbb_bayes.model.simulation import Simulation, true_hyper_parameters, true_parameters
+from ldbb_bayes.model.simulation import (
+    Simulation,
+    draw_nuisances,
+    true_changes,
+    true_hyper_parameters,
+    true_parameters,
+)
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, Scale, Term
 from ldbb_bayes.model.terms.editions import first_edition
 from ldbb_bayes.model.truncation import Truncation
@@ -510,7 +516,9 @@ class HybridModel(Result):
         Returns
         -------
         Simulation
-            The simulated ``campaign`` and the true values from which it was simulated.
+            The simulated ``campaign`` and the true values from which it was simulated: parameters,
+            hyper-parameters, the effects that tests have in common, and the compliances C(F) at the
+            tested forces. Effects that each test has separately are not kept.
 
         Raises
         ------
@@ -526,6 +534,12 @@ class HybridModel(Result):
         >>> simulation = model.simulate(campaign.plan(), seed=1, parameters=truth)
         >>> simulation.campaign.readings
         4320
+
+        The change of a compliance over the tested forces, with what joints under load add to it:
+
+        >>> simulation = model.simulate(campaign.plan(), seed=1)
+        >>> simulation.change_with_force["C_YYY"].change == simulation.parameters["C_YYY_1"] * 706
+        False
         """
         check_seed(seed)
         rng = np.random.default_rng(seed)
@@ -536,22 +550,25 @@ class HybridModel(Result):
             beta = true_parameters(parameters, bound.names, bound.interest)
         phi = true_hyper_parameters(hyper_um or {}, bound.hyper_prior, rng)
         truth = bound.linearised_at(beta)
-        coefficients = bound.interest @ beta + bound.known_offset
-        for term in self.nuisances:
-            for columns in term.columns(truth):
-                coefficients = coefficients + columns.draw(phi, truth.tests, rng)
+        without_nuisances = bound.interest @ beta + bound.known_offset
+        drawn = draw_nuisances(self.nuisances, truth, phi, rng, without_nuisances)
         tests = []
-        for test, coefficients_of_test in zip(plan.tests, coefficients, strict=True):
+        for test, coefficients_of_test in zip(plan.tests, drawn.readings_mm, strict=True):
             noise = rng.normal(0.0, phi["sigma"], len(test.angle_deg))
             reading = basis(test.angles_rad()) @ coefficients_of_test + noise
             if exact:
                 reading = reading + bound.linearisation_error_mm(test, beta)
             tests.append(test.with_reading_um(reading * 1e3))
+        forces_N = np.append(np.unique(truth.force_N), truth.reference_force_N)
+        at_forces = np.stack([bound.compliance_at(force) @ beta for force in forces_N])
+        units = {parameter.name: parameter.unit for parameter in bound.parameters}
         return Simulation(
             replace(plan, tests=tuple(tests)),
             dict(zip(bound.names, beta.tolist(), strict=True)),
             bound.hyper_prior.named(np.array([*phi.values()])),
-            {parameter.name: parameter.unit for parameter in bound.parameters},
+            units | drawn.units,
+            drawn.effects,
+            true_changes(bound.compliances, forces_N, at_forces, drawn.effects, truth),
         )
 
 

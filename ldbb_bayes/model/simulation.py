@@ -4,17 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
+from ldbb_bayes.machine.parameters import ComplianceName
 from ldbb_bayes.model.hyper_prior import HyperPrior
-from ldbb_bayes.model.terms.columns import Law
+from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.setting import Setting
+from ldbb_bayes.model.terms.base import Term
+from ldbb_bayes.model.terms.columns import Columns, Hyper, Law
+from ldbb_bayes.model.terms.joints import joint_load_names, secants_along_axis
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import inside_name
 
-__all__ = ["Simulation", "true_hyper_parameters", "true_parameters"]
+__all__ = [
+    "Simulation",
+    "TrueChange",
+    "draw_nuisances",
+    "true_changes",
+    "true_hyper_parameters",
+    "true_parameters",
+]
 
 # Readings that are simulated from true parameters must stay below this size [mm]; larger ones come
 # from parameters in another unit.
@@ -22,8 +35,44 @@ _LARGEST_READING_MM = 100.0
 
 
 @dataclass(frozen=True)
+class TrueChange:
+    """True compliance C(F) of a simulated machine at the tested forces F, and its change.
+
+    C(F) is the same quantity that a fit states: the compliance at the reference force, its slopes
+    (changes with force) and, for a direct compliance, the contribution of the term `JointLoad`
+    (nonlinear deflection of joints under load). The fields have the names that
+    `lb.analysis.change_with_force` uses.
+
+    Examples
+    --------
+    >>> simulation = lb.HybridModel.default().simulate(campaign.plan(), seed=1)
+    >>> true = simulation.change_with_force["C_YYY"]
+    >>> true.change == true.at_largest - true.at_smallest
+    True
+    """
+
+    #: unit of the compliance and of its change, made of mm, N and rad, such as mm/N
+    unit: str
+    smallest_force_N: float  #: smallest force tested, F_min [N]
+    reference_force_N: float  #: reference force of the model, F0 [N]
+    largest_force_N: float  #: largest force tested, F_max [N]
+    at_smallest: float  #: compliance C(F_min) at the smallest force tested
+    at_reference: float  #: compliance C(F0) at the reference force
+    at_largest: float  #: compliance C(F_max) at the largest force tested
+    change: float  #: change of the compliance, C(F_max) − C(F_min)
+    #: n different forces of the tests in ascending order, shape (n,) [N]
+    forces_N: tuple[float, ...]
+    #: compliance at each of the n forces, shape (n,)
+    at_forces: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Simulation(Result):
-    """Simulated campaign, and the true values of all parameters from which it was simulated."""
+    """Simulated campaign, and the true values from which it was simulated.
+
+    The values of coefficients that each test has separately (set-up shifts, discrepancies, random
+    force errors) and the noise are not kept.
+    """
 
     campaign: Campaign
     #: true compliances, their changes with force, and geometric errors of the simulated machine by
@@ -32,9 +81,125 @@ class Simulation(Result):
     #: true hyper-parameters (such as the standard deviation of the noise) of the simulation by
     #: name; lengths in µm
     hyper_um: dict[str, float]
-    #: units, made of mm, N and rad, of all compliances, slopes (changes of compliances with force)
-    #: and geometric errors; the keys are the names of these parameters
+    #: units, made of mm, N and rad, of all compliances, slopes (changes of compliances with force),
+    #: geometric errors and ``effects``; the keys are the names of these quantities
     units: dict[str, str]
+    #: true coefficients of the nuisance terms (effects modelled but not of interest) that tests
+    #: have in common, by name, in internal units (mm, N, rad). ``joint_load_X_seat`` is an example.
+    effects: dict[str, float]
+    #: true compliances C(F) at the tested forces F; the keys are the names of the compliances at
+    #: the reference force, such as C_XXX
+    change_with_force: dict[str, TrueChange]
+
+
+class DrawnNuisances(NamedTuple):
+    """Nuisances (effects that are modelled but not of interest) that were drawn at random."""
+
+    #: readings of all tests with the nuisances added, as Fourier coefficients, shape (tests, 25)
+    #: [mm]
+    readings_mm: Array
+    #: coefficients of nuisances that tests have in common, by name, in internal units (mm, N, rad)
+    effects: dict[str, float]
+    #: units of these coefficients by name, made of mm, N and rad
+    units: dict[str, str]
+
+
+def draw_nuisances(
+    nuisances: Sequence[Term],
+    truth: Setting,
+    phi: Mapping[Hyper, float],
+    rng: np.random.Generator,
+    readings_mm: Array,
+) -> DrawnNuisances:
+    """Draw nuisances at random from their priors, and add their effects to readings.
+
+    Parameters
+    ----------
+    nuisances
+        Nuisance terms of the model.
+    truth
+        Test conditions, linearised at the true parameters.
+    phi
+        True hyper-parameters by name, with lengths in mm.
+    rng
+        Generator of random numbers.
+    readings_mm
+        Readings without nuisances, as Fourier coefficients, shape (tests, 25) [mm].
+    """
+    effects: dict[str, float] = {}
+    units: dict[str, str] = {}
+    for term in nuisances:
+        for columns in term.columns(truth):
+            if not isinstance(columns, Columns):
+                readings_mm = readings_mm + columns.draw(phi, truth.tests, rng)
+                continue
+            drawn = columns.draw_coefficients(phi, truth.tests, rng)
+            readings_mm = readings_mm + columns.effect_of(drawn)
+            if not columns.private:
+                effects |= dict(zip(columns.names, drawn[0].tolist(), strict=True))
+                units |= {name: term.unit_of(name).inside for name in columns.names}
+    return DrawnNuisances(readings_mm, effects, units)
+
+
+def true_changes(
+    compliances: Sequence[ComplianceName],
+    forces_N: Array,
+    at_forces: Array,
+    effects: Mapping[str, float],
+    truth: Setting,
+) -> dict[str, TrueChange]:
+    """Return the true compliances C(F) of a simulated machine at the tested forces, by name.
+
+    Parameters
+    ----------
+    compliances
+        The c compliances of the model.
+    forces_N
+        The n forces of the tests in ascending order and, last, the reference force F0, shape
+        (n + 1,) [N].
+    at_forces
+        Compliances at these forces that follow from the parameters alone, shape (n + 1, c), in mm,
+        N and rad.
+    effects
+        Coefficients of the nuisance terms that tests have in common, by name. Those of `JointLoad`
+        are added to the direct compliances.
+    truth
+        Test conditions, with the reference force and the largest force.
+    """
+    changes: dict[str, TrueChange] = {}
+    for index, compliance in enumerate(compliances):
+        curve = at_forces[:, index] + _joint_load(compliance, forces_N, effects, truth)
+        *tested, at_reference = curve.tolist()
+        *tested_N, reference_N = forces_N.tolist()
+        changes[compliance.label] = TrueChange(
+            unit=compliance_unit(compliance),
+            smallest_force_N=tested_N[0],
+            reference_force_N=reference_N,
+            largest_force_N=tested_N[-1],
+            at_smallest=tested[0],
+            at_reference=at_reference,
+            at_largest=tested[-1],
+            change=tested[-1] - tested[0],
+            forces_N=tuple(tested_N),
+            at_forces=tuple(tested),
+        )
+    return changes
+
+
+def _joint_load(
+    compliance: ComplianceName, forces_N: Array, effects: Mapping[str, float], truth: Setting
+) -> Array:
+    """Return what the term `JointLoad` adds to a compliance at n forces, shape (n,) [mm/N].
+
+    The result is zero for a compliance that is not direct, or if ``effects`` has no coefficients of
+    the term for the axis. The arguments are those of `true_changes`.
+    """
+    names = joint_load_names(compliance.twist)
+    if compliance.kind != "direct" or names[0] not in effects:
+        return np.zeros(len(forces_N))
+    coefficients = np.array([effects[name] for name in names])
+    secants = secants_along_axis(forces_N, truth.reference_force_N, truth.largest_force_N)
+    return np.asarray(secants @ coefficients)
 
 
 def true_parameters(

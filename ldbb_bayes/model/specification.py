@@ -26,6 +26,7 @@ from ldbb_bayes.files import parse_toml, read_toml, validated
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import Term
+from ldbb_bayes.results import read_result
 from ldbb_bayes.units import setting_to_inside
 
 __all__ = [
@@ -250,9 +251,18 @@ class _TruthsFile(BaseModel):
     hyper_um: dict[str, float] = Field(default_factory=dict)
 
 
+class _TruthRecord(BaseModel):
+    """Part of the file truth.json of a simulation that a further simulation can use."""
+
+    model_config = ConfigDict(extra="ignore", strict=True)
+    schema_: Literal[1] = Field(alias="schema")
+    parameters: dict[str, float]
+    hyper_um: dict[str, float]
+
+
 @dataclass(frozen=True)
 class Truths:
-    """Plan and true values for a simulation, as read from a TOML file."""
+    """Plan and true values for a simulation, as read from a file."""
 
     #: plan (campaign without readings) that is to be simulated; None if the file of true values
     #: contains no forces, so that the plan must come from another file
@@ -282,11 +292,15 @@ def is_truths(path: Path) -> bool:
 
 
 def read_truths(path: Path) -> Truths:
-    """Read a TOML file with the plan of a simulation and the true values of the machine.
+    """Read a file with the plan of a simulation and the true values of the machine.
 
-    ``path`` is the path of the file. For a mistake in the file, raise an `InputError` that names
-    the file and the place of the mistake.
+    ``path`` is the path of a TOML file, or of the file truth.json that an earlier simulation wrote.
+    Of truth.json, parameters and hyper-parameters are used. Noise factors of its circles, and the
+    effects and changes with force that it states, are not used. For a mistake in the file, raise an
+    `InputError` that names the file and the place of the mistake.
     """
+    if path.suffix.lower() == ".json":
+        return read_result(path, "truth", "simulate", _truths_of_record)
     file = validated(_TruthsFile, read_toml(path), str(path))
     with placed(path):
         plan = None if file.forces_N is None else _plan_of_truths(file, path.stem)
@@ -296,6 +310,19 @@ def read_truths(path: Path) -> Truths:
             file.hyper_um,
             file.exact,
         )
+
+
+def _truths_of_record(record: Mapping[str, Any]) -> Truths:
+    """Return the true values in the content of a file truth.json, without its plan.
+
+    Noise factors of circles are left out, because they belong to the circles of the simulation that
+    wrote the file. Raise a ValueError if the content is not that of such a file.
+    """
+    content = _TruthRecord.model_validate(record)
+    hyper_um = {
+        name: value for name, value in content.hyper_um.items() if not name.startswith("lambda_")
+    }
+    return Truths(None, content.parameters, hyper_um, False)
 
 
 def _plan_of_truths(file: _TruthsFile, name: str) -> Campaign:

@@ -342,6 +342,31 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     assert lb.read_campaign(tmp_path / "d").sha256 == campaign.sha256
 
 
+def test_truth_states_what_was_drawn_and_can_be_simulated_again(
+    planned: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    """Effects and C(F) stand in truth.json; another simulation takes parameters and scales from it,
+    draws the rest anew and says so."""
+    assert invoke("simulate", planned, "--out", tmp_path / "c", "--seed", 1)[0] == 0
+    path = tmp_path / "c" / "truth.json"
+    truth = json.loads(path.read_text())
+    assert truth["units"]["joint_load_X_seat"] == "mm/N"
+    assert truth["change_with_force"]["C_XXX"]["forces_N"] == [36.0, 400.0, 742.0]
+    again = tmp_path / "again"
+    code, out, err = invoke("simulate", planned, "--truth", path, "--out", again, "--seed", 2)
+    assert code == 0
+    assert "effects, and the scales of its circles, are not used" in " ".join((out + err).split())
+    second = json.loads((again / "truth.json").read_text())
+    assert second["parameters"] == truth["parameters"]
+    assert second["hyper_um"]["sigma"] == pytest.approx(truth["hyper_um"]["sigma"])
+    assert second["effects"] != truth["effects"]
+    damaged = tmp_path / "damaged.json"
+    damaged.write_text('{"schema": 1}', encoding="utf-8")
+    code, _, err = invoke("simulate", planned, "--truth", damaged, "--out", tmp_path / "no")
+    assert code == 2
+    assert "must be a truth written by this version of ldbb-bayes simulate" in " ".join(err.split())
+
+
 @pytest.mark.slow
 def test_certificates_are_options_too(
     folder: Path, planned: Path, tmp_path: Path, invoke: Invoke

@@ -8,6 +8,7 @@ from campaigns import HYPER_UM, TRUTH, cases, oracle_of, plan, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.machine.exact import exact_reading_mm
+from ldbb_bayes.model.fourier import basis
 
 SILENT = {"sigma": 0.0, "delta": 0.0, "kappa": 0.0, "tau": 0.0}
 
@@ -114,3 +115,94 @@ def test_slopes_that_leave_no_machine_are_refused() -> None:
     model = lb.HybridModel.default(1).with_prior(slope_scale=1e4)
     message = "prior slope_scale must let compliances be positive at every tested force, got 10000"
     refuses(message, model.simulate, plan(), seed=1)
+
+
+def test_effects_and_private_noise_are_told_apart() -> None:
+    """What tests have in common is named with its unit; what one test has is not kept."""
+    model = lb.HybridModel.default()
+    bound = model.bind(plan())
+    simulation = model.simulate(plan(), seed=1)
+    names: list[str] = []
+    for columns in bound.nuisance_columns:
+        if isinstance(columns, lb.terms.Columns) and not columns.private:
+            names += columns.names
+    assert list(simulation.effects) == names
+    assert set(simulation.units) == {*simulation.parameters, *simulation.effects}
+    assert simulation.units["force_gain"] == "1"
+    assert simulation.units["mount"] == "mm/bar"
+    assert simulation.units["joint_load_X_seat"] == "mm/N"
+    assert not any(name.startswith(("setup", "discrepancy")) for name in simulation.effects)
+
+
+def test_readings_follow_from_the_effects() -> None:
+    """Without noise and private effects, parameters and effects are all that is in the readings."""
+    model = lb.HybridModel.default(1).without("setup-shift", "discrepancy", "circle-scale")
+    model = model.without("force-error")
+    simulation = model.simulate(plan(), seed=4, hyper_um={"sigma": 0.0})
+    bound = model.bind(plan())
+    beta = np.array([simulation.parameters[name] for name in bound.names])
+    coefficients = bound.interest @ beta + bound.known_offset
+    truth = bound.linearised_at(beta)
+    for term in model.nuisances:
+        for columns in term.columns(truth):
+            values = np.array([simulation.effects[name] for name in columns.names])
+            coefficients = coefficients + columns.values @ values
+    for test, expected in zip(simulation.campaign.tests, coefficients, strict=True):
+        readings = basis(test.angles_rad()) @ expected
+        np.testing.assert_allclose(test.readings_mm(), readings, atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2])
+def test_true_compliances_at_the_tested_forces(degree: int) -> None:
+    """The formula of the model: C(F) is C + slopes + JointLoad's columns at u = 1, over F."""
+    simulation = lb.HybridModel.default(degree).simulate(plan(), seed=2)
+    force = np.array([36.0, 300.0, 520.0, 742.0])
+    reference = 0.5 * (36.0 + 742.0)
+    contact = np.cbrt(force**2 * reference)
+    for name, axis in (("C_XXX", "X"), ("C_YYY", "Y"), ("C_XYX", None)):
+        expected = np.full(4, simulation.parameters[name])
+        for power in range(1, degree + 1):
+            slope = simulation.parameters[f"{name}_{power}"]
+            expected += slope * (force - reference) ** power
+        if axis:
+            slope, bolt, seat = (
+                simulation.effects[f"joint_load_{axis}_{law}"]
+                for law in ("slope", "contact", "seat")
+            )
+            rolling = force * (force - reference) / 742.0
+            expected += (slope * rolling + (bolt + seat) * (contact - force)) / force
+        true = simulation.change_with_force[name]
+        assert true.unit == "mm/N"
+        assert true.forces_N == tuple(force)
+        np.testing.assert_allclose(true.at_forces, expected, rtol=1e-12, atol=1e-18)
+        assert true.at_reference == pytest.approx(simulation.parameters[name], rel=1e-12)
+        assert (true.at_smallest, true.at_largest) == (true.at_forces[0], true.at_forces[-1])
+        assert true.change == pytest.approx(expected[-1] - expected[0], rel=1e-9, abs=1e-18)
+
+
+def test_a_fit_recovers_the_true_compliances() -> None:
+    """With next to no noise and nothing private, C(F) of a fit is the truth within a few u, and
+    much nearer to it than the slope alone."""
+    others = [kind.key() for kind in lb.terms.Term.kinds.values() if kind is not lb.terms.JointLoad]
+    model = lb.HybridModel.default(1).without(*others)
+    planned = plan((360,) * 8, forces_N=np.linspace(40.0, 740.0, 8).tolist())
+    scales_um = {"sigma": 0.1}
+    simulation = model.simulate(planned, seed=3, parameters=TRUTH, hyper_um=scales_um)
+    posterior = lb.sample(model, simulation.campaign, seed=1)
+    found = lb.analysis.change_with_force(posterior)
+    for name in ("C_XXX", "C_YYY"):
+        true = simulation.change_with_force[name]
+        for end in ("at_smallest", "at_largest", "change"):
+            value = getattr(found[name], end)
+            assert abs(value.mean - getattr(true, end)) < 4.0 * value.sd
+        assert abs(true.change) > 10.0 * found[name].change.sd
+
+
+def test_without_joint_load_only_slopes_change_compliances() -> None:
+    model = lb.HybridModel.default(1).without("joint-load")
+    simulation = model.simulate(plan(), seed=1)
+    true = simulation.change_with_force["C_XXX"]
+    assert true.change == pytest.approx(706.0 * simulation.parameters["C_XXX_1"], rel=1e-9)
+    constant = lb.HybridModel.paper().simulate(plan(), seed=1, parameters=TRUTH)
+    assert constant.change_with_force["C_XXX"].change == 0.0
+    assert constant.effects == {}

@@ -260,6 +260,18 @@ class Columns(Shown):
         Fourier coefficients, shape (tests, 25). ``phi`` maps the names of the hyper-parameters to
         their values, with lengths in mm; ``tests`` is the number of tests.
         """
+        return self.effect_of(self.draw_coefficients(phi, tests, rng))
+
+    def draw_coefficients(
+        self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator
+    ) -> Array:
+        """Return a random draw of the p coefficients in every test, shape (tests, p).
+
+        The coefficients are drawn from their prior with the random number generator ``rng``, in
+        internal units (mm, N, rad). If they are not ``private``, all tests have the same values.
+        ``phi`` maps the names of the hyper-parameters to their values, with lengths in mm;
+        ``tests`` is the number of tests.
+        """
         p = len(self.names)
         if self.private:
             sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
@@ -268,7 +280,15 @@ class Columns(Shown):
             draws = self.sd_at(phi) * rng.standard_normal((1, p))
         if self.mean is not None:
             draws = draws + self.mean
-        return np.einsum("tkq,tq->tk", self.values, np.broadcast_to(draws, (tests, p)))
+        return np.broadcast_to(draws, (tests, p))
+
+    def effect_of(self, coefficients: Array) -> Array:
+        """Return the effect of given coefficients on the readings of all tests [mm].
+
+        ``coefficients``, shape (tests, p), holds the p coefficients in every test. The result holds
+        Fourier coefficients, shape (tests, 25).
+        """
+        return np.asarray(np.einsum("tkq,tq->tk", self.values, coefficients))
 
 
 @dataclass(frozen=True, eq=False)
