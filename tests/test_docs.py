@@ -11,6 +11,7 @@ import pytest
 import run_page
 
 import ldbb_bayes as lb
+from ldbb_bayes.model.specification import model_from_toml
 
 ROOT = Path(__file__).resolve().parents[1]
 LESSONS = [
@@ -82,3 +83,22 @@ def test_the_workbook_is_the_published_experiment(recovered: lb.Campaign) -> Non
         assert test.force_N == published.force_N
         assert test.angle_deg.tolist() == published.angle_deg.tolist()
         assert np.abs(test.reading_um - published.reading_um).max() < 5.001e-3
+
+
+MODEL_BLOCKS = [
+    (page.name, block)
+    for page in PAGES
+    for block in re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
+    if "[prior" in block
+]
+
+
+@pytest.mark.parametrize(("page", "block"), MODEL_BLOCKS)
+def test_model_files_of_pages_leave_no_term_out(page: str, block: str) -> None:
+    """They can be used alone as they stand."""
+    assert page in {"files.md", "change_a_prior.md"}
+    assert model_from_toml(block).terms == lb.HybridModel.default().terms
+
+
+def test_pages_have_model_files() -> None:
+    assert {page for page, _ in MODEL_BLOCKS} == {"files.md", "change_a_prior.md"}
