@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from collections.abc import Collection
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -23,6 +24,7 @@ __all__ = [
     "RemarkKind",
     "TestPreview",
     "check_campaign",
+    "preview_of_model",
     "resolution_of",
 ]
 
@@ -124,6 +126,17 @@ class RemarkKind(StrEnum):
     FORCES = "forces"
     REFERENCE = "reference force"
     BALLS = "balls"
+    NOT_MODELLED = "not modelled"
+
+
+# Remarks on what a fit will assume that hold only if the model has a certain term. The values are
+# the names of the classes of the terms.
+_TERM_OF_REMARK = {
+    RemarkKind.BOTH_WAYS: "Hysteresis",
+    RemarkKind.DRIFT: "Drift",
+    RemarkKind.TEMPERATURES: "Drift",
+    RemarkKind.BALLS: "BallForm",
+}
 
 
 @dataclass(frozen=True)
@@ -258,6 +271,24 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
         assumptions=_assumption_remarks(campaign),
         remarks=_campaign_remarks(campaign),
     )
+
+
+def preview_of_model(preview: CampaignPreview, terms: Collection[str]) -> CampaignPreview:
+    """Return a preview without assumptions about terms that a model does not have.
+
+    Parameters
+    ----------
+    preview
+        Preview of a campaign, with the assumptions of the default model.
+    terms
+        Names of the terms of the model, such as Hysteresis.
+    """
+    assumptions = []
+    for remark in preview.assumptions:
+        term = _TERM_OF_REMARK.get(remark.kind)
+        if term is None or term in terms:
+            assumptions.append(remark)
+    return replace(preview, assumptions=tuple(assumptions))
 
 
 class _Angles(NamedTuple):

@@ -23,7 +23,12 @@ from ldbb_bayes.campaign.folder import (
     files_of,
     write_campaign_into,
 )
-from ldbb_bayes.campaign.preview import CampaignPreview, Remark, RemarkKind
+from ldbb_bayes.campaign.preview import (
+    CampaignPreview,
+    Remark,
+    RemarkKind,
+    preview_of_model,
+)
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields
 from ldbb_bayes.cli.campaign_notes import notes_on_campaign, notes_on_readings
@@ -130,7 +135,7 @@ def check(
     uncertainties = lb.terms.uncertainties(campaign)
     if model_file is not None:
         model = lb.read_model(model_file)
-        preview = _with_model_file(preview, model_file, model.reference_force_N)
+        preview = _with_model_file(preview, model_file, model)
         uncertainties = lb.terms.uncertainties(campaign, model.nuisances)
     record = lb.report.with_words(preview) | {
         "uncertainties": uncertainties.as_dict()["assumed"],
@@ -140,20 +145,26 @@ def check(
 
 
 def _with_model_file(
-    preview: CampaignPreview, model_file: Path, reference_force_N: float | None
+    preview: CampaignPreview, model_file: Path, model: lb.HybridModel
 ) -> CampaignPreview:
-    """Return a preview that names the model file beside the campaign, and the reference force F0.
+    """Return a preview that states what a fit assumes with the model file beside the campaign.
 
-    ``reference_force_N`` is F0 in the model file [N]. If it is None, F0 is that of the preview.
+    It names the file, the reference force F0, and the terms of the default model that the model
+    leaves out. ``model`` is the model in the file. If it states no F0, F0 is that of the preview.
     """
     assumptions = []
-    for remark in preview.assumptions:
+    for remark in preview_of_model(preview, model.terms).assumptions:
         if remark.kind is RemarkKind.REFERENCE:
             values = {"file": model_file.name, **remark.values}
-            if reference_force_N is not None:
-                values["force_N"] = reference_force_N
+            if model.reference_force_N is not None:
+                values["force_N"] = model.reference_force_N
             remark = Remark(RemarkKind.MODEL_FILE, values)
         assumptions.append(remark)
+    names = set(lb.HybridModel.default().terms) - set(model.terms)
+    missing = [kind.words for name, kind in lb.terms.Term.kinds.items() if name in names]
+    if missing:
+        values = {"file": model_file.name, "terms": ", ".join(missing)}
+        assumptions.append(Remark(RemarkKind.NOT_MODELLED, values))
     return replace(preview, assumptions=tuple(assumptions))
 
 

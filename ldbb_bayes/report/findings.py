@@ -23,7 +23,7 @@ from ldbb_bayes.analysis.posterior_verdicts import (
     judge_quantities,
 )
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
+from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign, preview_of_model
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.inference.summary import summarize
@@ -130,8 +130,12 @@ class Findings:
 
     @cached_property
     def preview(self) -> CampaignPreview:
-        """Preview of the campaign, which states what the readings show without a fit."""
-        return check_campaign(campaign_of(self.posterior))
+        """Preview of the campaign, which states what the readings show without a fit.
+
+        It states no assumptions about terms that the model of the fit does not have.
+        """
+        preview = check_campaign(campaign_of(self.posterior))
+        return preview_of_model(preview, model_of(self.posterior).terms)
 
     @cached_property
     def judged_quantities(self) -> JudgedQuantities:

@@ -144,6 +144,29 @@ def test_check_states_what_the_model_beside_the_plan_assumes(in_part: Path, invo
     assert "mount_curvature" not in mount
 
 
+def test_check_follows_the_terms_of_the_model_beside_the_plan(
+    tmp_path: Path, invoke: Invoke
+) -> None:
+    """What the model leaves out is named and not called a term of it."""
+    tests = plan().tests
+    both_ways = [
+        replace(test, direction=("CW", "CCW")[index % 2]) for index, test in enumerate(tests)
+    ]
+    folder = lb.write_campaign(replace(plan(), tests=tuple(both_ways)), tmp_path / "plan")
+    hysteresis = "hysteresis is a term of the model"
+    assert hysteresis in invoke("check", folder)[1]
+    (folder / "model.toml").write_text("schema = 1\n", encoding="utf-8")
+    words = " ".join(invoke("check", folder)[1].split())
+    assert hysteresis in words
+    assert "Not modelled" not in words
+    (folder / "model.toml").write_text("schema = 1\n[terms.BarLength]\n", encoding="utf-8")
+    words = " ".join(invoke("check", folder)[1].split())
+    assert hysteresis not in words
+    assert "Drift of bar and centre follows" not in words
+    left_out = [term.words for term in lb.HybridModel.default().without("bar-length").nuisances]
+    assert f"Not modelled: {', '.join(left_out)}. model.toml leaves out these effects" in words
+
+
 def test_no_stiffness_is_stated_of_a_plane_that_has_not_been_run(tmp_path: Path) -> None:
     """A plan of two planes of which one has been run has the parameters of both."""
     planned = plan_of_three_planes()

@@ -263,6 +263,15 @@ def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
         assert page.count("ells/N") > 20
 
 
+def test_the_annex_assumes_only_what_the_model_has() -> None:
+    """The first edition has no drift, which a fit of it therefore does not follow."""
+    campaign = simulated(plan())
+    assert "drift" in {remark.kind for remark in lb.check_campaign(campaign).assumptions}
+    findings = findings_of_fit(fitted(lb.HybridModel.first(1), campaign))
+    assert "drift" not in {remark.kind for remark in findings.preview.assumptions}
+    assert "balls" in {remark.kind for remark in findings.preview.assumptions}
+
+
 def test_catalogues_say_the_same() -> None:
     def leaves(table: dict[str, Any], stem: str = "") -> dict[str, set[str]]:
         fields_by_path: dict[str, set[str]] = {}
