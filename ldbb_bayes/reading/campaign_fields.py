@@ -38,6 +38,9 @@ _NAMES = ("operator", "place", "ball_bar", "force_device")
 # Fields of a campaign for which files may state different values. For any other field, different
 # values are an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
+# Fields that state which machine was measured. If their values differ, the files may hold tests of
+# several machines, which must not become one campaign.
+_OF_MACHINE = ("machine_type", "serial_number")
 # Two numbers that are stated for one field count as equal if they agree when rounded to this number
 # of decimals.
 _COMPARED_PLACES = 9
@@ -317,6 +320,12 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
             check_plane(recording.place, plane, place, "angle" in recording.numbers)
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
+    if key in _OF_MACHINE:
+        choice = "--sheets with those of one" if recording.sheet.name else "name the files of one"
+        remedy = (
+            f"Import machines one by one ({choice}). Of one machine, correct the lines, or give"
+            f" {_OPTIONS[key]}."
+        )
     require(
         len(places) <= 1 or key in _MAY_DIFFER,
         f"{recording.place}: {key} must be said once, got {listed}. {remedy}",

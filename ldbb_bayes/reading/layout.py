@@ -132,7 +132,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: line number of the header in the file; 0 for a table without a header (its columns are then
     #: stated by their numbers from 1)
     header_line: int | None = Field(default=None, ge=0)
-    #: names of the sheets to read from workbooks; empty for all sheets with a table of readings
+    #: names of the sheets to read from workbooks, or patterns with * and ?; empty for all sheets
+    #: with a table of readings
     sheets: list[str] = Field(default_factory=list)
     #: dict with the columns of the table. The key is the role of a column, such as angle; the value
     #: is the column's header or its number, counted from 1. If several columns of readings are

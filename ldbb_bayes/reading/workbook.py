@@ -6,6 +6,7 @@ import io
 import re
 import zipfile
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from ldbb_bayes.campaign.text_table import (
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import LONGEST_NAME
 from ldbb_bayes.reading.workbook_parts import SheetParts, parts_of_sheets
 
 __all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
@@ -57,8 +59,8 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     raw
         Content of the file.
     wanted
-        Names of the sheets to return. If no names are given, all sheets that are not hidden are
-        returned, or all sheets if every sheet is hidden.
+        Names of the sheets to return, or patterns with ``*`` or ``?``. If no names are given, all
+        sheets that are not hidden are returned, or all sheets if every sheet is hidden.
 
     Raises
     ------
@@ -116,14 +118,14 @@ def _wanted_sheets(
 ) -> list[Sheet]:
     """Return the wanted sheets of a workbook. Hidden rows and empty sheets are left out.
 
-    ``wanted`` are the names of the wanted sheets. If no names are given, all sheets that are not
-    hidden are returned, or all sheets if every sheet is hidden. The keys of ``parts`` are the names
-    of sheets; each value states the hidden rows of the sheet, the units in its number formats, and
-    its formulas without a value. ``book`` is the open workbook.
+    ``wanted`` are the names of the wanted sheets, or patterns with ``*`` or ``?``. If no names are
+    given, all sheets that are not hidden are returned, or all sheets if every sheet is hidden. The
+    keys of ``parts`` are the names of sheets; each value states the hidden rows of the sheet, the
+    units in its number formats, and its formulas without a value. ``book`` is the open workbook.
     """
-    check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)
     visible = [name for name in book.sheet_names if name not in hidden]
+    wanted = _names_matching(path, wanted, book.sheet_names, visible)
     hidden_sheets: tuple[str, ...] = ()
     sheets_not_wanted: tuple[str, ...] = ()
     if wanted:
@@ -151,6 +153,45 @@ def _wanted_sheets(
                 )
             )
     return sheets
+
+
+def _names_matching(
+    path: Path, wanted: Sequence[str], names: Sequence[str], visible: Sequence[str]
+) -> list[str]:
+    """Return the names of the wanted sheets, with each pattern replaced by the matching names.
+
+    A wanted name with ``*`` or ``?`` is a pattern, unless a sheet has exactly this name. Hidden
+    sheets do not match a pattern. The matching names are in the order of the workbook, and each
+    name is returned once. Raise an `InputError` if a name or pattern matches no sheet.
+
+    Parameters
+    ----------
+    path
+        Path of the workbook.
+    wanted
+        Names and patterns of the wanted sheets.
+    names
+        Names of all sheets of the workbook.
+    visible
+        Names of the sheets that a spreadsheet program shows.
+    """
+    patterns = {text for text in wanted if text not in names and ("*" in text or "?" in text)}
+    check_known(f"{path}: sheet", [text for text in wanted if text not in patterns], names)
+    matching: dict[str, None] = {}
+    for text in wanted:
+        if text not in patterns:
+            matching[text] = None
+            continue
+        pattern = text.replace("[", "[[]")
+        found = [name for name in visible if fnmatchcase(name, pattern)]
+        listed = ", ".join(repr(name) for name in visible)[:LONGEST_NAME]
+        require(
+            found,
+            f"{path}: sheets must match {text}, got none: it has {listed}. Name the sheets, or"
+            " correct the pattern.",
+        )
+        matching |= dict.fromkeys(found)
+    return list(matching)
 
 
 def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:

@@ -164,7 +164,7 @@ def test_check_follows_the_terms_of_the_model_beside_the_plan(
     assert hysteresis not in words
     assert "Drift of bar and centre follows" not in words
     left_out = [term.words for term in lb.HybridModel.default().without("bar-length").nuisances]
-    assert f"Not modelled: {', '.join(left_out)}. model.toml leaves out these effects" in words
+    assert f"Not modelled: {', '.join(left_out)}. The default model has these effects" in words
 
 
 def test_no_stiffness_is_stated_of_a_plane_that_has_not_been_run(tmp_path: Path) -> None:

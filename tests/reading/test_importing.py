@@ -16,6 +16,7 @@ from openpyxl import Workbook
 import ldbb_bayes as lb
 from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.reading.spreadsheet import read_sheets
+from ldbb_bayes.reading.workbook import _names_matching
 
 CASES = cases(__file__, "importing.toml")
 
@@ -644,6 +645,39 @@ def test_what_is_not_understood_or_contradicts_the_force_law_is_told(tmp_path: P
     assert ("2 N at 2 bar", "of the pressures the force law makes 237.9 N") in {
         (assumption.value, assumption.because) for assumption in assumptions
     }
+
+
+def book_of_two_machines(path: Path) -> Path:
+    """The sheets of each machine begin with the same letter."""
+    sheets = {}
+    for machine in "AB":
+        for force in (36, 742):
+            sheets[f"{machine} {force} N"] = [["Serial number:", f"{machine}-1"], *SHEET]
+    return book(path, sheets)
+
+
+def test_two_machines_in_a_book_are_imported_one_by_one(tmp_path: Path) -> None:
+    """Their refusal names --sheets, whose patterns are expanded in the order of the book."""
+    path = book_of_two_machines(tmp_path / "two.xlsx")
+    cure = r"Import machines one by one \(--sheets with those of one\)\. Of one machine, correct"
+    refuses(rf"serial_number must be said once, got A-1 .* and B-1 .*\. {cure}", imported, path)
+    for patterns in (["B*"], ["B 36 N", "B*"], ["B ?? N", "B 742 N"]):
+        campaign = imported(path, {"sheets": patterns}).campaign
+        assert campaign.serial_number == "B-1"
+        assert [test.name for test in campaign.tests] == ["B 36 N", "B 742 N"]
+    absent = r"sheets must match C\*, got none: it has 'A 36 N', 'A 742 N'"
+    refuses(absent, imported, path, {"sheets": ["B*", "C*"]})
+
+
+def test_a_pattern_matches_what_is_shown() -> None:
+    """Hidden sheets match no pattern. Brackets are letters, and so is ? in the name of a sheet."""
+    names = ["36 N", "36 N?", "742 N [1]", "742 N"]
+    shown = names[:3]
+    assert _names_matching(Path("b.ods"), ["742*"], names, shown) == ["742 N [1]"]
+    assert _names_matching(Path("b.ods"), ["742 N [*", "36 N?"], names, shown) == [
+        "742 N [1]",
+        "36 N?",
+    ]
 
 
 def test_one_force_for_each_sheet(tmp_path: Path) -> None:

@@ -95,6 +95,7 @@ def test_every_remark_on_a_campaign_has_german_words(kind: str) -> None:
     shown = shown.replace("{what}", "force").replace("{unit}", "N")
     shown = shown.replace("{radii}", "100 and 150").replace("{planes}", "XY and YZ")
     shown = shown.replace("{ball}", "work ball").replace("{file}", "model.toml")
+    shown = shown.replace("{terms}", "ball form, set-up shift, drift")
     assert untranslated({shown}, "f036") == []
 
 
