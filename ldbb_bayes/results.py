@@ -422,7 +422,11 @@ def html_of(result: Any) -> str:
 
 
 def read_result(
-    path: str | os.PathLike[str], name: str, command: str, read: Callable[[dict[str, Any]], T]
+    path: str | os.PathLike[str],
+    name: str,
+    command: str,
+    read: Callable[[dict[str, Any]], T],
+    advice: str = "",
 ) -> T:
     """Return a result from the JSON file that a command of ``ldbb-bayes`` wrote.
 
@@ -436,6 +440,8 @@ def read_result(
         Name of the command that wrote the file, such as "compare".
     read : callable
         Function that makes the result from the content of the JSON file.
+    advice : str, optional
+        Further advice that is appended to the message of an error.
 
     Raises
     ------
@@ -443,12 +449,13 @@ def read_result(
         If the file is missing, is damaged, or was not written by the command.
     """
     source = Path(path)
+    end = f" {advice}" if advice else ""
     if source.is_dir():
         source = source / f"{name}.json"
     require(
         source.is_file(),
         f"{name} must be a folder with {name}.json or such a file, got {path}. Give the --out"
-        f" folder of a {command}.",
+        f" folder of a {command}.{end}",
     )
     raw = bytes_of(source, _LARGEST_BYTES, what=f"a {name}")
     try:
@@ -464,7 +471,7 @@ def read_result(
         raise InputError(
             f"{source} must be a {name} written by this version of ldbb-bayes {command}, got"
             f" another file or a damaged one ({_reason_of(error)}). Name the file of a {name}, or"
-            f" run {command} again."
+            f" run {command} again.{end}"
         ) from None
 
 

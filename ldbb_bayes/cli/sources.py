@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -100,6 +101,25 @@ def _require_path(path: Path) -> None:
         f" {TOML_NAME}, a {TOML_NAME} or the --out folder of a fit, found none."
         f" {advice_on_path(path)}",
     )
+
+
+def _how_to_compare(paths: Sequence[Path]) -> str:
+    """Return a sentence with the commands that compare several campaigns.
+
+    Paths of fits need no command of their own. If ``paths`` also has other files, such as tables,
+    the sentence says only that several fits can be compared.
+    """
+    commands = []
+    fits = []
+    for number, path in enumerate(paths, start=1):
+        if (path / "posterior.nc").is_file():
+            fits.append(shlex.quote(str(path)))
+        elif (path / TOML_NAME).is_file() or path.name == TOML_NAME:
+            fits.append(f"fit_{number}")
+            commands.append(f"ldbb-bayes fit {shlex.quote(str(path))} --out fit_{number}")
+    if len(fits) < len(paths):
+        return "report sets several fits side by side."
+    return f"To compare them: {'; '.join(commands)}; ldbb-bayes report {' '.join(fits)}"
 
 
 @dataclass(frozen=True)
@@ -275,8 +295,8 @@ class ReportSource:
         first = self.paths[0]
         require(
             len(self.paths) == 1,
-            f"one campaign must be given, got {len(self.paths)} files. Take each by itself; report"
-            " sets several fits side by side.",
+            f"one campaign must be given, got {len(self.paths)} files. Take each by itself."
+            f" {_how_to_compare(self.paths)}",
         )
         self._refuse_layout()
         labels = {}

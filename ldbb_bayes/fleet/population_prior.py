@@ -24,6 +24,12 @@ __all__ = ["PopulationPrior", "digest_of", "read_population_prior"]
 # Two reference forces are treated as equal if their relative difference is at most this number.
 # Such a small difference may be a rounding error.
 _SAME_FORCE = 1e-9
+# Advice that is printed if a file is not the result of a population. A user may have given a fit.
+_ADVICE = (
+    "A population needs two machines or more. What a fit says of one machine goes by hand into"
+    " [prior.means] and [prior.overrides] of a model.toml (--model); see"
+    " docs/how-to/change_a_prior.md."
+)
 
 
 @dataclass(frozen=True)
@@ -236,7 +242,7 @@ def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
     >>> prior.machines, prior.reference_force_N
     (2, 389.0)
     """
-    return read_result(Path(path), "population", "population", _prior_of)
+    return read_result(Path(path), "population", "population", _prior_of, _ADVICE)
 
 
 def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:

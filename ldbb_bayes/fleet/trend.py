@@ -396,7 +396,10 @@ def find_trend(
         one_machine=True,
     )
     if len(statistics) < 2:
-        advice = " ".join(("Measure again.", *map(caveat_words, caveats)))
+        cure = "Measure again."
+        if CaveatKind.GIVEN_AGAIN in {caveat.kind for caveat in caveats}:
+            cure = "Name each campaign once."
+        advice = " ".join((cure, *map(caveat_words, caveats)))
         raise InputError(
             "a trend must have at least 2 campaigns of one machine to rely on, got"
             f" {len(statistics)}. {advice}"

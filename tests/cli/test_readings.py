@@ -14,6 +14,7 @@ import ldbb_bayes as lb
 
 # A small model: how files are read does not hang on it.
 SMALL = ("--preset", "first", "--degree", 0)
+FIT = "ldbb-bayes fit"
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,19 @@ def test_identify_reads_the_campaign_of_a_fit(
 def test_two_campaigns_at_once_are_refused(imported: Path, invoke: Invoke) -> None:
     code, _, stderr = invoke("identify", imported, imported)
     assert code == 2
-    assert "one campaign must be given, got 2 files" in stderr
+    words = " ".join(stderr.split())
+    assert "one campaign must be given, got 2 files" in words
+    commands = f"{FIT} {imported} --out fit_1; {FIT} {imported} --out fit_2"
+    assert f"To compare them: {commands}; ldbb-bayes report fit_1 fit_2" in words
+
+
+def test_tables_beside_a_campaign_are_refused_without_commands(
+    imported: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    (tmp_path / "a.csv").write_text("angle,reading", encoding="utf-8")
+    code, _, stderr = invoke("identify", imported, tmp_path / "a.csv")
+    assert code == 2
+    assert "report sets several fits side by side." in " ".join(stderr.split())
 
 
 def test_a_path_that_does_not_exist_is_refused(tmp_path: Path, invoke: Invoke) -> None:

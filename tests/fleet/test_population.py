@@ -503,6 +503,15 @@ def test_an_edited_file_is_refused(tmp_path: Path) -> None:
     )
 
 
+def test_a_fit_given_as_a_population_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text("{}", encoding="utf-8")
+    advice = (
+        r"one machine goes by hand into \[prior.means\] and \[prior.overrides\] of a model.toml"
+    )
+    for path in (tmp_path, tmp_path / "summary.json"):
+        refuses(advice, lb.fleet.read_population_prior, path)
+
+
 def test_other_machines_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
         InputError,

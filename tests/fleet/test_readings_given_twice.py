@@ -110,3 +110,14 @@ def test_a_prior_is_refused_whatever_is_stated_of_the_readings(batch: Path, tmp_
     for campaign in (other, recompensated(other), replace(other, order="random", drift=False)):
         refuses("must not be in the population that gives its prior", prior.doubts, campaign)
     assert isinstance(prior.doubts(measured(4, "M3")), tuple)
+
+
+def test_a_trend_of_readings_given_twice_says_so(batch: Path) -> None:
+    rows = read_fleet(batch)
+    same = rows[rows["name"].isin(["first", "first_again"])]
+    refuses(
+        "got 1. Name each campaign once. Left out, because",
+        lb.fleet.find_trend,
+        same,
+        include_misfits=True,
+    )
