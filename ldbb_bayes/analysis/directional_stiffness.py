@@ -26,8 +26,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ldbb_bayes.analysis.circle_columns import ANGLE_RAD, first_circle
-from ldbb_bayes.analysis.extremes import CurveExtremes, extremes_of, without_noise_excess
+from ldbb_bayes.analysis.circle_columns import first_circle
+from ldbb_bayes.analysis.extremes import (
+    CurveExtremes,
+    extremes_on_circle,
+    without_noise_excess,
+)
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import ElasticDraws, ModelDraws, elastic_draws
@@ -181,6 +185,9 @@ class PlaneStiffness(Result):
     #: names of the compliances on which the compliance tensor at the circle's centre depends. If
     #: the centre is not at the machine's zero, compliances of tilts are among them.
     tensor_of: tuple[str, ...]
+    #: whether the compliance along the bar depends on compliances of tilts, such as C_CXY, on the
+    #: circle of the plane
+    counts_tilts: bool
     #: name of the cross compliance (deflection along one axis of the plane per unit of force along
     #: the other), such as C_XYX; empty if the model has no cross compliance in this plane
     cross_name: str
@@ -458,7 +465,7 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
     draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
     by_plane = {}
     for k, plane in enumerate(bound.setting.tested_planes):
-        extremes = extremes_of(draws.per_force[:, k, 0] @ basis(ANGLE_RAD).T)
+        extremes = extremes_on_circle(draws.per_force[:, k, 0])
         by_plane[plane] = {
             "k_min": stiffness_from(extremes.largest),
             "k_max": stiffness_from(extremes.smallest),
@@ -504,7 +511,7 @@ def _plane_stiffness(
     compliances. ``prob`` is the probability of the credible intervals.
     """
     plane = str(bound.setting.plane[r])
-    extremes = extremes_of(curve @ basis(ANGLE_RAD).T)
+    extremes = extremes_on_circle(curve)
     angle_deg = np.arange(0, 360, _STEP_DEG)
     along_bar = curve @ basis(np.deg2rad(angle_deg)).T
     tail = 0.5 * (1.0 - prob)
@@ -527,15 +534,26 @@ def _plane_stiffness(
         ratio=_stated_value(
             "", _stiffness_ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)
         ),
-        softest=_direction(ANGLE_RAD[extremes.index_of_largest], prob),
-        stiffest=_direction(ANGLE_RAD[extremes.index_of_smallest], prob),
+        softest=_direction(extremes.angle_of_largest_rad, prob),
+        stiffest=_direction(extremes.angle_of_smallest_rad, prob),
         principal_axis=_direction(principal_rad, prob),
         tensor_of=tensor.compliances,
+        counts_tilts=_counts_tilts(bound, r),
         cross_name=cross_name,
         cross=cross,
         difference_name=f"{first.name} − {second.name}",
         difference=_stated_value("mm/N", first.draws - second.draws, prob),
     )
+
+
+def _counts_tilts(bound: BoundModel, r: int) -> bool:
+    """Return whether a compliance of a tilt acts on the circle of the test with index ``r``.
+
+    Such a compliance describes a rotation, or the effect of a moment.
+    """
+    is_tilt = np.array([compliance.rotations > 0 for compliance in bound.compliances])
+    acts = np.abs(bound.setting.elastic[r]).max(axis=0) > _LEAST_LEVER_MM
+    return bool((is_tilt & acts).any())
 
 
 class _NamedDraws(NamedTuple):

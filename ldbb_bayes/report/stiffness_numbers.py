@@ -148,14 +148,16 @@ def _quantities_of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, 
 def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
     """Return a remark that names the compliances from which a principal axis is computed.
 
-    The directions of least and greatest stiffness, which stand above the principal axis on the
-    certificate, are those along the whole circle. They also depend on the compliances that describe
-    tilts of the axes. Without the remark, a reader might wonder why they differ from the principal
-    axis.
+    Where no tilt acts on the circle, the remark has no more to say. Otherwise, the directions of
+    least and greatest stiffness, which stand above the principal axis on the certificate, are those
+    along the whole circle. They also depend on the compliances that describe tilts of the axes.
+    Without the remark, a reader might wonder why they differ from the principal axis.
     """
     direct_and_cross = {f"C_{axis}{axis}{axis}" for axis in plane.plane} | {plane.cross_name}
     remark = "remarks.at_centre"
-    if direct_and_cross.issuperset(plane.tensor_of):
+    if not plane.counts_tilts:
+        remark = "remarks.of_compliances"
+    elif direct_and_cross.issuperset(plane.tensor_of):
         remark = "remarks.without_tilts"
     return words(remark, symbols=words.joined(plane.tensor_of))
 

@@ -196,6 +196,25 @@ def test_off_the_machines_zero_tilts_are_in_the_tensor(posterior: xr.DataTree) -
     assert "C_CCY" in remark
 
 
+@pytest.mark.parametrize(
+    ("language", "axis_alone"),
+    [("en", "of C_YYY, C_YZY and C_ZZZ"), ("de", "aus C_YYY, C_YZY und C_ZZZ")],
+)
+def test_a_plane_without_tilts_has_no_remark_on_tilts(language: str, axis_alone: str) -> None:
+    """In the plane YZ of a machine wXYFZSt, no tilt of an axis changes the readings."""
+    tests = tuple(replace(test, plane="YZ") for test in plan().tests)
+    bound = MODEL.bind(replace(plan(), tests=tests, topology="wXYFZSt"))
+    compliances = np.tile([4e-5, 1e-6, 3e-5], (4, 1))
+    curve = compliances @ bound.setting.elastic[0].T
+    plane = directional_stiffness._plane_stiffness(bound, 0, FORCE_N, curve, compliances, 0.95)
+    assert _principal_axis_note(plane, words_of(language)) == axis_alone
+
+
+def test_in_a_plane_with_tilts_the_remark_names_them(posterior: xr.DataTree) -> None:
+    remark = _principal_axis_note(plane_of(posterior), words_of("en"))
+    assert remark.endswith("alone; the directions above count tilts of the axes as well")
+
+
 def test_expanded_uncertainty_is_twice_the_standard_uncertainty(posterior: xr.DataTree) -> None:
     table = lb.stiffness(posterior).table()
     np.testing.assert_allclose(table["U_k2"].astype(float), 2.0 * table["sd"].astype(float))
@@ -262,6 +281,29 @@ def test_a_direction_that_may_be_any_is_not_determined() -> None:
 
 def test_an_axis_that_may_be_either_of_two_is_not_determined() -> None:
     assert not direction_of(np.repeat([0.0, 90.0], [60, 40])).is_determined
+
+
+def test_a_direction_known_within_a_degree_has_the_interval_of_its_draws() -> None:
+    """Without tilts the softest direction is ½ atan2(C_XYX, C_XXX − C_YYY), here about 0°: its
+    interval is that of a sample, and goes below 0°."""
+    bound = MODEL.bind(plan())
+    labels = [compliance.label for compliance in bound.compliances]
+    rng = np.random.default_rng(11)
+    compliances = np.zeros((2000, len(labels)))
+    compliances[:, labels.index("C_XXX")] = rng.normal(5.5e-5, 1e-7, 2000)
+    compliances[:, labels.index("C_YYY")] = rng.normal(4.2e-5, 1e-7, 2000)
+    compliances[:, labels.index("C_XYX")] = rng.normal(6e-8, 1e-7, 2000)
+    curve = compliances @ bound.setting.elastic[0].T
+    plane = directional_stiffness._plane_stiffness(bound, 0, FORCE_N, curve, compliances, 0.95)
+    cross = compliances[:, labels.index("C_XYX")]
+    difference = compliances[:, labels.index("C_XXX")] - compliances[:, labels.index("C_YYY")]
+    sample_deg = np.degrees(0.5 * np.arctan2(cross, difference))
+    low, high = np.quantile(sample_deg, [0.025, 0.975])
+    assert -1.0 < low < 0.0 < high < 1.0
+    np.testing.assert_allclose(plane.softest.angle_deg, sample_deg.mean(), atol=1e-4)
+    np.testing.assert_allclose(plane.softest.ci_low_deg, low, atol=1e-4)
+    np.testing.assert_allclose(plane.softest.ci_high_deg, high, atol=1e-4)
+    np.testing.assert_allclose(plane.stiffest.ci_low_deg, low + 90.0, atol=1e-4)
 
 
 # ---- stiffness that is hardly determined

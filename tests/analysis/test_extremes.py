@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ldbb_bayes.analysis.extremes import extremes_of, without_noise_excess
+from ldbb_bayes.analysis.extremes import extremes_of, extremes_on_circle, without_noise_excess
+from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, coefficients
 
 ANGLE = np.deg2rad(np.arange(360))
 CURVE = 3.0 * np.cos(2.0 * ANGLE)
@@ -41,9 +42,37 @@ def test_the_width_of_a_curve_that_may_be_flat_is_not_negative() -> None:
 
 
 def test_extremes_are_at_the_angles_of_the_curve() -> None:
-    extremes = extremes_of(CURVE[None])
-    assert extremes.index_of_largest.tolist() == [0]
-    assert extremes.index_of_smallest.tolist() == [90]
+    extremes = extremes_on_circle(coefficients(lambda angle: 3.0 * np.cos(2.0 * angle)[:, None]).T)
+    np.testing.assert_allclose(extremes.angle_of_largest_rad, 0.0, atol=1e-12)
+    np.testing.assert_allclose(extremes.angle_of_smallest_rad, 0.5 * np.pi)
+
+
+def test_extremes_between_whole_degrees_are_those_of_a_dense_search() -> None:
+    """Curves of all orders, at every 0.001° about their best whole degree."""
+    rng = np.random.default_rng(7)
+    curves = rng.normal(0.0, 1.0 / (1.0 + ORDERS), (20, SIZE))
+    curves -= curves.mean(axis=0)
+    extremes = extremes_on_circle(curves)
+    dense_deg = np.arange(-1.0, 361.0, 0.001)
+    angles_rad = np.deg2rad(dense_deg)
+    for draw, curve in enumerate(curves):
+        values = np.full(len(dense_deg), curve[0])
+        for n in range(1, MAX_ORDER + 1):
+            values += curve[2 * n - 1] * np.cos(n * angles_rad)
+            values += curve[2 * n] * np.sin(n * angles_rad)
+        found_rad = np.array([extremes.angle_of_largest_rad[draw]])
+        off_deg = np.degrees(found_rad[0]) - dense_deg[values.argmax()]
+        assert abs((off_deg + 180.0) % 360.0 - 180.0) < 0.00051
+        np.testing.assert_allclose((basis(found_rad) @ curve)[0], values.max(), rtol=1e-8)
+        found_deg = np.degrees(extremes.angle_of_smallest_rad[draw])
+        off_deg = found_deg - dense_deg[values.argmin()]
+        assert abs((off_deg + 180.0) % 360.0 - 180.0) < 0.00051
+
+
+def test_a_flat_curve_has_an_angle_too() -> None:
+    extremes = extremes_on_circle(np.eye(1, SIZE))
+    assert np.isfinite(extremes.angle_of_largest_rad).all()
+    np.testing.assert_allclose(extremes.width, 0.0, atol=1e-15)
 
 
 def test_a_shift_leaves_the_spread_of_draws_as_it_is() -> None:
