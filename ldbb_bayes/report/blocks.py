@@ -12,6 +12,9 @@ __all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSh
 
 # A figure is as wide as the sheet if its width is more than this many times its height.
 _WIDE = 1.6
+# Least share of a row's width for the first of several figures. Its labels are as large then as
+# beside a figure of six compliances. Less would make them too small to read.
+_LEAST_FIRST_SHARE = 0.35
 
 
 @dataclass(frozen=True)
@@ -108,13 +111,18 @@ class PictureRow:
     def shares(self) -> tuple[float, ...]:
         """Width of each figure as a fraction of the row's width.
 
-        With these fractions, all figures of the row have the same height.
+        With these fractions, all figures of the row have the same height, unless the first figure
+        would be too narrow. It then has 0.35 of the width, and is higher than the others.
         """
         ratios = []
         for picture in self.pictures:
             width, height = picture.figure.get_size_inches()
             ratios.append(float(width / height))
-        return tuple(ratio / sum(ratios) for ratio in ratios)
+        first = ratios[0] / sum(ratios)
+        if len(ratios) > 1:
+            first = max(first, _LEAST_FIRST_SHARE)
+        others = [(1.0 - first) * ratio / sum(ratios[1:]) for ratio in ratios[1:]]
+        return (first, *others)
 
     @property
     def stacked(self) -> bool:

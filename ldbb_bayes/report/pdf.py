@@ -38,6 +38,9 @@ _PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [m
 _PAIRED_HEIGHT = 88.0
 # Largest height allowed for a figure that has no list of sentences beside or below it [mm].
 _PICTURE_HEIGHT = 100.0
+# Least width of the caption below a figure [mm]. Below a figure in a row, it is no wider than the
+# figure's place.
+_CAPTION_WIDTH = 60.0
 _ROW_GAP = 4.0  # distance between two figures side by side on a page [mm]
 _BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list on a page [mm]
 _DPI = 300.0
@@ -430,6 +433,7 @@ def _draw_picture(
     the figure's left edge [mm]. If ``pictures`` is false, the figure's place is left empty.
     """
     inches = picture.figure.get_size_inches()
+    caption_width = min(width, _CAPTION_WIDTH)
     width = min(width, height * inches[0] / inches[1])
     if pictures:
         image = io.BytesIO()
@@ -437,4 +441,4 @@ def _draw_picture(
         picture.figure.savefig(image, format="png", dpi=dpi)
         pdf.image(image, left, pdf.y, width, alt_text=picture.caption)
     pdf.set_xy(left, pdf.y + width * inches[1] / inches[0])
-    _write(pdf, picture.caption, 6.8, width=max(width, 60.0), grey=_SOFT_INK)
+    _write(pdf, picture.caption, 6.8, width=max(width, caption_width), grey=_SOFT_INK)

@@ -1,0 +1,50 @@
+"""Pages of the certificate's PDF file: where figures and captions lie, read back by PDFium."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import pypdfium2 as pdfium
+import pytest
+from matplotlib.figure import Figure
+
+from ldbb_bayes.report.blocks import PictureRow, ReportSheet
+from ldbb_bayes.report.pdf import pdf_of
+from ldbb_bayes.report.pictures import Picture
+
+_MM_PER_POINT = 25.4 / 72.0
+
+
+@pytest.fixture(scope="module")
+def page() -> pdfium.PdfPage:
+    """A page with a rose beside the flat figure of only three compliances. The captions are of
+    letters that nothing else on the page has."""
+    rose = Picture("rose", "wwww " * 15, Figure(figsize=(3.4, 3.7)))
+    curve = Picture("curve", "vvvv " * 8, Figure(figsize=(6.3, 2.0)))
+    sheet = ReportSheet("results", "Results", "Sheet 2", (PictureRow((rose, curve)),))
+    pdf = pdf_of([sheet], "title", "en", datetime(2026, 1, 1, tzinfo=UTC))
+    return pdfium.PdfDocument(pdf)[0]
+
+
+def boxes_of(page: pdfium.PdfPage, letter: str) -> list[tuple[float, ...]]:
+    """Left, bottom, right and top of every such letter on the page [points]."""
+    text = page.get_textpage()
+    letters = text.get_text_range()
+    return [text.get_charbox(k) for k in range(len(letters)) if letters[k] == letter]
+
+
+def test_a_caption_keeps_to_the_place_of_its_figure(page: pdfium.PdfPage) -> None:
+    right_of_first = max(box[2] for box in boxes_of(page, "w"))
+    left_of_second = min(box[0] for box in boxes_of(page, "v"))
+    assert right_of_first < left_of_second
+
+
+def test_a_rose_beside_a_flat_figure_is_large_enough_to_read(page: pdfium.PdfPage) -> None:
+    """Its smallest labels have 7 points in a figure of 3.4 inches: 5 points need 62 mm."""
+    widths_mm = []
+    for image in page.get_objects([pdfium.raw.FPDF_PAGEOBJ_IMAGE]):
+        left, _, right, _ = image.get_bounds()
+        widths_mm.append((right - left) * _MM_PER_POINT)
+    rose_mm, curve_mm = widths_mm
+    assert rose_mm * 7.0 / (3.4 * 25.4) > 5.0
+    assert rose_mm + curve_mm < 182.0
