@@ -352,7 +352,10 @@ def judge_changes(
         i = variance.number_of_parameters + k
         sd = float(np.sqrt(variance.variance[i]))
         sources = variance.sources(i, change.slopes)
-        contraction = 1.0 - float(sd / prior_sd[k]) ** 2
+        contraction = 1.0
+        # Where no model with posterior draws has the change, both standard deviations are zero.
+        if sd > 0.0:
+            contraction = 1.0 - float(sd / prior_sd[k]) ** 2
         judgement = judge(sources.sources, contraction, sources.likeness)
         entries[name] = ChangeIdentifiability(
             compliance=name,

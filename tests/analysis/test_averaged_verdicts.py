@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -251,6 +252,22 @@ def test_changes_with_force_are_judged_too(averaged: xr.DataTree) -> None:
     in_most_models = 1.0 - stated["C_XYX"].probability_of_no_change
     probability = record_of(averaged)["averaged"]["probability"]["linear"]
     assert in_most_models == pytest.approx(probability, abs=2e-3)
+
+
+def test_a_change_that_no_draw_has_is_judged_without_a_division_by_zero() -> None:
+    """Readings in mm that were taken for µm leave the linear model no draw, so that the posterior
+    and the prior variance of a change are zero."""
+    tests = []
+    for test in CAMPAIGN.tests:
+        tests.append(test.with_reading_um(1e-3 * np.asarray(test.reading_um)))
+    campaign = replace(CAMPAIGN, tests=tuple(tests))
+    models = {"constant": lb.HybridModel.first(0), "linear": lb.HybridModel.first(1)}
+    still = lb.average(models, campaign, draws=1000, evidences=lb.inference.Evidences(campaign))
+    assert lb.analysis.change_with_force(still)["C_XXX"].probability_of_no_change == 1.0
+    with np.errstate(invalid="raise"):
+        judged = judge_quantities(still)
+    assert judged.changes["C_XXX"].sd == 0.0
+    assert judged.changes["C_XXX"].verdict == "identified"
 
 
 def test_parameters_are_judged_alike_beside_changes(
