@@ -23,6 +23,7 @@ __all__ = [
     "display_name",
     "display_unit",
     "inside_name",
+    "interval_statement",
     "is_direct",
     "is_skewed",
     "is_slope",
@@ -541,6 +542,16 @@ def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> S
             expanded = f"+{above} / −{below}"
     ends = (_with_minus_sign(low, decimals), _with_minus_sign(high, decimals))
     return Statement(_with_minus_sign(middle, decimals), u, expanded, ends, label)
+
+
+def interval_statement(interval: tuple[float, float], unit: str) -> Statement:
+    """Return the limits of an interval as texts, in the display unit, such as nm/N.
+
+    The limits are rounded to two significant digits of a quarter of the interval's width. They are
+    in the internal unit ``unit``, such as mm/N. The value is the middle of the interval.
+    """
+    low, high = interval
+    return state(0.5 * (low + high), 0.25 * (high - low), interval, unit)
 
 
 def _with_minus_sign(value: float, decimals: int) -> str:

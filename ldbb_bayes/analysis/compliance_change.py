@@ -23,6 +23,8 @@ __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 # zero apart from rounding errors becomes exactly zero. True differences are much larger, because
 # each probability is a share of the posterior draws.
 _DECIMALS_OF_PROBABILITY = 12
+# An interval of the changes that are not zero is stated only if at least this many draws have one.
+_FEWEST_CHANGES = 20
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,9 @@ class ChangeWithForce(Result):
     #: smallest, F_min. In an average over models, the compliance may be constant under some models.
     #: The probabilities of increase and decrease then sum to less than one.
     probability_of_decrease: float
+    #: change of the compliance, C(F_max) − C(F_min), given that it is not exactly zero. None if all
+    #: models have a change, or if too few posterior draws have one.
+    if_any: DrawnValue | None
 
     @property
     def probability_of_no_change(self) -> float:
@@ -163,7 +168,21 @@ def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWit
         relative=relative,
         probability_of_increase=float(np.mean(draws.change > 0.0)),
         probability_of_decrease=float(np.mean(draws.change < 0.0)),
+        if_any=_change_if_any(draws.change, prob),
     )
+
+
+def _change_if_any(change: Array, prob: float) -> DrawnValue | None:
+    """Return the summary of those draws of a change that are not exactly zero.
+
+    ``change``, shape (draws,), holds posterior draws of the change of a compliance with force. The
+    result is None if no draw is zero, or if too few draws are not zero. ``prob`` is the probability
+    of the credible interval.
+    """
+    changed = change[change != 0.0]
+    if len(changed) == len(change) or len(changed) < _FEWEST_CHANGES:
+        return None
+    return _summary_of(changed, prob)
 
 
 def _summary_of(draws: Array, prob: float) -> DrawnValue:

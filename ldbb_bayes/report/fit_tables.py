@@ -7,7 +7,7 @@ coefficients of the change of compliances with force.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ldbb_bayes import units
 from ldbb_bayes.analysis.compliance_change import change_with_force
@@ -333,15 +333,15 @@ def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:
         for key in ("at_smallest", "at_largest"):
             value = change[key]
             by_force.append(value_and_uncertainty(value["mean"] * factor, value["sd"] * factor)[0])
-        statement = _change_statement(change)
+        cells = _change_cells(change)
         rows.append(
             (
                 display_name(name),
                 *by_force,
-                statement.value,
-                statement.u,
-                statement.interval,
-                statement.unit,
+                cells.value,
+                cells.u,
+                cells.interval,
+                cells.unit,
                 _relative_change_cell(change["relative"]),
                 wording.direction_words(change),
             )
@@ -385,7 +385,8 @@ def change_parts(change: Mapping[str, Any]) -> tuple[Passage, ...]:
     for key in ("smallest", "reference", "largest"):
         label = f"C({change[f'{key}_force_N']:.4g} N)"
         rows.append(_value_row(label, change[f"at_{key}"], change["unit"]))
-    rows.append(_value_row("change", change["change"], change["unit"]))
+    cells = _change_cells(change)
+    rows.append(("change", cells.value, cells.u, cells.interval, cells.unit))
     relative = change["relative"]
     if relative is not None:
         in_percent = {key: 100.0 * value for key, value in relative.items()}
@@ -405,14 +406,27 @@ def _value_row(label: str, value: Mapping[str, float], unit: str) -> tuple[str, 
     return (label, statement.value, statement.u, statement.interval, statement.unit)
 
 
-def _change_statement(change: Mapping[str, Any]) -> units.Statement:
-    """Return the change of a compliance as texts: value, u, U (k = 2), credible interval and unit.
+class _ResultCells(NamedTuple):
+    """Five cells of a row in a table of results: value, u, U (k = 2), credible interval, unit."""
 
+    value: str
+    u: str
+    expanded: str
+    interval: str
+    unit: str
+
+
+def _change_cells(change: Mapping[str, Any]) -> _ResultCells:
+    """Return the change of a compliance as texts.
+
+    A change whose credible interval is the single value zero has no uncertainty to state.
     ``change`` is the JSON record of the change over the tested forces, see `change_with_force`.
     """
+    if wording.is_exactly_none(change):
+        return _ResultCells("0", "–", "–", "–", display_unit(change["unit"])[1])
     value = change["change"]
     interval = (value["ci_low"], value["ci_high"])
-    return units.state(value["mean"], value["sd"], interval, change["unit"])
+    return _statement_cells(units.state(value["mean"], value["sd"], interval, change["unit"]))
 
 
 def _relative_change_cell(relative: Mapping[str, float] | None) -> str:
@@ -522,16 +536,16 @@ def _change_row(name: str, change: Mapping[str, Any], has_prior_means: bool) -> 
     ``name``. The cells for the prior contain a dash. The row has a cell for the prior mean only if
     ``has_prior_means`` is true.
     """
-    statement = _change_statement(change)
+    change_cells = _change_cells(change)
     cells = [
         wording.changes_by_words(name, change),
-        statement.value,
-        statement.u,
-        statement.interval,
+        change_cells.value,
+        change_cells.u,
+        change_cells.interval,
     ]
     if has_prior_means:
         cells.append("–")
-    return (*cells, "–", statement.unit)
+    return (*cells, "–", change_cells.unit)
 
 
 def _prior_mean_cell(entry: Mapping[str, Any], factor: float) -> str:
@@ -580,9 +594,8 @@ def results_table(
     for name, entry in compliances.items():
         rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
     for name, change in changes.items():
-        statement = _change_statement(change)
         label = wording.changes_by_words(name, change)
-        rows.append((label, *_statement_cells(statement), "", wording.direction_words(change)))
+        rows.append((label, *_change_cells(change), "", wording.direction_words(change)))
     for name, entry in others.items():
         rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
     return _results_table(wording.PAGE["parameters"], rows, result)
@@ -631,13 +644,9 @@ def _result_row(name: str, entry: Mapping[str, Any], verdict: str) -> tuple[str,
     return (display_name(name), *_statement_cells(statement), stiffness, verdict)
 
 
-def _statement_cells(statement: units.Statement) -> tuple[str, ...]:
-    """Return five cells of a parameter's row in a table of results, as texts.
-
-    The cells are the value, the standard uncertainty u, U (k = 2), the credible interval, and the
-    unit.
-    """
-    return (
+def _statement_cells(statement: units.Statement) -> _ResultCells:
+    """Return five cells of a parameter's row in a table of results, as texts."""
+    return _ResultCells(
         statement.value,
         statement.u,
         statement.expanded,

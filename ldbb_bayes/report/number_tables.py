@@ -135,6 +135,13 @@ def _changes_table(findings: Findings) -> pd.DataFrame:
     rows = {}
     changes = change_with_force(findings.posterior_of_certificate, prob=findings.prob)
     for name, change in changes.items():
+        if_any = (np.nan, np.nan)
+        if change.if_any is not None:
+            if_any = change.if_any.interval
+        # Of a change that no draw has, there is no uncertainty to judge.
+        verdict = ""
+        if change.change.sd > 0.0:
+            verdict = wording.verdict_words(findings.change_verdicts[name])
         rows[name] = {
             "unit": change.unit,
             "smallest_force_N": change.smallest_force_N,
@@ -148,7 +155,9 @@ def _changes_table(findings: Findings) -> pd.DataFrame:
             "probability_of_increase": change.probability_of_increase,
             "probability_of_decrease": change.probability_of_decrease,
             "probability_of_no_change": change.probability_of_no_change,
-            "verdict": wording.verdict_words(findings.change_verdicts[name]),
+            "ci_low_if_any": if_any[0],
+            "ci_high_if_any": if_any[1],
+            "verdict": verdict,
         }
     if not rows:
         return pd.DataFrame()

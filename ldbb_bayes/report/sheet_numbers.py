@@ -33,6 +33,7 @@ from ldbb_bayes.report.translation import Words
 from ldbb_bayes.units import (
     display_name,
     display_unit,
+    interval_statement,
     is_slope,
     three_digits,
     two_digits,
@@ -108,6 +109,9 @@ class SheetNumbers:
         """
         stated = {}
         for name, change in self.changes_with_force.items():
+            if_any = None
+            if change.if_any is not None:
+                if_any = change.if_any.interval
             stated[name] = StatedQuantity(
                 words=self.words(
                     "quantities.change",
@@ -123,6 +127,7 @@ class SheetNumbers:
                 direction=_direction_of_change(change),
                 change_entry=self.findings.change_verdicts.get(name),
                 no_change=change.probability_of_no_change,
+                if_any=if_any,
             )
         return stated
 
@@ -491,14 +496,25 @@ def _change_remark(quantity: StatedQuantity, words: Words) -> str:
 
     The remark states whether the compliance increases or decreases, and the verdict on how well the
     readings determine the change. If the sign of the change is uncertain, the remark has no
-    verdict, because the verdict "identified" would seem to contradict the uncertain sign.
+    verdict, because the verdict "identified" would seem to contradict the uncertain sign. If the
+    interval of the change is the single value zero, the remark has the interval of the changes that
+    are not zero.
     """
     direction = words(f"remarks.{quantity.direction}")
     if quantity.direction == "no_change":
-        if quantity.no_change > 0.0:
-            probability = words.percent(quantity.no_change)
+        if quantity.no_change == 0.0:
+            return direction
+        probability = words.percent(quantity.no_change)
+        if quantity.if_any is None or not quantity.is_exactly_none:
             return words("remarks.exactly_none", probability=probability)
-        return direction
+        statement = interval_statement(quantity.if_any, quantity.unit)
+        return words(
+            "remarks.none_or_between",
+            probability=probability,
+            low=words.number(statement.ends[0]),
+            high=words.number(statement.ends[1]),
+            unit=words.unit(statement.unit),
+        )
     if quantity.change_entry is None:
         return direction
     return f"{direction}; {_verdict_remark(quantity.change_entry, words)}"

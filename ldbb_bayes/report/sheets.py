@@ -329,8 +329,10 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
     rows = []
     for quantity in quantities:
         statement = quantity.value_and_U()
-        ends = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit).ends
-        interval = words("interval", low=ends[0], high=ends[1])
+        interval = "–"
+        if not quantity.is_exactly_none:
+            ends = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit).ends
+            interval = words("interval", low=ends[0], high=ends[1])
         rows.append(
             (
                 quantity.words,

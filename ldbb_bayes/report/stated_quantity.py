@@ -56,6 +56,9 @@ class StatedQuantity:
     no_change
         Probability that a compliance is constant. It is zero if the results come from a single
         model and not from an average over models.
+    if_any
+        Interval of the change of a compliance in ``unit``, given that it is not exactly zero. None
+        if it is not known, and for all other quantities.
     note
         First remark on the quantity, in the language of the sheets. Empty if there is none.
     where
@@ -80,6 +83,7 @@ class StatedQuantity:
     direction: Literal["", "increases", "decreases", "no_change"] = ""
     change_entry: ChangeIdentifiability | None = None
     no_change: float = 0.0
+    if_any: tuple[float, float] | None = None
     note: str = ""
     where: str = ""
     limit_near_zero: float | None = None
@@ -89,8 +93,10 @@ class StatedQuantity:
         """Return the value and its expanded uncertainty (k = 2), in the unit that readers see.
 
         If the test certificate states only a limit of the quantity, the limit takes the place of
-        the value, and no U is stated.
+        the value, and no U is stated. Nor is it of a change that is exactly zero.
         """
+        if self.is_exactly_none:
+            return ValueAndU("0", "–")
         if self.limit:
             return ValueAndU(self.limit, "–")
         if needs_interval(self.estimate, self.sd, self.interval):
@@ -99,6 +105,14 @@ class StatedQuantity:
         factor, _ = display_unit(self.unit)
         value, expanded = value_and_uncertainty(self.estimate * factor, 2.0 * self.sd * factor)
         return ValueAndU(value.replace("-", "−"), expanded)
+
+    @property
+    def is_exactly_none(self) -> bool:
+        """Whether the credible interval of a change with force is the single value zero.
+
+        This is the case if the compliance is constant with a probability of nearly one.
+        """
+        return self.direction == "no_change" and self.interval == (0.0, 0.0)
 
     @property
     def inseparable_partners(self) -> tuple[str, ...]:

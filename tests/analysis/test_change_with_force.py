@@ -10,7 +10,7 @@ import xarray as xr
 from campaigns import plan, refuses, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.compliance_change import ChangeWithForce
+from ldbb_bayes.analysis.compliance_change import ChangeWithForce, _change_if_any
 from ldbb_bayes.analysis.curve_changes import curve_changes
 from ldbb_bayes.inference.force_curves import force_curves, prior_changes
 from ldbb_bayes.inference.posterior import bound_of, record_of
@@ -164,6 +164,31 @@ def test_joint_load_changes_a_compliance_of_the_constant_model(averaged: xr.Data
     curve = force_curves(averaged).compliances["C_XXX"].change
     slope = draws_of(averaged, "C_XXX_1")
     assert np.mean(curve == 0.0) < np.mean(slope == 0.0)
+
+
+def test_the_interval_of_a_change_if_there_is_one_is_that_of_the_models_with_one(
+    averaged: xr.DataTree,
+) -> None:
+    slope = draws_of(averaged, "C_XYX_1")
+    expected = slope[slope != 0.0] * SPAN_N
+    if_any = lb.analysis.change_with_force(averaged)["C_XYX"].if_any
+    assert if_any is not None
+    assert if_any.interval == pytest.approx(np.quantile(expected, [0.025, 0.975]), rel=1e-9)
+    assert if_any.mean == pytest.approx(expected.mean(), rel=1e-9)
+
+
+def test_a_model_whose_compliance_always_changes_has_no_such_interval(
+    posterior: xr.DataTree,
+) -> None:
+    assert lb.analysis.change_with_force(posterior)["C_XYX"].if_any is None
+
+
+def test_too_few_draws_with_a_change_have_no_interval() -> None:
+    change = np.append(np.zeros(4000), np.arange(1.0, 20.0))
+    assert _change_if_any(change, 0.95) is None
+    if_any = _change_if_any(np.append(change, 20.0), 0.95)
+    assert if_any is not None
+    assert if_any.mean == 10.5
 
 
 # ---- against an exact machine

@@ -26,7 +26,7 @@ from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
 from ldbb_bayes.report.sheet_fields import assumption_fields
 from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
 from ldbb_bayes.report.sheet_state import undetermined_texts
-from ldbb_bayes.report.sheets import _gum_sentence, sheets
+from ldbb_bayes.report.sheets import _gum_sentence, _table_with_intervals, sheets
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Table
@@ -514,6 +514,42 @@ def test_changes_on_sheets(language: str, direction: Any, no_change: float, text
         no_change=no_change,
     )
     assert remark(quantity, words_of(language)) == text
+
+
+@pytest.mark.parametrize(
+    ("language", "if_any", "text"),
+    [
+        (
+            "en",
+            (-3.14e-6, 4.16e-6),
+            "no change shown (exactly none: > 99 %; if any, −3.1 to 4.2 nm/N)",
+        ),
+        (
+            "de",
+            (-3.14e-6, 4.16e-6),
+            "keine Änderung nachgewiesen (genau keine: > 99 %; falls doch, −3,1 bis 4,2 nm/N)",
+        ),
+        ("en", None, "no change shown (exactly none: > 99 %)"),
+    ],
+)
+def test_a_change_whose_interval_is_zero_on_sheets(language: str, if_any: Any, text: str) -> None:
+    """It has no U; the table referred to an interval that was [0.00, 0.00]."""
+    quantity = StatedQuantity(
+        "Change",
+        "ΔC_XXX",
+        1e-9,
+        2e-7,
+        (0.0, 0.0),
+        "mm/N",
+        direction="no_change",
+        no_change=0.995,
+        if_any=if_any,
+    )
+    words = words_of(language)
+    assert remark(quantity, words).replace("\u00a0", " ") == text
+    numbers: Any = SimpleNamespace(words=words, findings=SimpleNamespace(prob=0.95))
+    (row,) = _table_with_intervals(numbers, [quantity]).rows
+    assert row[2:5] == ("0", "–", "–")
 
 
 @pytest.mark.parametrize("language", ["en", "de"])

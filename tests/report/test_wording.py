@@ -47,9 +47,12 @@ from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import findings_of_fit
+from ldbb_bayes.report.fit_tables import _change_cells
 from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import Details
+from ldbb_bayes.report.text_translation import TextTranslation, catalogue_of
+from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
 from ldbb_bayes.results import Table, json_text
 
@@ -412,6 +415,33 @@ def test_a_change_is_named_by_its_forces() -> None:
 def test_the_direction_of_a_change(increase: float, decrease: float, words: str) -> None:
     change = {"probability_of_increase": increase, "probability_of_decrease": decrease}
     assert wording.direction_words(change) == words
+
+
+NO_CHANGE = {
+    "unit": "mm/N",
+    "probability_of_increase": 0.005,
+    "probability_of_decrease": 0.006,
+    "change": {"mean": 1e-9, "sd": 2e-7, "ci_low": 0.0, "ci_high": 0.0},
+    "if_any": {"mean": 1e-7, "sd": 2e-6, "ci_low": -3.14e-6, "ci_high": 4.16e-6},
+}
+
+
+def test_a_change_whose_interval_is_zero_has_the_interval_of_a_change_that_is_there() -> None:
+    words = "no change shown (increase 0.005, decrease 0.006, exactly none 0.989"
+    assert wording.direction_words(NO_CHANGE) == f"{words}; if any, −3.1 to 4.2 nm/N)"
+    assert wording.direction_words(NO_CHANGE | {"if_any": None}) == f"{words})"
+
+
+def test_the_row_of_a_change_whose_interval_is_zero_has_no_uncertainty() -> None:
+    cells = _change_cells(NO_CHANGE)
+    assert cells == ("0", "–", "–", "–", "nm/N")
+
+
+def test_a_change_whose_interval_is_zero_in_german() -> None:
+    german = TextTranslation(words_of("de"), catalogue_of("de", "annex"))
+    translated = german.text(wording.direction_words(NO_CHANGE))
+    assert translated.endswith("genau keine 0,989; falls doch, −3,1 bis 4,2 nm/N)")
+    assert not german.missing
 
 
 def test_the_interval_of_a_parameter_and_its_probability() -> None:

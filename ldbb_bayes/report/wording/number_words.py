@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ldbb_bayes.units import display_name
+from ldbb_bayes.units import display_name, interval_statement
 
 __all__ = [
     "SURE",
     "changes_by_words",
     "direction_words",
     "interval_of",
+    "is_exactly_none",
     "limit_words",
     "percent_of",
     "probability_words",
@@ -77,7 +78,8 @@ def direction_words(change: Mapping[str, Any]) -> str:
     ``change`` is the JSON record of the compliance's change over the tested forces. If neither an
     increase nor a decrease has a probability of at least 95 %, the string states the probabilities
     of both. For an average over models, the string then also states the probability that there is
-    no change at all.
+    no change at all. If the credible interval is the single value zero, the string also has the
+    interval of the changes that are not zero.
     """
     increase = change["probability_of_increase"]
     decrease = change["probability_of_decrease"]
@@ -92,7 +94,30 @@ def direction_words(change: Mapping[str, Any]) -> str:
     none = 1.0 - increase - decrease
     if none > _ROUNDING:
         probabilities.append(f"exactly none {probability_words(none)}")
-    return f"no change shown ({', '.join(probabilities)})"
+    return f"no change shown ({', '.join(probabilities)}{_interval_if_any(change)})"
+
+
+def is_exactly_none(change: Mapping[str, Any]) -> bool:
+    """Return whether the credible interval of a change with force is the single value zero.
+
+    ``change`` is the JSON record of the compliance's change over the tested forces.
+    """
+    value = change["change"]
+    return bool(value["ci_low"] == value["ci_high"] == 0.0)
+
+
+def _interval_if_any(change: Mapping[str, Any]) -> str:
+    """Return a string with the interval of a change, given that it is not exactly zero.
+
+    The string is empty if the credible interval of the change ``change`` is not the single value
+    zero, or if no other interval is known.
+    """
+    if_any = change.get("if_any")
+    if if_any is None or not is_exactly_none(change):
+        return ""
+    statement = interval_statement((if_any["ci_low"], if_any["ci_high"]), change["unit"])
+    low, high = statement.ends
+    return f"; if any, {low} to {high} {statement.unit}"
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
