@@ -32,6 +32,10 @@ _FINEST_TOLERANCE = 1e-3
 # more, with ``_FINER`` times the tolerance.
 _LARGEST_SHARE = 0.5
 _FINER = 0.5
+# If the finer nodes of the given model miss the tolerance themselves, new nodes of a related model
+# would most probably miss it as well. Its log evidence from the given nodes is then allowed this
+# multiple of the given model's error.
+_OF_GIVEN_ERROR = 1.5
 
 
 class RelatedModels:
@@ -81,7 +85,8 @@ class RelatedModels:
         another model. The nodes of the given model are used again, with new weights. If possible,
         the new density is evaluated only at some of the nodes (`density_ratio`). New nodes are
         computed if the other model has other hyper-parameters, or if the error of its log evidence
-        would exceed the tolerance.
+        would exceed the tolerance. If the given model misses the tolerance itself, an error in
+        proportion to its error is accepted.
         """
         return self.nodes_unless_negligible(posterior, -np.inf)[0]
 
@@ -101,6 +106,8 @@ class RelatedModels:
         if nodes is None and self._may_be_refined:
             self._refine()
             nodes = self._nodes_of_some(posterior, self._ratios)
+        if nodes is None and self._attainable > self._tolerance:
+            nodes = self._nodes_of_some(posterior, self._ratios, self._attainable)
         if nodes is not None:
             return nodes, False
         if np.isfinite(below):
@@ -116,6 +123,18 @@ class RelatedModels:
         self._further_ratios.append(RatioSampler(untruncated.integral))
         return nodes, False
 
+    @property
+    def _attainable(self) -> float:
+        """Error of a log evidence that nodes may be expected to reach [nat].
+
+        It is the tolerance, unless the given model misses it by far although its nodes have been
+        refined.
+        """
+        error = self._untruncated.error
+        if self._may_be_refined or error <= self._tolerance or not np.isfinite(error):
+            return self._tolerance
+        return _OF_GIVEN_ERROR * error
+
     def _refine(self) -> None:
         """Replace the nodes of the given model by nodes with half of the allowed error.
 
@@ -128,19 +147,22 @@ class RelatedModels:
         self._ratios = RatioSampler(finer.integral)
         self._may_be_refined = False
 
-    def _nodes_of_some(self, posterior: HyperPosterior, ratios: RatioSampler) -> Nodes | None:
+    def _nodes_of_some(
+        self, posterior: HyperPosterior, ratios: RatioSampler, tolerance: float | None = None
+    ) -> Nodes | None:
         """Return nodes of an earlier model, with new weights for the posterior of another model.
 
         Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
         the hyper-parameters under the other model. It is evaluated at some of the nodes with which
-        ``ratios`` was made. The result is None if the error of the log evidence would exceed the
-        tolerance.
+        ``ratios`` was made. The result is None if the error of the log evidence would exceed
+        ``tolerance`` [nat], by default that of this object.
         """
+        allowed = tolerance or self._tolerance
 
         def evaluate(index: Index) -> LogValues:
             return log_values(posterior, ratios.integral.free[index], self._tolerance)
 
-        sampled = ratios.integrate(evaluate, self._tolerance)
+        sampled = ratios.integrate(evaluate, allowed)
         if sampled is None:
             return None
         return Nodes(posterior, sampled.integral, sampled.value_error)

@@ -138,6 +138,23 @@ def test_coarse_nodes_of_the_larger_model_are_refined_once(recovered: Campaign) 
         )
 
 
+def test_where_the_larger_model_misses_the_tolerance_its_nodes_serve_all_the_same(
+    recovered: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """New nodes would miss it, too; the error that is stated is the larger one."""
+    coarse = posterior_of(LINEAR, recovered).without_truncation.nodes(0.05)
+    tolerance = 0.3 * coarse.error
+    related = RelatedModels(coarse, tolerance)
+    monkeypatch.setattr(related, "_refine", lambda: setattr(related, "_may_be_refined", False))
+    nodes = related.nodes(posterior_of(RELATED["two slopes fixed"], recovered))
+    assert nodes.integral.free is coarse.integral.free
+    assert tolerance < nodes.error <= 1.5 * coarse.error
+    own = posterior_of(RELATED["two slopes fixed"], recovered).nodes(TOLERANCE)
+    assert nodes.evidence.log_value == pytest.approx(
+        own.evidence.log_value, abs=nodes.error + own.error
+    )
+
+
 def test_a_model_far_from_the_larger_one_has_nodes_of_its_own(recovered: Campaign) -> None:
     """Without rivals and slopes, circles must scatter more: σ, δ and κ lie elsewhere."""
     campaign = LINEAR.with_degree(0).simulate(recovered.plan(), seed=1).campaign
