@@ -23,6 +23,9 @@ __all__ = ["contradicted_certificates", "is_contradicted"]
 # Readings contradict a certificate if they are less probable with it than without it, and the log
 # of the ratio is below this number [nat].
 _LEAST_LOG_RATIO = -5.0
+# Form deviation of balls for comparison, in multiples of what the certificate states. If readings
+# are more probable with it, the balls are less round than the certificate states.
+_LESS_ROUND = 2.0
 # Error allowed in each log evidence with which the ratio is confirmed [nat].
 _TOLERANCE = 0.3
 
@@ -61,21 +64,45 @@ def is_contradicted(
     With the certificate, the density of the readings is a mean over the hyper-parameters φ of its
     ratio to the density without the certificate, weighted by the posterior of φ. The certificate is
     contradicted if this ratio is below exp(−5), and the ratio of the evidences too. (If the form is
-    much too large, few of the values of φ hold the whole mean, which is then too small.) See
+    much too large, few of the values of φ hold the whole mean, which is then too small.) The ratio
+    is also small if the balls are much rounder than the certificate states, which does not
+    contradict it. It would then be still smaller for balls that are half as round. See
     `contradicted_certificates` for the arguments; ``statements`` are the fields of the instrument
     that the certificate states.
     """
-    states_a_ball = "work" in statements or "tool" in statements
-    if bound.campaign.is_plan or not states_a_ball:
+    balls = {name: ball for name, ball in statements.items() if name in ("work", "tool")}
+    if bound.campaign.is_plan or not balls:
         return False
-    instrument = replace(bound.campaign.instrument, **statements)
-    campaign = replace(bound.campaign, instrument=instrument)
-    certified = BoundModel(bound.model, campaign, pilot=bound.pilot)
-    carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
-    log_ratio = certified.given(carried)[0] - bound.given(phi)[0]
-    if logsumexp(log_ratio, b=weight / np.sum(weight)) >= _LEAST_LOG_RATIO:
+    certified = _with_statements(bound, statements)
+    log_ratio = _log_mean_ratio(certified, bound, weight, phi)
+    if log_ratio >= _LEAST_LOG_RATIO:
+        return False
+    half_as_round = {}
+    for name, ball in balls.items():
+        sphericity_um = _LESS_ROUND * ball.stated_sphericity_um
+        half_as_round[name] = replace(ball, grade=None, sphericity_um=sphericity_um)
+    less_round = _with_statements(bound, dict(statements) | half_as_round)
+    if _log_mean_ratio(less_round, bound, weight, phi) <= log_ratio:
         return False
     return _log_evidence(certified) - _log_evidence(bound) < _LEAST_LOG_RATIO
+
+
+def _with_statements(bound: BoundModel, statements: Mapping[str, Any]) -> BoundModel:
+    """Return the model of the campaign with what certificates state of the instrument."""
+    instrument = replace(bound.campaign.instrument, **statements)
+    campaign = replace(bound.campaign, instrument=instrument)
+    return BoundModel(bound.model, campaign, pilot=bound.pilot)
+
+
+def _log_mean_ratio(certified: BoundModel, bound: BoundModel, weight: Array, phi: Array) -> float:
+    """Return ln of the mean ratio of the readings' densities with and without a certificate [nat].
+
+    ``weight``, shape (w,), and ``phi``, shape (w, h), are weights and values of the h
+    hyper-parameters given the readings.
+    """
+    carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
+    log_ratio = certified.given(carried)[0] - bound.given(phi)[0]
+    return float(logsumexp(log_ratio, b=weight / np.sum(weight)))
 
 
 def _log_evidence(bound: BoundModel) -> float:

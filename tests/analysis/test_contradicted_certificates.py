@@ -57,6 +57,23 @@ def test_balls_less_round_than_a_grade(balls: str, contradicted: tuple[str, ...]
     assert (log_ratio < -5.0) == bool(contradicted)
 
 
+def test_balls_much_rounder_than_a_grade_do_not_contradict_it() -> None:
+    """The readings are less probable with the grade, as they show no form at all."""
+    angle = np.arange(0.0, 360.0, 5.0)
+    tests = []
+    for force_N in (100.0, 300.0, 500.0, 700.0):
+        for direction in ("CW", "CCW"):
+            tests.append(lb.CircularTest(force_N, angle, direction=direction))
+    hyper = {"sigma": 0.1, "delta": 0.01, "kappa": 0.02, "tau": 1e-3, "decay": 2.0}
+    campaign = MODEL.simulate(lb.Campaign(tuple(tests)), seed=2, hyper_um=hyper).campaign
+    bound = MODEL.bind(campaign)
+    certified = replace(campaign, instrument=ROUND)
+    evidences = [lb.log_evidence(MODEL, of, tolerance=0.1) for of in (campaign, certified)]
+    assert evidences[1].log_value - evidences[0].log_value < -5.0
+    missing = missing_certificates(campaign.instrument)
+    assert contradicted_certificates(bound, missing, *hyper_parameter_nodes(bound)) == ()
+
+
 def test_a_plan_contradicts_nothing_by_itself() -> None:
     plan = campaign_of("lobed").plan()
     bound = MODEL.bind(replace(plan, pilot=None))
