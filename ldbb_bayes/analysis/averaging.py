@@ -53,9 +53,10 @@ _FEWEST_DRAWS = 400
 # Models whose posterior probability is below this number are ignored when the largest error of the
 # log evidences is determined.
 _NEGLIGIBLE_PROBABILITY = 1e-3
-# Largest error of a log evidence [nat] at which the posterior probabilities of models can be
-# trusted.
-_LARGEST_ERROR = 0.1
+# Largest error of a model's posterior probability at which the average can be trusted. An error of
+# 0.1 nat in the log evidence of one of two equally probable models changes their probabilities by
+# this number.
+_LARGEST_ERROR = 0.025
 
 
 class _Combination(NamedTuple):
@@ -96,8 +97,23 @@ class _WeightedModels:
 
         Models with a posterior probability below 0.001 are ignored.
         """
-        errors = np.array([nodes.evidence.error for nodes in self.nodes])
-        return float(errors[self.probability > _NEGLIGIBLE_PROBABILITY].max())
+        return float(self._errors[self.probability > _NEGLIGIBLE_PROBABILITY].max())
+
+    @property
+    def probability_error(self) -> float:
+        """Return the largest numerical error of a model's posterior probability.
+
+        If the log evidence of a model changes by e, its probability p changes by p (1 − p) e. A
+        model that is nearly certain, or nearly excluded, needs no exact evidence.
+        """
+        likely = self.probability > _NEGLIGIBLE_PROBABILITY
+        p = self.probability[likely]
+        return float((p * (1.0 - p) * self._errors[likely]).max())
+
+    @property
+    def _errors(self) -> Array:
+        """Numerical errors of the log evidences [nat], shape (models,)."""
+        return np.array([nodes.evidence.error for nodes in self.nodes])
 
 
 @one_blas_thread
@@ -187,7 +203,7 @@ def average(
     groups["sample_stats"]["model"] = model_of_draw[order]
 
     concerns = []
-    if weighted.log_evidence_error > _LARGEST_ERROR:
+    if not weighted.probability_error <= _LARGEST_ERROR:
         concerns.append(Concern(ConcernKind.NOT_CONVERGED, draws_per_chain, draws))
     prior_levels = [
         draws_of_model.bound.log_prior(draws_of_model.beta).mean() for draws_of_model in prior_draws

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from oracle import compliance_columns, geometric_columns
 from scipy import stats
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.averaging import _WeightedModels
 from ldbb_bayes.inference.evidence import probabilities
 from ldbb_bayes.inference.posterior import curves_of, fit_of, model_draws_of, record_of
 from ldbb_bayes.inference.summary import result_json
@@ -205,4 +207,22 @@ def test_evidences_of_another_campaign_are_refused() -> None:
         PAIR,
         CAMPAIGN,
         evidences=lb.inference.Evidences(simulated(plan((30,) * 4), seed=2)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("probability", "error", "expected"),
+    [((0.5, 0.5), 0.1, 0.025), ((0.995, 0.005), 0.2, 0.000995), ((0.9995, 0.0005), 9.0, 0.0045)],
+)
+def test_an_error_counts_by_what_it_does_to_a_probability(
+    probability: tuple[float, float], error: float, expected: float
+) -> None:
+    """Of two models at equal prior odds, against the probabilities computed with the error."""
+    nodes = [SimpleNamespace(evidence=SimpleNamespace(error=error)) for _ in probability]
+    weighted = _WeightedModels((), tuple(nodes), np.array(probability), None)
+    assert weighted.probability_error == pytest.approx(expected, rel=1e-2)
+    small = 1e-3
+    changed = probability[0] * np.exp(small) / (probability[0] * np.exp(small) + probability[1])
+    assert weighted.probability_error / error == pytest.approx(
+        (changed - probability[0]) / small, rel=1e-2
     )
