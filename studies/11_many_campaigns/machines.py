@@ -4,7 +4,8 @@ campaigns say.
 The bar's errors, the mount's deflection and the gain of the force, are drawn once a fleet;
 everything else of the model, ball form and bar length too, is drawn anew for each campaign, as the
 analysis believes. A machine keeps its changes of compliance with force from month to month: slopes,
-and what its axes yield under their own load, written out here from the formula of the model.
+and what its axes yield under their own load; and how compliance changes along the travel. Both are
+written out here from the formulas of the model.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ MONTHLY_PLAN = lb.Plan(
     name="eight circles",
     order="random",
 )
-EACH_MONTH = MODEL_OF_MONTHS.without("mount", "force-error", "truncation", "joint-load")
+EACH_MONTH = MODEL_OF_MONTHS.without("mount", "force-error", "truncation", "joint-load", "position")
 USUAL = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 
 
@@ -113,8 +114,8 @@ class Bar:
 
 
 class Machine:
-    """A machine over the months: slopes and joint loads are its own, drawn from the priors that the
-    model sizes by its compliances."""
+    """A machine over the months: slopes, joint loads and the change of compliance along the travel
+    are its own, drawn from the priors that the model sizes by its compliances."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.level = usual(rng)
@@ -127,11 +128,14 @@ class Machine:
             for name, value in self.level.items()
         }
         self.loads = {name: 0.4 * rng.standard_normal(3) for name in ("C_XXX", "C_YYY")}
+        self.travel = {
+            name: np.array([0.07, 0.04]) * rng.standard_normal(2) for name in ("C_XXX", "C_YYY")
+        }
 
     def yields_um(self, force_N: float, angle_rad: np.ndarray) -> np.ndarray:
-        """What the two axes yield out of proportion to the force F, radially: C F u² times
-        a (F|u| − F0)/F_max + b ((F0/(F|u|))^(1/3) − 1) + d ((F0/F)^(1/3) − 1), u = cos θ or
-        sin θ."""
+        """What the two axes yield besides C F u², radially: C F u² times
+        a (F|u| − F0)/F_max + b ((F0/(F|u|))^(1/3) − 1) + d ((F0/F)^(1/3) − 1) of the joint load,
+        and L u + Q (u² − ½) along the travel, u = cos θ or sin θ."""
         reference_N = 0.5 * (min(FORCES_N) + max(FORCES_N))
         total = np.zeros(len(angle_rad))
         for name, u in {"C_XXX": np.cos(angle_rad), "C_YYY": np.sin(angle_rad)}.items():
@@ -140,6 +144,8 @@ class Machine:
             change = rolling * (own_N - reference_N) / max(FORCES_N)
             change += contact * (np.cbrt(reference_N / own_N) - 1.0)
             change += seat * (np.cbrt(reference_N / force_N) - 1.0)
+            linear, quadratic = self.travel[name]
+            change += linear * u + quadratic * (u**2 - 0.5)
             total += 1e3 * self.level[name] * force_N * u**2 * change
         return total
 
