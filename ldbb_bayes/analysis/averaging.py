@@ -23,6 +23,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.special import expit, logit
 
 from ldbb_bayes.analysis.rival_explanations import subsets
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
@@ -101,14 +102,15 @@ class _WeightedModels:
 
     @property
     def probability_error(self) -> float:
-        """Return the largest numerical error of a model's posterior probability.
+        """Return the largest change of a model's posterior probability by its numerical error.
 
-        If the log evidence of a model changes by e, its probability p changes by p (1 − p) e. A
-        model that is nearly certain, or nearly excluded, needs no exact evidence.
+        If the log evidence of a model changes by e, its odds p / (1 − p) are multiplied by exp(e).
+        A model that is nearly certain, or nearly excluded, needs no exact evidence.
         """
-        likely = self.probability > _NEGLIGIBLE_PROBABILITY
-        p = self.probability[likely]
-        return float((p * (1.0 - p) * self._errors[likely]).max())
+        odds = logit(self.probability)
+        above = expit(odds + self._errors)
+        below = expit(odds - self._errors)
+        return float(np.maximum(above - self.probability, self.probability - below).max())
 
     @property
     def _errors(self) -> Array:

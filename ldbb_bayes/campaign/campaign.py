@@ -74,6 +74,8 @@ LABELS = (
 )
 # Largest number of characters of the one-line text (``repr``) that Python shows for a campaign.
 _LONGEST_REPR = 80
+# A stated force is that of the force law if it differs from it by at most this share.
+_SAME_FORCE = 1e-6
 # Names of the fields of a test whose values always contribute to the SHA-256 digest of its
 # campaign.
 _DIGESTED_ALWAYS = (
@@ -431,6 +433,19 @@ class Campaign(CampaignFields):
         for test in self.foreseen:
             digest.update(json.dumps(["foreseen", *_digested_fields(test)]).encode())
         return digest.hexdigest()
+
+    @property
+    def forces_follow_law(self) -> bool:
+        """Whether the force of every test is that of the force law at the pressure of the test.
+
+        It is if tests state forces or pressures, but not both. It is not if they state pressures
+        and forces that were measured otherwise, such as with a load cell.
+        """
+        for test in self.tests:
+            by_law_N = self.force_law.force_N(float(test.pressure_bar or 0.0))
+            if not np.isclose(float(test.force_N or 0.0), by_law_N, rtol=_SAME_FORCE):
+                return False
+        return True
 
     @cached_property
     def circles_sha256(self) -> str | None:

@@ -119,7 +119,8 @@ def _how_to_compare(paths: Sequence[Path]) -> str:
             commands.append(f"ldbb-bayes fit {shlex.quote(str(path))} --out fit_{number}")
     if len(fits) < len(paths):
         return "report sets several fits side by side."
-    return f"To compare them: {'; '.join(commands)}; ldbb-bayes report {' '.join(fits)}"
+    commands.append(f"ldbb-bayes report {' '.join(fits)}")
+    return f"To compare them: {'; '.join(commands)}"
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 READINGS_DIGESTS = ("sha256", "circles_sha256")
 # Pattern of the names of columns, or of the quantities to which they belong, that the analyses of
 # many campaigns use if a batch has them.
-_FURTHER_NAME = re.compile(rf"{READINGS_DIGESTS[1]}|{STIFFNESS_NAME.pattern}")
+_FURTHER_NAME = re.compile(rf"circles|{READINGS_DIGESTS[1]}|{STIFFNESS_NAME.pattern}")
 
 
 def check_pyarrow() -> None:
@@ -261,9 +261,9 @@ def read_batch(
     - ``NAME.probability``, ``NAME.decision``: probability of conformity and decision, for each
       quantity with a tolerance.
     - ``gaussian_…``: posterior and prior moments of parameters, instrument errors and coefficients
-      of `JointLoad`, which `find_trend` and `fit_population` use. The posterior moments are
-      computed without the condition that no compliance is negative. One column holds the covariance
-      matrix, as a list of the elements of its lower triangle, row by row.
+      of `JointLoad` and `Position`, which `find_trend` and `fit_population` use. The posterior
+      moments are computed without the condition that no compliance is negative. One column holds
+      the covariance matrix, as a list of the elements of its lower triangle, row by row.
 
     Parameters
     ----------

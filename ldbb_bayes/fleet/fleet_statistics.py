@@ -160,12 +160,16 @@ def fleet_statistics(
     """
     topology = _common_topology(rows)
     chosen = _choose_parameters(rows, parameters)
+    if one_instrument:
+        _require_one_version(rows)
     instrument = _instrument_errors(rows) if one_instrument else ()
     force = _reference_force(rows, reference_force_N)
     machines = _machine_names(rows)
     kept: tuple[str, ...] = ()
-    if one_machine or len(set(machines)) < len(machines):
-        kept = machine_effects(rows)
+    if one_machine:
+        kept = machine_effects(rows, ["the machine"] * len(machines))
+    elif len(set(machines)) < len(machines):
+        kept = machine_effects(rows, machines)
     c = len(chosen)
     s = len(instrument)
     unit_by_name = dict(
@@ -536,6 +540,27 @@ def _require_nominal_mount(row: Mapping[Any, Any], prior_mean: Mapping[str, floa
         raise InputError(
             f"the row of {row['campaign']} must hold the mount's deflection, got one of an earlier"
             " version, which holds its error alone. Run batch again."
+        )
+
+
+def _require_one_version(rows: pd.DataFrame) -> None:
+    """Raise an `InputError` if rows of an earlier version stand beside others.
+
+    Rows of earlier versions do not state the circles. They hold the error of the regulator's slope
+    about an unknown slope, rows of this version the slope itself (`ForceError.nominal`). Both are
+    the same for the default force law.
+    """
+    if "circles" not in rows:
+        return
+    is_earlier = rows["circles"].isna()
+    slopes_differ = False
+    for names, means in zip(rows["gaussian_names"], rows["gaussian_prior_mean"], strict=True):
+        by_name = dict(zip(names, means, strict=True))
+        slopes_differ = slopes_differ or by_name.get("force_gain", 0.0) != 0.0
+    if slopes_differ and is_earlier.any() and not is_earlier.all():
+        raise InputError(
+            f"the row of {rows['campaign'][is_earlier].iloc[0]} must hold the slope of the force"
+            " law, got one of an earlier version, which holds its error alone. Run batch again."
         )
 
 

@@ -41,16 +41,18 @@ _CHANGE_WITH_FORCE = re.compile(r"C_.+_([12])")
 VARIANCE_OF_CAMPAIGN = 1.0 / JointLoad.campaign_correlation - 1.0
 
 
-def machine_effects(rows: pd.DataFrame) -> tuple[str, ...]:
+def machine_effects(rows: pd.DataFrame, machines: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the effects that machines keep, sorted.
 
     Slopes are left out if compliance is quadratic in force in a campaign, because a slope then
     depends on the reference force of the campaign. Coefficients of `Position` are left out unless
-    all campaigns have the same circles, because they depend on place and radius of the circles.
+    all campaigns of each machine have the same circles, because they depend on place and radius of
+    the circles.
 
     Parameters
     ----------
-    rows : rows of the table of a batch.
+    rows : rows of n campaigns in the table of a batch.
+    machines : names of the machines of the n campaigns.
 
     Returns
     -------
@@ -66,22 +68,24 @@ def machine_effects(rows: pd.DataFrame) -> tuple[str, ...]:
         elif match is not None:
             slopes.append(name)
     effects = [name for name in names if Term.owner(name) is JointLoad]
-    if _have_same_circles(rows):
+    if _have_same_circles(rows, machines):
         effects += [name for name in names if Term.owner(name) is Position]
     if not is_quadratic:
         effects += slopes
     return tuple(effects)
 
 
-def _have_same_circles(rows: pd.DataFrame) -> bool:
-    """Return whether all campaigns have circles of the same planes, radii, centres and directions.
+def _have_same_circles(rows: pd.DataFrame, machines: Sequence[str]) -> bool:
+    """Return whether all campaigns of each machine have the same circles.
 
-    ``rows`` are rows of the table of a batch. Tables of earlier versions do not state the circles;
-    the result is then false.
+    They are the same if planes, radii, centres and directions are. ``rows`` are rows of the table
+    of a batch, and ``machines`` the names of their machines. Tables of earlier versions do not
+    state the circles; the result is then false.
     """
     if "circles" not in rows or rows["circles"].isna().any():
         return False
-    return bool(rows["circles"].nunique() == 1)
+    kinds_of_machines = rows["circles"].groupby(list(machines)).nunique()
+    return bool((kinds_of_machines == 1).all())
 
 
 def ratios_of_effects(names: Sequence[str], rows: pd.DataFrame) -> Array:

@@ -32,6 +32,7 @@ from scipy.special import ndtri
 
 from ldbb_bayes.analysis.conformity import (
     Conformity,
+    Decision,
     normal_conformity,
     stiffness_conformity,
 )
@@ -83,6 +84,9 @@ _UNLIKELY = 5e-4
 # standard uncertainty is below 20 % of the level. The percentage does not take this uncertainty
 # into account.
 _KNOWN_LEVEL = 5.0
+# The readings of a campaign say nothing about a parameter if the precision of its likelihood, in
+# units of the reference standard deviation, is below this number.
+_NO_INFORMATION = 1e-6
 # Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
 # Text of empty cells in the printed table of a trend's parameters.
@@ -440,7 +444,7 @@ def find_trend(
         most_probable=ranked(changes, lambda name: changes[name].probability)[0],
         caveats=(*caveats, *_caveats_of_series(statistics)),
         estimates=_estimates_table(statistics, visits, chart, step_probabilities, prob),
-        conformity=_conformities(statistics, names, chart, tolerances, newest_tolerances),
+        conformity=_conformities(statistics, names, series, chart, tolerances, newest_tolerances),
         stiffness=stiffness_series(used_rows.iloc[order], names),
     )
 
@@ -735,6 +739,7 @@ def _estimates_table(
 def _conformities(
     statistics: FleetStatistics,
     campaigns: Sequence[str],
+    series: Gaussian,
     chart: ChartPoints,
     tolerances: Mapping[str, str | Tolerance] | None,
     newest_tolerances: Any,
@@ -753,8 +758,11 @@ def _conformities(
         Likelihoods of the campaigns.
     campaigns
         Names of the campaigns, in order of time.
+    series
+        Likelihoods of the campaigns, in order of time. Of a parameter on which the readings of a
+        campaign say nothing, no decision is made.
     chart
-        Estimates from each campaign alone.
+        Estimates from each campaign.
     tolerances
         Tolerances of quantities; the keys are the names of the quantities. If there are none,
         ``newest_tolerances`` are used.
@@ -780,6 +788,8 @@ def _conformities(
         decisions = {}
         for i, campaign in enumerate(campaigns):
             decision = decide(followed[name].unit, float(mean[i]), float(sd[i]), tolerance)
+            if series.precision[i, j, j] < _NO_INFORMATION:
+                decision = replace(decision, decision=Decision.NOT_DECIDED)
             decisions[campaign] = replace(decision, force_N=force_N)
         conformities[name] = decisions
     return conformities

@@ -36,6 +36,8 @@ _FINER = 0.5
 # would most probably miss it as well. Its log evidence from the given nodes is then allowed this
 # multiple of the given model's error.
 _OF_GIVEN_ERROR = 1.5
+# If the error of the given model is larger than this [nat], new nodes are computed nevertheless.
+_LARGEST_GIVEN_ERROR = 0.2
 
 
 class RelatedModels:
@@ -127,11 +129,11 @@ class RelatedModels:
     def _attainable(self) -> float:
         """Error of a log evidence that nodes may be expected to reach [nat].
 
-        It is the tolerance, unless the given model misses it by far although its nodes have been
-        refined.
+        It is the tolerance, unless the given model misses it although its nodes have been refined.
         """
         error = self._untruncated.error
-        if self._may_be_refined or error <= self._tolerance or not np.isfinite(error):
+        is_between = self._tolerance < error <= _LARGEST_GIVEN_ERROR
+        if self._may_be_refined or not is_between:
             return self._tolerance
         return _OF_GIVEN_ERROR * error
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from campaigns import plan, refuses, simulated
 from fleets import row
+from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
+from ldbb_bayes.fleet.dataset import read_fleet
 from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
 from ldbb_bayes.fleet.machine_effects import (
     VARIANCE_OF_CAMPAIGN,
@@ -176,14 +180,39 @@ def test_what_the_machine_keeps_does_not_average_out(rows: pd.DataFrame) -> None
 def test_compliance_along_the_travel_is_kept_where_the_circles_are_the_same(
     rows: pd.DataFrame,
 ) -> None:
+    one = ["M1", "M1"]
     alike = rows.assign(circles="the same")
-    assert "position_Y_linear" in machine_effects(alike)
+    kept = machine_effects(alike, one)
+    assert "position_Y_linear" in kept
     for circles in (["one", "another"], ["one", None]):
-        others = machine_effects(rows.assign(circles=circles))
-        assert [name for name in machine_effects(alike) if name not in others] == [
+        others = machine_effects(rows.assign(circles=circles), one)
+        assert [name for name in kept if name not in others] == [
             f"position_{axis}_{law}" for axis in "XY" for law in ("linear", "quadratic")
         ]
-    assert machine_effects(rows.drop(columns="circles")) == others
+    assert machine_effects(rows.drop(columns="circles"), one) == others
+    of_two = pd.concat([alike, rows.assign(circles="others")])
+    assert machine_effects(of_two, ["M1", "M1", "M2", "M2"]) == kept
+
+
+def test_a_batch_states_the_circles(tmp_path: Path) -> None:
+    """The commands read it as `read_fleet` does."""
+    fast = lb.HybridModel.first(0)
+    folder = lb.write_campaign(simulated(plan()), tmp_path / "campaign")
+    lb.fleet.run_batch([folder], tmp_path / "fitted", model=fast, ess=100.0, compare=False)
+    circles = read_fleet([tmp_path / "fitted"])["circles"]
+    assert json.loads(circles.iloc[0])[0][:2] == ["XY", 150.0]
+
+
+def test_rows_of_an_earlier_version_are_refused_beside_others(rows: pd.DataFrame) -> None:
+    """Where their force laws are not the default one: the same slope would be another number."""
+    mixed = rows.assign(circles=["one", None])
+    fleet_statistics(mixed)
+    names = list(rows["gaussian_names"].iloc[0])
+    means = [list(rows["gaussian_prior_mean"].iloc[0]), rows["gaussian_prior_mean"].iloc[1]]
+    means[0][names.index("force_gain")] = 0.03
+    other_law = mixed.assign(gaussian_prior_mean=means)
+    refuses("narrow must hold the slope .* Run batch again", fleet_statistics, other_law)
+    fleet_statistics(other_law, one_instrument=False)
 
 
 def test_deviations_widen_a_likelihood() -> None:
@@ -222,7 +251,7 @@ def test_slopes_are_kept_only_of_linear_compliance(rows: pd.DataFrame) -> None:
     names = [[*rows["gaussian_names"].iloc[0], "C_XXX_2"], rows["gaussian_names"].iloc[1]]
     assert all(
         name.startswith("joint_load")
-        for name in machine_effects(pd.DataFrame({"gaussian_names": names}))
+        for name in machine_effects(pd.DataFrame({"gaussian_names": names}), ["M1", "M1"])
     )
 
 
@@ -380,3 +409,36 @@ def test_a_row_without_joint_load_may_have_its_reference_force_at_zero(rows: pd.
     loads = [k for k, name in enumerate(alone.machine) if name.startswith("joint_load")]
     places = [len(alone.prior_sd) - len(alone.machine) + k for k in loads]
     np.testing.assert_allclose(statistics.prior_sd[places], alone.prior_sd[places])
+
+
+def test_forces_of_a_load_cell_do_not_follow_the_law() -> None:
+    """What the law states then says nothing about the forces."""
+    campaign = simulated(plan())
+    law = ForceLaw(slope_N_per_bar=130.0)
+    assert campaign.forces_follow_law
+    of_cell = replace(campaign, force_law=law)
+    assert not of_cell.forces_follow_law
+    assert lb.terms.ForceError.nominal("force_gain", of_cell) == 0.0
+    by_law = []
+    for test in campaign.tests:
+        by_law.append(replace(test, force_N=law.force_N(float(test.pressure_bar or 0.0))))
+    following = replace(campaign, force_law=law, tests=tuple(by_law))
+    assert following.forces_follow_law
+    stated = lb.terms.ForceError.nominal("force_gain", following)
+    assert stated == pytest.approx(np.log(130.0 / 126.04))
+
+
+def test_no_trend_decides_on_a_plane_that_has_not_been_run() -> None:
+    planned = plan_of_three_planes()
+    run = planned.select([test.name for test in planned.tests if test.plane == "XY"])
+    others = tuple(test for test in planned.tests if test.plane == "YZ")
+    entries = []
+    for seed in (1, 2):
+        campaign = replace(simulated(run, seed=seed), foreseen=others)
+        posterior = HyperPosterior(MODEL.bind(campaign), truncated=False)
+        fields = {"campaign": f"c{seed}", "reference_force_N": 400.0, "force_max_N": 700.0}
+        entries.append(row(sufficient_statistics(posterior), force_min_N=100.0, **fields))
+    tolerances = {"C_ZZZ": "1 mm/N", "C_XXX": "1 mm/N"}
+    trend = lb.fleet.find_trend(pd.DataFrame(entries), tolerances=tolerances)
+    decided = {name: {one.decision for one in of.values()} for name, of in trend.conformity.items()}
+    assert decided == {"C_ZZZ": {"not decided"}, "C_XXX": {"conforms"}}

@@ -301,9 +301,10 @@ class ForceError(Term):
         The slope is divided by that of the default force law. The force is in error by the gain g
         if the slope of the regulator is 1 + g times the stated slope. To first order, ln(1 + g) is
         g, so that the logarithm of the true slope is the nominal value plus the coefficient
-        ``force_gain``. The other errors have no nominal values.
+        ``force_gain``. The other errors have no nominal values. Nor has the gain if the tests state
+        forces that do not follow from their pressures by the law, such as those of a load cell.
         """
-        if coefficient == "force_gain":
+        if coefficient == "force_gain" and campaign.forces_follow_law:
             slope_ratio = campaign.force_law.slope_N_per_bar / ForceLaw().slope_N_per_bar
             return float(np.log(slope_ratio))
         return 0.0
