@@ -5,9 +5,9 @@ instrument. The plan is changed by the circles that it foresees and that have no
 another order of the circles, circles in the other direction of travel, circles with turned balls,
 more circles, or circles of a second radius. The uncertainties are computed for the changed plan, or
 for the campaign with the certificate. The hyper-parameters φ, such as the standard deviation of the
-noise, keep their values (`HyperPrior.carried`). Some effects
-in the model depend on an estimate of the machine's compliances. This estimate comes from the
-unchanged campaign, or from its pilot (the campaign from which it was planned).
+noise, keep their values (`HyperPrior.carried`). Some effects in the model depend on an estimate of
+the machine's compliances. This estimate comes from the unchanged campaign, or from its pilot (the
+campaign from which it was planned).
 """
 
 from __future__ import annotations
@@ -237,10 +237,10 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     """Return the changed plans that may reduce uncertainties, the cheapest change first.
 
     The keys are the kinds of change. The first is to run the circles that are planned already, if
-    there are any. If the change is another order of the circles, the circles of
-    a plan are reordered; the circles of a campaign that has already been run are repeated in the
-    new order. This change is left out if the model has no drift. The change to the other direction
-    of travel is left out if every plane is already run in both directions.
+    there are any. If the change is another order of the circles, the circles of a plan are
+    reordered; the circles of a campaign that has already been run are repeated in the new order.
+    This change is left out if the model has no drift. The change to the other direction of travel
+    is left out if every plane is already run in both directions.
     """
     plan = bound.campaign.plan()
     tests = _with_drift_times(plan)
