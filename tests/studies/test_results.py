@@ -230,7 +230,7 @@ def test_pages_of_the_handbook_quote_the_studies() -> None:
     assert (
         many["trend"]
         | {
-            "latest_found": 5,
+            "latest_found": 3,
             "median_found": 1.0,
             "false_alarms": 0,
             "found_at_all": many["setting"]["series"],
