@@ -41,7 +41,7 @@ class TrueChange:
     C(F) is the same quantity that a fit states: the compliance at the reference force, its slopes
     (changes with force) and, for a direct compliance, the contribution of the term `JointLoad`
     (nonlinear deflection of joints under load). The fields have the names that
-    `lb.analysis.change_with_force` uses.
+    `change_with_force` uses.
 
     Examples
     --------
