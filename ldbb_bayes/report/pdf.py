@@ -41,6 +41,8 @@ _PICTURE_HEIGHT = 100.0
 # Least width of the caption below a figure [mm]. Below a figure in a row, it is no wider than the
 # figure's place.
 _CAPTION_WIDTH = 60.0
+# Least width of the first column of a table [mm].
+_LEAST_FIRST_WIDTH = 20.0
 _ROW_GAP = 4.0  # distance between two figures side by side on a page [mm]
 _BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list on a page [mm]
 _DPI = 300.0
@@ -336,7 +338,7 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
     alignment = ["RIGHT" if is_number else "LEFT" for is_number in table.numeric]
     with pdf.table(
         rows,
-        col_widths=_column_widths(pdf, rows),
+        col_widths=_column_widths(pdf, rows, keep_last=table.numeric[-1]),
         width=_WIDTH,
         text_align=alignment,
         headings_style=FontFace(emphasis="BOLD"),
@@ -347,25 +349,27 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
         pass
 
 
-def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
+def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]], *, keep_last: bool) -> list[float]:
     """Return the widths of a table's columns [mm], which add up to the full width of a certificate.
 
     ``rows`` holds the texts of the cells; the first row has the column headings. Each column except
     the first and the last is as wide as its longest text. The first and the last column share the
-    remaining width; long texts in these two columns are broken into lines.
+    remaining width; long texts in these two columns are broken into lines. If ``keep_last`` is
+    true, the last column holds numbers, which must not be broken. It is then as wide as its longest
+    text, too, and the first column has the remaining width, unless too little remains.
     """
     widths = []
     for k in range(len(rows[0])):
         longest = max(pdf.get_string_width(row[k]) for row in rows)
         widths.append(longest * 1.1 + 3.0)
-    inner_width = sum(widths[1:-1])
-    outer_width = widths[0]
-    if len(widths) > 1:
-        outer_width += widths[-1]
-    stretch = (_WIDTH - inner_width) / outer_width
-    widths[0] *= stretch
-    if len(widths) > 1:
-        widths[-1] *= stretch
+    outer = [0]
+    has_room = _WIDTH - sum(widths[1:]) >= _LEAST_FIRST_WIDTH
+    if len(widths) > 1 and not (keep_last and has_room):
+        outer.append(len(widths) - 1)
+    outer_width = sum(widths[k] for k in outer)
+    inner_width = sum(widths) - outer_width
+    for k in outer:
+        widths[k] *= (_WIDTH - inner_width) / outer_width
     return widths
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from ldbb_bayes.report.blocks import PictureRow, ReportSheet
 from ldbb_bayes.report.pdf import pdf_of
 from ldbb_bayes.report.pictures import Picture
+from ldbb_bayes.results import Table
 
 _MM_PER_POINT = 25.4 / 72.0
 
@@ -48,3 +49,12 @@ def test_a_rose_beside_a_flat_figure_is_large_enough_to_read(page: pdfium.PdfPag
     rose_mm, curve_mm = widths_mm
     assert rose_mm * 7.0 / (3.4 * 25.4) > 5.0
     assert rose_mm + curve_mm < 182.0
+
+
+def test_numbers_in_the_last_column_are_not_broken() -> None:
+    heads = ("quantity", *(f"a column of {k}" for k in range(6)), "P (larger)")
+    row = ("Axis X: displacement along X per force along Y", *["−1940.0"] * 6, "> 0.987")
+    sheet = ReportSheet("difference", "Difference", "Sheet 3", (Table.of("", heads, [row] * 2),))
+    pdf = pdf_of([sheet], "title", "en", datetime(2026, 1, 1, tzinfo=UTC))
+    text = pdfium.PdfDocument(pdf)[0].get_textpage().get_text_range()
+    assert text.count("> 0.987") == 2
