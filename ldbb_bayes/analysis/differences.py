@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_effects import Conflict, Shared, joint_difference
 from ldbb_bayes.analysis.compliance_meaning import same_meaning, stands_for
-from ldbb_bayes.analysis.differing_models import differing_parts, names_of_concerns
+from ldbb_bayes.analysis.differing_models import differing_parts
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
@@ -188,7 +188,7 @@ def compare_posteriors(
         ("contradicted_priors", ConcernKind.PRIOR),
         ("doubted_units", ConcernKind.UNIT),
     ):
-        table.attrs[key] = tuple(names_of_concerns(fit, kind) for fit in fits)
+        table.attrs[key] = tuple(fit.names_of_concerns(kind) for fit in fits)
     table.attrs["differing_parts"] = differing_parts(first.model, second.model)
     return readable(table, f"Second less first, {100 * prob:g} % intervals")
 

@@ -1,15 +1,14 @@
-"""What two fits assume differently, and which of their assumptions their readings contradict.
+"""Parts in which the models of two fits differ.
 
 A difference between two campaigns may come from these instead of the machines.
 """
 
 from __future__ import annotations
 
-from ldbb_bayes.inference.fit import ConcernKind, Fit
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.terms import Term
 
-__all__ = ["differing_parts", "names_of_concerns"]
+__all__ = ["differing_parts"]
 
 
 def differing_parts(model: HybridModel, other: HybridModel) -> tuple[str, ...]:
@@ -40,21 +39,3 @@ def differing_parts(model: HybridModel, other: HybridModel) -> tuple[str, ...]:
 def _terms_by_name(model: HybridModel) -> dict[str, Term]:
     """Return the terms of a model; the keys are the names of their classes."""
     return {type(term).__name__: term for term in model.nuisances}
-
-
-def names_of_concerns(fit: Fit, kind: ConcernKind) -> tuple[str, ...]:
-    """Return the names in all warnings of one kind that a fit gives.
-
-    Parameters
-    ----------
-    fit : Fit
-        How well a model fits the readings of a campaign.
-    kind : ConcernKind
-        Kind of the warnings. Of kind PRIOR the names are those of parameters, of kind UNIT those of
-        tests.
-
-    Returns
-    -------
-    tuple of str
-    """
-    return tuple(concern.name for concern in fit.concerns if concern.kind == kind)

@@ -165,9 +165,9 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
     reasons = []
     if fit.state == State.UNUSABLE:
         reasons.append(Reason(ReasonKind.NOT_CONVERGED))
-    doubted = [concern.name for concern in fit.concerns if concern.kind == ConcernKind.UNIT]
+    doubted = fit.names_of_concerns(ConcernKind.UNIT)
     if doubted:
-        reasons.append(Reason(ReasonKind.UNIT, tuple(doubted)))
+        reasons.append(Reason(ReasonKind.UNIT, doubted))
     if fit.misfits:
         tests = dict.fromkeys(misfit.test for misfit in fit.misfits)
         reasons.append(Reason(ReasonKind.MISFIT, tuple(tests)))
@@ -196,9 +196,9 @@ def _reservations(
     sensitive = [name for name in fit.sensitive if name in stated and name not in undetermined]
     if sensitive:
         reasons.append(Reason(ReasonKind.PRIOR_SENSITIVE, tuple(sensitive)))
-    noisy = [concern.name for concern in fit.concerns if concern.kind == ConcernKind.HYPER]
+    noisy = fit.names_of_concerns(ConcernKind.HYPER)
     if noisy:
-        reasons.append(Reason(ReasonKind.HYPER, tuple(noisy)))
+        reasons.append(Reason(ReasonKind.HYPER, noisy))
     if _has_concern(fit, ConcernKind.FORCES):
         reasons.append(Reason(ReasonKind.FORCES))
     return reasons

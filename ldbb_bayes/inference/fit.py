@@ -227,6 +227,21 @@ class Fit(Result):
             return self.shift.get(check.test, np.inf) > _LARGEST_SHIFT
         return self.widening > _LARGEST_WIDENING
 
+    def names_of_concerns(self, kind: ConcernKind) -> tuple[str, ...]:
+        """Return the names in all warnings of one kind that the fit gives.
+
+        Parameters
+        ----------
+        kind : ConcernKind
+            Kind of the warnings. `Concern` explains what their names are: of kind PRIOR those of
+            parameters, of kind UNIT those of tests.
+
+        Returns
+        -------
+        tuple of str
+        """
+        return tuple(concern.name for concern in self.concerns if concern.kind == kind)
+
     @property
     def kinds(self) -> tuple[str, ...]:
         """Return the kinds of the fit's warnings and of its failing checks that matter (`misfits`).

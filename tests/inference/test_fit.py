@@ -82,6 +82,15 @@ def test_readings_in_another_unit_are_doubtful(fit: Fit) -> None:
     )
 
 
+def test_a_fit_names_what_its_warnings_of_one_kind_concern(fit: Fit) -> None:
+    prior = Concern(ConcernKind.PRIOR, 4.0, 3.0, "C_XXX")
+    units = [Concern(ConcernKind.UNIT, 1.2e-5, 9e-5, name) for name in ("a", "b")]
+    warned = replace(fit, concerns=(units[0], prior, units[1]))
+    assert warned.names_of_concerns(ConcernKind.UNIT) == ("a", "b")
+    assert warned.names_of_concerns(ConcernKind.PRIOR) == ("C_XXX",)
+    assert warned.names_of_concerns(ConcernKind.HYPER) == ()
+
+
 def test_a_failing_check_that_moves_intervals_is_doubtful(unlikely: Fit) -> None:
     assert fit_verdict(unlikely).startswith(
         "Converged; the model does not expect readings like these (order 0 of a): without a"
