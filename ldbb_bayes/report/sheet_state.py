@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from ldbb_bayes.analysis.usability import Judgement, Use, state_of
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.machine.chain import PLANES
+from ldbb_bayes.report import wording
 from ldbb_bayes.report.blocks import Banner
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.sheet_instrument import instrument_pieces
@@ -81,12 +82,12 @@ def _reason_texts(judgement: Judgement, numbers: SheetNumbers) -> list[str]:
     for reason in judgement.reasons:
         names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
         names += reason.names
-    circles = campaign_of(numbers.findings.posterior).tests
     texts = []
     for kind, names in names_by_kind.items():
+        if kind == "unit":
+            texts += _unit_texts(numbers)
+            continue
         labels = _labels(names, quantities)
-        if kind == "unit" and len(names) == len(circles):
-            labels = [words("state.all_circles")]
         text = words(
             f"state.{kind}",
             names=words.joined(labels),
@@ -95,6 +96,28 @@ def _reason_texts(judgement: Judgement, numbers: SheetNumbers) -> list[str]:
         )
         texts.append(text)
     return texts
+
+
+def _unit_texts(numbers: SheetNumbers) -> Iterator[str]:
+    """Yield texts on the circles whose readings probably are in another unit than stated.
+
+    There is one text for readings that span less than a ball bar shows, and one for those that span
+    more.
+    """
+    words = numbers.words
+    posterior = numbers.findings.posterior
+    circles = campaign_of(posterior).tests
+    for spans in wording.doubted_spans(fit_of(posterior).concerns):
+        names = words.joined(spans.tests)
+        if len(spans.tests) == len(circles):
+            names = words("state.all_circles")
+        kind = "unit_large" if spans.is_large else "unit_small"
+        yield words(
+            f"state.{kind}",
+            names=names,
+            span=words.number(spans.span),
+            limit=words.number(spans.limit),
+        )
 
 
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:

@@ -70,15 +70,24 @@ def test_what_has_not_converged_is_unusable(fit: Fit) -> None:
 
 
 def test_readings_in_another_unit_are_doubtful(fit: Fit) -> None:
-    """One sentence names all the circles; a misfit is then no news."""
-    concerns = tuple(Concern(ConcernKind.UNIT, 1.2e-5, 9e-5, name) for name in ("a", "b"))
+    """One sentence names all the circles whose readings span too little, and another one those
+    whose readings span too much; a misfit is then no news."""
+    spans_mm = {"a": 1.2e-5, "b": 0.0, "c": 12.34}
+    concerns = tuple(
+        Concern(ConcernKind.UNIT, span_mm, 9e-5 if span_mm < 1.0 else 3.0, name)
+        for name, span_mm in spans_mm.items()
+    )
     doubtful = replace(fit, concerns=concerns)
     assert "the unit of the readings is in doubt: do not use the numbers" in fit_verdict(doubtful)
     assert (doubtful.state, doubtful.kinds) == (State.DOUBTFUL, ("unit",))
-    (sentence,) = concern_sentences(concerns, {})
-    assert sentence.startswith(
-        "The unit of the readings is in doubt: those of a, b span less than 0.09 µm or more"
-        " than 3000 µm (the first of them 0.012 µm)"
+    small, large = concern_sentences(concerns, {})
+    assert small.startswith(
+        "The unit of the readings is in doubt: those of a, b span 0 … 0.012 µm, less than the 0.090"
+        " µm that every ball bar shows."
+    )
+    assert large.startswith(
+        "The unit of the readings is in doubt: those of c span 12 mm, more than the 3.0 mm that a"
+        " ball bar can show."
     )
 
 

@@ -124,6 +124,12 @@ def test_titles_captions_and_notes_are_translated(table: str) -> None:
         ("numpy 2.4.6, scipy 1.17.1", "numpy 2.4.6, scipy 1.17.1"),
         ("C_XXX", "C_XXX"),
         (
+            "The unit of the readings is in doubt: those of f036 span 12 … 14 mm, more than the 3.0"
+            " mm that a ball bar can show.",
+            "Die Einheit der Messwerte ist zweifelhaft: Die von f036 umfassen 12 … 14 mm, mehr als"
+            " die 3,0 mm, die ein Messgerät zeigen kann.",
+        ),
+        (
             "Expected intervals against equal steps: as wide for E_XX1 to 1.14 times as wide for"
             " C_CCY.",
             "Zu erwartende Intervalle gegen gleiche Stufen: gleich breit für E_XX1 bis 1,14-mal so"

@@ -88,25 +88,51 @@ def test_the_certificate_begins_with_whether_it_can_be_used(english: Sheets) -> 
 
 
 @pytest.mark.parametrize(
-    ("language", "all_of_them", "one"),
+    ("language", "factor", "opening", "limit"),
     [
-        ("en", "DO NOT USE THE RESULTS. The readings of all circles span", "readings of f300 span"),
-        ("de", "DIE ERGEBNISSE NICHT VERWENDEN. Die Messwerte (alle Kreise)", "Messwerte (f300)"),
+        (
+            "en",
+            1e-3,
+            "DO NOT USE THE RESULTS. The readings of all circles span 0.0",
+            " µm, less than the 0.090 µm that every ball bar shows: state their unit",
+        ),
+        (
+            "en",
+            1e3,
+            "DO NOT USE THE RESULTS. The readings of all circles span ",
+            " mm, more than the 3.0 mm that a ball bar can show: state their unit",
+        ),
+        (
+            "de",
+            1e-3,
+            "DIE ERGEBNISSE NICHT VERWENDEN. Die Messwerte (alle Kreise) umfassen 0,0",
+            " µm, weniger als die 0,090 µm, die jedes Messgerät zeigt: ihre Einheit",
+        ),
     ],
 )
 def test_the_certificate_doubts_the_unit_of_readings(
-    language: str, all_of_them: str, one: str
+    language: str, factor: float, opening: str, limit: str
 ) -> None:
-    """A thousandth of the readings, of all circles or of one, looks like a very stiff machine."""
+    """A thousandth of the readings looks like a very stiff machine, a thousand times the readings
+    like a very soft one. The box says which of the two holds."""
     campaign = simulated(plan())
-    small = [test.with_reading_um(1e-3 * np.asarray(test.reading_um)) for test in campaign.tests]
-    mixed = [small[1] if test.name == "f300" else test for test in campaign.tests]
-    for tests, text in ((small, all_of_them), (mixed, one)):
-        first, _ = sheets(findings_of(replace(campaign, tests=tuple(tests))), language=language)
-        banner = first.blocks[0]
-        assert isinstance(banner, Banner)
-        assert banner.kind == "unusable"
-        assert text in banner.sentence
+    scaled = [test.with_reading_um(factor * np.asarray(test.reading_um)) for test in campaign.tests]
+    first, _ = sheets(findings_of(replace(campaign, tests=tuple(scaled))), language=language)
+    banner = first.blocks[0]
+    assert isinstance(banner, Banner)
+    assert banner.kind == "unusable"
+    assert banner.sentence.startswith(opening)
+    assert limit in banner.sentence
+
+
+def test_the_certificate_names_the_circle_whose_unit_is_in_doubt() -> None:
+    campaign = simulated(plan())
+    tests = [
+        test.with_reading_um(1e-3 * np.asarray(test.reading_um)) if test.name == "f300" else test
+        for test in campaign.tests
+    ]
+    first, _ = sheets(findings_of(replace(campaign, tests=tuple(tests))))
+    assert "The readings of f300 span 0.0" in first.blocks[0].sentence
 
 
 def test_the_certificate_ends_with_lines_to_sign(english: Sheets) -> None:

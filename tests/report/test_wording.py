@@ -260,7 +260,7 @@ def test_words_decide_nothing(
         (SENTENCES["cures"], set(Cure) - {Cure.CALIBRATION}),
         (SENTENCES["plans"], set(RemedyKind) - {RemedyKind.CERTIFICATE}),
         (SENTENCES["origins"], Origin),
-        (SENTENCES["concerns"], {*ConcernKind, "one-force"}),
+        (SENTENCES["concerns"], {*ConcernKind, "one-force", "large-unit"}),
         (SENTENCES["remarks"] | SENTENCES["choices"], RemarkKind),
         (SENTENCES["signs"], Sign),
         (SENTENCES["caveats"], CaveatKind),

@@ -106,6 +106,7 @@ from ldbb_bayes.report.wording.report_words import (
     difference_doubts,
     difference_reservations,
 )
+from ldbb_bayes.report.wording.span_words import doubted_spans
 from ldbb_bayes.report.wording.worded_records import with_words
 
 __all__ = [
@@ -146,6 +147,7 @@ __all__ = [
     "difference_doubts",
     "difference_reservations",
     "direction_words",
+    "doubted_spans",
     "expectation",
     "fit_verdict",
     "goal_design_head",

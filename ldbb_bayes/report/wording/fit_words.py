@@ -13,6 +13,7 @@ from ldbb_bayes.report.wording.effect_names import (
 )
 from ldbb_bayes.report.wording.fixed_texts import IN_FORCE, PAGE, SENTENCES
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
+from ldbb_bayes.report.wording.span_words import doubted_spans
 from ldbb_bayes.units import display_name, display_unit, is_slope, two_digits, typeset
 
 if TYPE_CHECKING:
@@ -129,7 +130,8 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
     """Yield a description of each concern about a fit.
 
-    The concerns about the unit of several tests have one description, which names the tests.
+    The concerns about the unit of several tests have one description, which names the tests. If the
+    readings of some tests span too little and those of others too much, there are two.
 
     Parameters
     ----------
@@ -146,14 +148,12 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
     advice = "allow more steps (--max-steps)"
     if sampler.get("kind") == "independent":
         advice = "ask for more independent draws (a larger --ess)"
-    doubted = [concern.name for concern in concerns if concern.kind == "unit"]
+    yield from _unit_sentences(concerns)
     for concern in concerns:
         kind = str(concern.kind)
         name = display_name(concern.name)
         if kind == "unit":
-            name = first_names(doubted)
-            if concern.name != doubted[0]:
-                continue
+            continue
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
@@ -175,6 +175,20 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
             advice=advice,
             name=name,
             limit_shown=limit_shown,
+        )
+        yield typeset(sentence)
+
+
+def _unit_sentences(concerns: Sequence[Concern]) -> Iterator[str]:
+    """Yield a description of the concerns about the unit of readings, if there are any.
+
+    There is one for readings that span less than a ball bar shows, and one for those that span
+    more.
+    """
+    for spans in doubted_spans(concerns):
+        kind = "large-unit" if spans.is_large else "unit"
+        sentence = SENTENCES["concerns"][kind].format(
+            name=first_names(spans.tests), span=spans.span, limit_shown=spans.limit
         )
         yield typeset(sentence)
 
