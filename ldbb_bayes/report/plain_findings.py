@@ -80,11 +80,10 @@ def plain_words(numbers: SheetNumbers) -> Items:
         Heading and sentences.
     """
     words = numbers.words
-    items = [
-        *_sentences_under_load(numbers),
-        *_findings_in_words(numbers),
-        _undetermined_sentence(numbers),
-    ]
+    items = [*_sentences_under_load(numbers), *_findings_in_words(numbers)]
+    # Results that cannot be used determine nothing, as the banner of the sheet says.
+    if not numbers.are_unusable:
+        items.append(_undetermined_sentence(numbers))
     return Items(words("sheet.plain"), tuple(items))
 
 

@@ -19,10 +19,10 @@ from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
-from ldbb_bayes.analysis.usability import undetermined_parameters
+from ldbb_bayes.analysis.usability import Judgement, Use, state_of, undetermined_parameters
 from ldbb_bayes.inference.fit import limits_of_compliances_near_zero
 from ldbb_bayes.inference.force_curves import draws_at
-from ldbb_bayes.inference.posterior import bound_of
+from ldbb_bayes.inference.posterior import bound_of, fit_of
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength
@@ -89,6 +89,24 @@ class SheetNumbers:
             for name, stated in self._parameters_and_slopes.items()
             if not is_slope(name)
         }
+
+    @cached_property
+    def judgement(self) -> Judgement:
+        """Whether the values on the certificate can be used, and the reasons against their use."""
+        comparison = None
+        if not isinstance(self.findings.comparison, str):
+            comparison = self.findings.comparison
+        return state_of(
+            fit_of(self.findings.posterior),
+            self.findings.verdicts,
+            self.parameters,
+            comparison=comparison,
+        )
+
+    @property
+    def are_unusable(self) -> bool:
+        """Whether the values on the certificate must not be used."""
+        return self.judgement.use == Use.DO_NOT_USE
 
     @cached_property
     def slopes(self) -> dict[str, StatedQuantity]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from ldbb_bayes.analysis.usability import Judgement, Use, state_of
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.report import wording
@@ -38,13 +37,8 @@ def banner(numbers: SheetNumbers) -> Banner:
     """Return the banner, which states whether the results of a fit can be used, and why."""
     words = numbers.words
     findings = numbers.findings
-    quantities = numbers.parameters
-    comparison = None if isinstance(findings.comparison, str) else findings.comparison
-    state_of_use = state_of(
-        fit_of(findings.posterior), findings.verdicts, quantities, comparison=comparison
-    )
-    is_unusable = state_of_use.use == Use.DO_NOT_USE
-    reasons = _reason_texts(state_of_use, numbers)
+    is_unusable = numbers.are_unusable
+    reasons = _reason_texts(numbers)
     if findings.has_flat_priors:
         reasons.append(words("state.least_squares"))
     forces_N = campaign_of(findings.posterior_of_certificate).forces_N
@@ -71,15 +65,12 @@ def banner(numbers: SheetNumbers) -> Banner:
     return Banner(kind, sentence)
 
 
-def _reason_texts(judgement: Judgement, numbers: SheetNumbers) -> list[str]:
-    """Return the reasons for caution as texts, one for each kind of reason.
-
-    ``judgement`` states the reasons, and ``numbers`` are those of the certificate.
-    """
+def _reason_texts(numbers: SheetNumbers) -> list[str]:
+    """Return the reasons for caution as texts, one for each kind of reason."""
     words = numbers.words
     quantities = numbers.parameters
     names_by_kind: dict[str, list[str]] = {}
-    for reason in judgement.reasons:
+    for reason in numbers.judgement.reasons:
         names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
         names += reason.names
     texts = []
@@ -160,9 +151,12 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     The texts name the undetermined parameters, the changes with force whose signs are uncertain,
     and the confounded circular deviations. If it is uncertain whether compliance changes with
     force, one text states the probability of a change. If the readings determine all quantities, a
-    single text says so.
+    single text says so. If the results cannot be used, the only text says that they determine
+    nothing.
     """
     words = numbers.words
+    if numbers.are_unusable:
+        return [words("sheet.nothing_determined")]
     items = []
     for quantity in numbers.parameters.values():
         if quantity.is_undetermined:

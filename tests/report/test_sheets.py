@@ -125,6 +125,29 @@ def test_the_certificate_doubts_the_unit_of_readings(
     assert limit in banner.sentence
 
 
+@pytest.mark.parametrize(
+    ("language", "nothing"),
+    [
+        ("en", "All quantities, because the results cannot be used (box at the top)."),
+        ("de", "Alle Größen, weil die Ergebnisse nicht zu verwenden sind (Kasten oben)."),
+    ],
+)
+def test_of_results_that_cannot_be_used_nothing_is_called_determined(
+    language: str, nothing: str
+) -> None:
+    """Readings in mm taken for µm narrow every prior."""
+    campaign = simulated(plan())
+    small = [test.with_reading_um(1e-3 * np.asarray(test.reading_um)) for test in campaign.tests]
+    found = findings_of(replace(campaign, tests=tuple(small)))
+    numbers = SheetNumbers(found, words_of(language), 389.0)
+    assert not any(quantity.is_undetermined for quantity in numbers.parameters.values())
+    first, _ = sheets(found, language=language)
+    (pair,) = [block for block in first.blocks if isinstance(block, Pair)]
+    (plain,) = [block for block in first.blocks if isinstance(block, Items)]
+    assert pair.beside == (nothing,)
+    assert not [text for text in plain.items if numbers.words("plain.all_determined") in text]
+
+
 def test_the_certificate_names_the_circle_whose_unit_is_in_doubt() -> None:
     campaign = simulated(plan())
     tests = [
