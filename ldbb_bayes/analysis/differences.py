@@ -118,8 +118,10 @@ def compare_posteriors(
         ``attrs["contradicted_priors"]`` holds two tuples, one for each posterior: the names of the
         parameters whose prior the readings contradict. ``attrs["doubted_units"]`` holds two tuples
         likewise: the names of the tests whose readings probably are in another unit. The
-        differences cannot be used if any of these is not empty. ``attrs["differing_parts"]`` names
-        the parts in which the two models differ, such as ``priors``.
+        differences cannot be used if any of these is not empty. ``attrs["fits"]`` holds two
+        ``Fit``s: how well each model fits its readings, with all warnings.
+        ``attrs["differing_parts"]`` names the parts in which the two models differ, such as
+        ``priors``.
 
     Raises
     ------
@@ -184,6 +186,7 @@ def compare_posteriors(
     if compared.conflict is not None:
         table.attrs["conflict"] = tuple(compared.conflict)
     fits = (fit_of(posterior), fit_of(other))
+    table.attrs["fits"] = fits
     for key, kind in (
         ("contradicted_priors", ConcernKind.PRIOR),
         ("doubted_units", ConcernKind.UNIT),

@@ -13,7 +13,15 @@ from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, Verdict
 from ldbb_bayes.inference.fit import ConcernKind, Fit, State
 from ldbb_bayes.results import Result
 
-__all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined_parameters"]
+__all__ = [
+    "Judgement",
+    "Reason",
+    "ReasonKind",
+    "Use",
+    "judge_fit",
+    "state_of",
+    "undetermined_parameters",
+]
 
 
 # A parameter counts as hardly determined by the readings if its posterior standard deviation,
@@ -158,6 +166,14 @@ def state_of(
     if grave:
         use = Use.DO_NOT_USE
     return Judgement(use, (*grave, *reservations))
+
+
+def judge_fit(fit: Fit) -> Judgement:
+    """Return whether the results of a fit can be used, as far as the fit alone decides it.
+
+    The reasons are those of `state_of` that do not concern single parameters.
+    """
+    return state_of(fit, verdicts={}, stated=())
 
 
 def _grave_reasons(fit: Fit) -> list[Reason]:

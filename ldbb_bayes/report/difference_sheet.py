@@ -17,6 +17,7 @@ from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, ReportSheet
 from ldbb_bayes.report.findings import Findings, FurtherCampaign
 from ldbb_bayes.report.sheet_fields import shorten
 from ldbb_bayes.report.sheet_numbers import SheetNumbers
+from ldbb_bayes.report.sheet_state import banner_of_fit
 from ldbb_bayes.report.sheets import sheet_line, signatures
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words
@@ -71,29 +72,32 @@ def _blocks(
 ) -> Iterator[Block]:
     """Yield the content of the sheet that compares the report's campaign with another campaign.
 
-    The content is: doubts about the comparison, the two campaigns, the parameters that have
-    changed, a table of all differences, what is taken to be common, and the fields for signatures.
-    If there are doubts, no changes are named. If only the models of the two fits differ, this is a
-    reservation.
+    The content is: doubts about the two fits and their comparison, the two campaigns, the
+    parameters that have changed, a table of all differences, what is taken to be common, and the
+    fields for signatures. If there are doubts, no changes are named. If only the models of the two
+    fits differ, or a fit can be used with a reservation, this is a reservation.
     """
     first = campaign_of(findings.posterior)
     name = str(first.name)
     common = wording.common_words(findings.result["model"]["reference_force_N"], shared)
-    doubts = wording.difference_doubts(
-        name,
-        other.name,
-        other.result["sampler"]["converged"],
-        other.differences.attrs,
-    )
+    doubts = wording.difference_doubts(name, other.name, other.differences.attrs)
     reservations = wording.difference_reservations(other.differences.attrs)
     translation = annex_translation(words, frozenset([name, other.name]))
     if translation is not None:
         common = translation.text(common)
         doubts = tuple(translation.text(doubt) for doubt in doubts)
         reservations = tuple(translation.text(sentence) for sentence in reservations)
-    if doubts or reservations:
-        kind = "unusable" if doubts else "reserved"
-        yield Banner(kind, " ".join((*doubts, *reservations)))
+    first_fit, second_fit = other.differences.attrs["fits"]
+    banners = [
+        banner_of_fit(name, first_fit, first, words),
+        banner_of_fit(other.name, second_fit, other.campaign, words),
+    ]
+    of_fits = [banner for banner in banners if banner is not None]
+    is_unusable = bool(doubts) or any(banner.kind == "unusable" for banner in of_fits)
+    if of_fits or doubts or reservations:
+        kind = "unusable" if is_unusable else "reserved"
+        sentences = [banner.sentence for banner in of_fits]
+        yield Banner(kind, " ".join((*sentences, *doubts, *reservations)))
     yield Fields(
         (
             (words("fields.first_campaign"), _campaign_text(name, first)),
@@ -105,7 +109,7 @@ def _blocks(
     is_of_slope = other.differences.index.map(is_slope).to_numpy(dtype=bool)
     differences = other.differences[~is_of_slope]
     quantities = _quantities(findings, differences, words)
-    if not doubts:
+    if not is_unusable:
         yield Items(
             words("sheet.plain"), tuple(_changes(differences, quantities, findings.prob, words))
         )

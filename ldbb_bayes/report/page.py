@@ -242,7 +242,8 @@ def _alerts(findings: Findings, others: Sequence[FurtherCampaign]) -> Iterator[s
     for other in others:
         converged = other.result["sampler"]["converged"]
         attributes = other.differences.attrs
-        yield from wording.difference_doubts(name, other.name, converged, attributes)
+        yield from wording.unusable_fit_sentences(name, other.name, converged, attributes)
+        yield from wording.difference_doubts(name, other.name, attributes)
         yield from wording.difference_reservations(attributes)
 
 

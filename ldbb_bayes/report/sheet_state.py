@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from ldbb_bayes.analysis.usability import Judgement, Use, judge_fit
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.report import wording
@@ -15,7 +18,7 @@ from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words
 
-__all__ = ["banner", "undetermined_texts"]
+__all__ = ["banner", "banner_of_fit", "undetermined_texts"]
 
 # largest number of reasons for caution that the banner of the test certificate states
 _MOST_REASONS = 2
@@ -38,7 +41,13 @@ def banner(numbers: SheetNumbers) -> Banner:
     words = numbers.words
     findings = numbers.findings
     is_unusable = numbers.are_unusable
-    reasons = _reason_texts(numbers)
+    reasons = _reason_texts(
+        numbers.judgement,
+        fit_of(findings.posterior),
+        campaign_of(findings.posterior),
+        numbers.parameters,
+        words,
+    )
     if findings.has_flat_priors:
         reasons.append(words("state.least_squares"))
     forces_N = campaign_of(findings.posterior_of_certificate).forces_N
@@ -57,26 +66,67 @@ def banner(numbers: SheetNumbers) -> Banner:
     because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
     if not is_unusable:
         because += _missing_certificates(findings, words)
-    sentence = words(
+    return Banner(kind, _state_sentence(kind, because, words))
+
+
+def banner_of_fit(name: str, fit: Fit, campaign: Campaign, words: Words) -> Banner | None:
+    """Return what the banner of a test certificate says of a fit, without its single quantities.
+
+    The first words are the name of the campaign. Return None if there is nothing to be careful
+    about.
+
+    Parameters
+    ----------
+    name
+        Name of the campaign.
+    fit
+        How well a model fits the readings of the campaign.
+    campaign
+        Campaign with its readings.
+    words
+        Texts of the test certificate, in its language.
+    """
+    judgement = judge_fit(fit)
+    if judgement.use == Use.CAN_BE_USED:
+        return None
+    kind = "unusable" if judgement.use == Use.DO_NOT_USE else "reserved"
+    reasons = _reason_texts(judgement, fit, campaign, {}, words)
+    sentence = _state_sentence(kind, "; ".join(reasons[:_MOST_REASONS]), words)
+    return Banner(kind, f"{name}: {sentence}")
+
+
+def _state_sentence(kind: str, because: str, words: Words) -> str:
+    """Return the sentence of a banner: whether results can be used, and why.
+
+    ``kind`` is usable, reserved or unusable. ``because`` is the text of the reasons.
+    """
+    return words(
         "state.sentence",
         state=words(f"state.{kind}"),
         reason=because[:1].upper() + because[1:],
     )
-    return Banner(kind, sentence)
 
 
-def _reason_texts(numbers: SheetNumbers) -> list[str]:
-    """Return the reasons for caution as texts, one for each kind of reason."""
-    words = numbers.words
-    quantities = numbers.parameters
+def _reason_texts(
+    judgement: Judgement,
+    fit: Fit,
+    campaign: Campaign,
+    quantities: Mapping[str, StatedQuantity],
+    words: Words,
+) -> list[str]:
+    """Return the reasons for caution as texts, one for each kind of reason.
+
+    ``judgement`` states the reasons, which come from the fit of a campaign. ``quantities`` are the
+    parameters that the certificate states.
+    """
     names_by_kind: dict[str, list[str]] = {}
-    for reason in numbers.judgement.reasons:
+    for reason in judgement.reasons:
         names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
         names += reason.names
-    texts = []
+    texts: list[str] = []
     for kind, names in names_by_kind.items():
         if kind == "unit":
-            texts += _unit_texts(numbers)
+            texts += _unit_texts(fit, campaign, words)
             continue
         labels = _labels(names, quantities)
         text = words(
@@ -89,18 +139,15 @@ def _reason_texts(numbers: SheetNumbers) -> list[str]:
     return texts
 
 
-def _unit_texts(numbers: SheetNumbers) -> Iterator[str]:
+def _unit_texts(fit: Fit, campaign: Campaign, words: Words) -> Iterator[str]:
     """Yield texts on the circles whose readings probably are in another unit than stated.
 
     There is one text for readings that span less than a ball bar shows, and one for those that span
     more.
     """
-    words = numbers.words
-    posterior = numbers.findings.posterior
-    circles = campaign_of(posterior).tests
-    for spans in wording.doubted_spans(fit_of(posterior).concerns):
+    for spans in wording.doubted_spans(fit.concerns):
         names = words.joined(spans.tests)
-        if len(spans.tests) == len(circles):
+        if len(spans.tests) == len(campaign.tests):
             names = words("state.all_circles")
         kind = "unit_large" if spans.is_large else "unit_small"
         yield words(

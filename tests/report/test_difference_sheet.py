@@ -12,6 +12,7 @@ from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.common_effects import Shared
+from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report.blocks import Banner, Fields, Items, ReportSheet
@@ -176,7 +177,7 @@ def test_a_contradicted_prior_and_other_models_are_said(
 
     banner, kinds = banner_and_kinds(stated({"C_YYY": (300e-6, 5e-6)}))
     assert (banner.kind, Items in kinds) == ("unusable", False)
-    assert banner.sentence.startswith(contradicted)
+    assert contradicted in banner.sentence
     assert unlike in banner.sentence
     banner, kinds = banner_and_kinds(stated({"C_YYY": (50e-6, 200e-6)}))
     assert (banner.kind, Items in kinds) == ("reserved", True)
@@ -186,13 +187,78 @@ def test_a_contradicted_prior_and_other_models_are_said(
     assert parts in banner.sentence
 
 
-def test_a_doubted_unit_is_said(before: Findings, after: FurtherCampaign) -> None:
+UNIT = Concern(ConcernKind.UNIT, 1.2e-5, 9e-5, "f036")
+TRUNCATION = Concern(ConcernKind.TRUNCATION, -20.0, -6.9)
+SCATTER = Concern(ConcernKind.HYPER, 0.01, 0.005, "kappa")
+
+
+@pytest.mark.parametrize(
+    ("language", "concern", "kind", "sentence"),
+    [
+        (
+            "en",
+            UNIT,
+            "unusable",
+            "DO NOT USE THE RESULTS. The readings of f036 span 0.012 µm, less than the 0.090 µm"
+            " that every ball bar shows: state their unit and fit again.",
+        ),
+        (
+            "en",
+            TRUNCATION,
+            "unusable",
+            "DO NOT USE THE RESULTS. The readings speak against compliances that are not negative.",
+        ),
+        (
+            "de",
+            TRUNCATION,
+            "unusable",
+            "DIE ERGEBNISSE NICHT VERWENDEN. Die Messwerte widersprechen nicht negativen"
+            " Nachgiebigkeiten.",
+        ),
+        (
+            "en",
+            SCATTER,
+            "reserved",
+            "THE RESULTS CAN BE USED WITH THIS RESERVATION. The circles scatter more than expected"
+            " (kappa).",
+        ),
+    ],
+)
+@pytest.mark.parametrize("place", [0, 1])
+def test_the_sheet_says_which_of_the_two_fits_has_a_concern(
+    before: Findings,
+    after: FurtherCampaign,
+    place: int,
+    language: str,
+    concern: Concern,
+    kind: str,
+    sentence: str,
+) -> None:
+    """In the words of that campaign's first sheet."""
     table = after.differences.copy()
-    table.attrs |= {"conflict": None, "doubted_units": ((), ("f036",))}
+    fits = list(table.attrs["fits"])
+    fits[place] = replace(fits[place], concerns=(concern,))
+    table.attrs |= {"conflict": None, "fits": tuple(fits)}
+    blocks = sheet_of(before, replace(after, differences=table), language).blocks
+    banner = blocks[0]
+    assert banner == Banner(kind, f"{('before', 'after')[place]}: {sentence}")
+    assert (Items in {type(block) for block in blocks}) == (kind == "reserved")
+
+
+def test_readings_that_the_model_does_not_expect_are_said(
+    before: Findings, after: FurtherCampaign
+) -> None:
+    table = after.differences.copy()
+    first, second = table.attrs["fits"]
+    checks = second.predictive_checks["f300"]
+    surprising = {"f300": replace(checks, orders_p={**checks.orders_p, 4: 1e-12})}
+    misfit = replace(second, predictive_checks=second.predictive_checks | surprising, shift={})
+    table.attrs |= {"conflict": None, "fits": (first, misfit)}
     banner = sheet_of(before, replace(after, differences=table)).blocks[0]
-    assert isinstance(banner, Banner)
-    assert banner.kind == "unusable"
-    assert banner.sentence.startswith("The unit of the readings of after is in doubt.")
+    assert banner == Banner(
+        "unusable",
+        "after: DO NOT USE THE RESULTS. The model does not expect readings like these (f300).",
+    )
 
 
 def test_no_banner_without_doubts(before: Findings, after: FurtherCampaign) -> None:

@@ -657,20 +657,26 @@ def test_what_differences_rest_on(instrument: bool, machine: bool) -> None:
 
 
 def test_differences_without_doubts() -> None:
-    assert wording.difference_doubts("a", "b", True, {"conflict": ("bar_length", 0.02)}) == ()
-    assert wording.difference_doubts("a", "b", True, {}) == ()
+    assert wording.difference_doubts("a", "b", {"conflict": ("bar_length", 0.02)}) == ()
+    assert wording.difference_doubts("a", "b", {}) == ()
+    assert wording.unusable_fit_sentences("a", "b", True, {}) == ()
 
 
 def test_differences_with_doubts() -> None:
-    converged, instrument = wording.difference_doubts(
-        "a", "b", False, {"conflict": ("bar_length", 0.004)}
-    )
-    assert converged == "Not converged: b. Do not use its numbers."
+    (instrument,) = wording.difference_doubts("a", "b", {"conflict": ("bar_length", 0.004)})
     assert "a and b disagree about the bar length (p = 0.004)" in instrument
     assert instrument.startswith("Not one instrument")
     conflict = ("joint_load_X_seat", 0.004)
-    (machine,) = wording.difference_doubts("a", "b", True, {"conflict": conflict})
+    (machine,) = wording.difference_doubts("a", "b", {"conflict": conflict})
     assert machine.startswith("Not the same joints: a and b disagree about the seat of axis X")
+
+
+def test_compared_fits_that_cannot_be_used() -> None:
+    converged, unit = wording.unusable_fit_sentences(
+        "a", "b", False, {"doubted_units": (("f036",), ())}
+    )
+    assert converged == "Not converged: b. Do not use its numbers."
+    assert unit.startswith("The unit of the readings of a is in doubt.")
 
 
 CHANGES = pd.DataFrame(

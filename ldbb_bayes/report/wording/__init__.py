@@ -105,6 +105,7 @@ from ldbb_bayes.report.wording.report_words import (
     common_words,
     difference_doubts,
     difference_reservations,
+    unusable_fit_sentences,
 )
 from ldbb_bayes.report.wording.span_words import doubted_spans
 from ldbb_bayes.report.wording.worded_records import with_words
@@ -194,6 +195,7 @@ __all__ = [
     "travel_words",
     "trend_sentences",
     "unit_words",
+    "unusable_fit_sentences",
     "validation_verdict",
     "verdict_words",
     "with_words",

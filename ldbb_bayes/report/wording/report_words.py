@@ -26,6 +26,7 @@ __all__ = [
     "common_words",
     "difference_doubts",
     "difference_reservations",
+    "unusable_fit_sentences",
 ]
 
 NO_ANNEX = "left out with the annex (--sheets-only)"
@@ -56,16 +57,13 @@ def common_words(force_N: float, shared: Shared) -> str:
     return _TEMPLATES.sentence("common_words", force_N, shared)
 
 
-def difference_doubts(
-    first: str, other: str, converged: bool, attributes: Mapping[Any, Any]
-) -> tuple[str, ...]:
+def difference_doubts(first: str, other: str, attributes: Mapping[Any, Any]) -> tuple[str, ...]:
     """Return sentences on reasons not to use the differences between two campaigns.
 
     ``first`` and ``other`` are the names of the campaigns, and ``attributes`` are the attributes of
     the table of differences (`compare_posteriors`). The tuple is empty if there is no such reason.
-    There are four possible reasons:
+    Reasons not to use one of the two fits at all are left out. There are two possible reasons:
 
-    - The fit of the second campaign has not converged; ``converged`` is then false.
     - The campaigns are said to have the instrument or the machine in common, but their fits
       disagree about an effect of it, which is a coefficient of the model. The attribute
       ``conflict`` holds the name of the coefficient with the largest disagreement, and the p-value
@@ -73,21 +71,33 @@ def difference_doubts(
       sentence names the coefficient only if this p-value is below 1 %. ``conflict`` is None if no
       coefficient can be compared.
     - The readings of a campaign contradict a prior of its model (``contradicted_priors``).
-    - The unit of the readings of a campaign is in doubt (``doubted_units``).
     """
     conflict = attributes.get("conflict")
     of_machine = conflict is not None and Term.owner(conflict[0]).machine
-    sentences = list(
-        _TEMPLATES.sentences("difference_doubts", first, other, converged, conflict, of_machine)
-    )
-    for name, tests in zip((first, other), attributes.get("doubted_units", ()), strict=False):
-        if tests:
-            sentences.append(PAGE["doubted_unit"].format(campaign=name))
+    sentences = list(_TEMPLATES.sentences("difference_doubts", first, other, conflict, of_machine))
     contradicted = attributes.get("contradicted_priors", ())
     for name, parameters in zip((first, other), contradicted, strict=False):
         if parameters:
             priors = joined_parameters(parameters)
             sentences.append(PAGE["contradicted_prior"].format(campaign=name, parameters=priors))
+    return tuple(sentences)
+
+
+def unusable_fit_sentences(
+    first: str, other: str, converged: bool, attributes: Mapping[Any, Any]
+) -> tuple[str, ...]:
+    """Return sentences on two compared fits whose numbers cannot be used.
+
+    A sentence says that the fit of the second campaign has not converged (``converged`` is then
+    false), or that the unit of a campaign's readings is in doubt (``doubted_units``). The arguments
+    are those of `difference_doubts`.
+    """
+    sentences = []
+    if not converged:
+        sentences.append(PAGE["not_converged"].format(campaign=other))
+    for name, tests in zip((first, other), attributes.get("doubted_units", ()), strict=False):
+        if tests:
+            sentences.append(PAGE["doubted_unit"].format(campaign=name))
     return tuple(sentences)
 
 
