@@ -53,7 +53,7 @@ class JudgedQuantities(NamedTuple):
     """How well the readings determine the parameters and the changes of compliances with force.
 
     The keys of ``parameters`` are names of parameters; the keys of ``changes`` are names of
-    compliances.
+    compliances. A change that no posterior draw has is left out of ``changes``.
     """
 
     parameters: dict[str, ParameterIdentifiability]

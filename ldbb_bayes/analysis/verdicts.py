@@ -345,17 +345,17 @@ def judge_changes(
 
     The keys of ``changes`` and of the result are names of compliances. ``variance`` holds, under
     each model, the variances of all parameters and, after them, the variances of the changes.
-    ``prior_sd`` holds the prior standard deviation of each change.
+    ``prior_sd`` holds the prior standard deviation of each change. A change that no model with
+    posterior draws has is left out: it has no uncertainty to be judged.
     """
     entries = {}
     for k, (name, change) in enumerate(changes.items()):
         i = variance.number_of_parameters + k
         sd = float(np.sqrt(variance.variance[i]))
+        if sd == 0.0:
+            continue
         sources = variance.sources(i, change.slopes)
-        contraction = 1.0
-        # Where no model with posterior draws has the change, both standard deviations are zero.
-        if sd > 0.0:
-            contraction = 1.0 - float(sd / prior_sd[k]) ** 2
+        contraction = 1.0 - float(sd / prior_sd[k]) ** 2
         judgement = judge(sources.sources, contraction, sources.likeness)
         entries[name] = ChangeIdentifiability(
             compliance=name,

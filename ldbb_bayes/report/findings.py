@@ -159,7 +159,8 @@ class Findings:
     def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
         """Verdicts on how well the readings determine the change of each compliance with force.
 
-        The keys of the mapping are the names of the compliances.
+        The keys of the mapping are the names of the compliances. A change that no posterior draw
+        has is left out.
         """
         return self.judged_quantities.changes
 

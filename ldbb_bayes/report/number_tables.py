@@ -138,9 +138,9 @@ def _changes_table(findings: Findings) -> pd.DataFrame:
         if_any = (np.nan, np.nan)
         if change.if_any is not None:
             if_any = change.if_any.interval
-        # Of a change that no draw has, there is no uncertainty to judge.
+        # Of a change that no draw has, there is no verdict.
         verdict = ""
-        if change.change.sd > 0.0:
+        if name in findings.change_verdicts:
             verdict = wording.verdict_words(findings.change_verdicts[name])
         rows[name] = {
             "unit": change.unit,
