@@ -6,6 +6,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from campaigns import cases, refuses
 from typer.testing import CliRunner
@@ -206,6 +207,18 @@ def test_a_note_on_assumed_lobes_stands_only_where_lobes_are_assumed(
     one_stated = replace(recovered, instrument=lb.Instrument(work=stated))
     assert "Assumed lobes" not in str(lb.terms.uncertainties(both_stated))
     assert "Assumed lobes" in str(lb.terms.uncertainties(one_stated))
+
+
+def test_the_note_on_assumed_lobes_says_why_sheets_state_more(recovered: lb.Campaign) -> None:
+    """The u of the table is that of the assumed sphericity of 2.5 µm alone; the prior of a fit adds
+    what τ, the form that higher orders show, lets it expect of the order."""
+    assumed = lb.terms.uncertainties(recovered)
+    alone_um = 1e3 * assumed.assumed[0].sd
+    assert alone_um == pytest.approx(2.5 / np.sqrt(24.0))
+    with_form_um = lb.terms.BallForm().coefficient_sd_um(lb.Ball(), 2, 0.3, 2.0)
+    assert with_form_um**2 - alone_um**2 == pytest.approx(0.5 * (0.3 * 3.0**2) ** 2)
+    text = " ".join(str(assumed).split())
+    assert "Sheet 1 states both together, as ± 2 u, so that its numbers are larger." in text
 
 
 def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
