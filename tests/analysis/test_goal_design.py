@@ -176,6 +176,13 @@ def test_a_goal_that_circles_cannot_reach_names_what_holds_it_and_the_certificat
     assert "no number of circles brings U below" in text_of(found)
 
 
+def test_what_to_ask_for_instead_of_a_goal_out_of_reach_is_in_reach():
+    found = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, directions=("CW", "CCW"))
+    asked = re.search(r"Ask for ([0-9.]+ nm/N) or more", text_of(found)).group(1)
+    again = lb.design(MODEL, PILOT, goals={"C_XXX": asked}, directions=("CW", "CCW"))
+    assert again.all_reached
+
+
 def test_a_goal_that_the_pilot_meets_needs_nothing():
     found = lb.design(MODEL, PILOT, goals={"C_XXX": "30 %"})
     assert found.goals["C_XXX"].met_by_pilot

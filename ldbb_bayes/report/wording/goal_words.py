@@ -25,6 +25,13 @@ __all__ = ["goal_design_head", "goal_design_sentences", "goal_notes", "holder_in
 
 _TEMPLATES = SentenceFile("goals")
 
+# A goal that is out of reach can be replaced by a larger one. The goal that is suggested exceeds by
+# this factor the U that would remain after very many circles.
+_ABOVE_FLOOR = 1.25
+# The same for a goal that 40 circles miss. The goal that is suggested exceeds by this factor the U
+# that these circles leave on nine in ten machines at most.
+_ABOVE_LIKELY = 1.05
+
 
 def goal_design_head(result: GoalDesign) -> tuple[str, ...]:
     """Return the first sentences on a design for goals: what to run, or that nothing will do."""
@@ -62,6 +69,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "certificate": obstacle.certificate,
                 "with_certificate": f"{with_certificate} {unit}",
                 "reached": obstacle.reached,
+                "in_reach": f"{two_digits(_ABOVE_FLOOR * obstacle.U_floor, factor)} {unit}",
             }
         )
     near_misses = []
@@ -80,6 +88,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "is_hysteresis": near_miss.held_by == Hysteresis.__name__,
                 "share": f"{100.0 * near_miss.share:.0f} %",
                 "certificate": near_miss.certificate,
+                "in_reach": f"{two_digits(_ABOVE_LIKELY * near_miss.likely_U, factor)} {unit}",
             }
         )
     planes: list[str] = []
