@@ -21,7 +21,6 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
-from ldbb_bayes.analysis.contradicted_certificates import contradicted_certificates
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
 from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
@@ -58,6 +57,11 @@ from ldbb_bayes.analysis.verdicts import (
     not_modelled,
 )
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.inference.contradicted_certificates import (
+    LEAST_RATIO_OF_STATED_BALLS,
+    contradicted_certificates,
+    log_ratio_of_stated_balls,
+)
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.information import Information
@@ -75,6 +79,8 @@ _ROUNDING = 1e-12
 # Number of values of the hyper-parameters over which uncertainties are averaged that are averaged
 # over constant and linear compliance too.
 _AVERAGED_VALUES = 128
+# Name of what a campaign states of the form of its balls, as in the names of certificates.
+_STATED_FORM = "the stated form of the balls"
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +145,8 @@ class Identifiability(Result):
     #: false for a plan without a measured pilot, and for a campaign with readings
     scales_from_pilot: bool = False
     #: names of certificates of balls that the readings (of a plan's pilot, too) contradict: the
-    #: balls are less round. They are not among the ``certificates``.
+    #: balls are less round. They are not among the ``certificates``. The form of the balls that a
+    #: campaign with readings states is named "the stated form of the balls".
     contradicted_certificates: tuple[str, ...] = ()
 
 
@@ -305,6 +312,8 @@ def _judged_campaign(model: HybridModel, campaign: Campaign) -> _JudgedTests:
     if not model.prior.flat:
         missing = missing_certificates(campaign.instrument)
         contradicted = contradicted_certificates(bound, missing, weight, phi)
+    if log_ratio_of_stated_balls(bound, weight, phi) < LEAST_RATIO_OF_STATED_BALLS:
+        contradicted = (_STATED_FORM, *contradicted)
     averaged_sd = _averaged_sd_now(bound, weight, phi)
     return _JudgedTests(bound, weight, phi, None, averaged_sd, contradicted)
 

@@ -48,6 +48,7 @@ class ReasonKind(StrEnum):
     MISFIT = "misfit"
     TRUNCATION = "truncation"
     UNIT = "unit"
+    BALLS = "balls"
     ROUGH_EVIDENCE = "rough-evidence"
     NOT_DETERMINED = "not-determined"
     PRIOR_SENSITIVE = "prior-sensitive"
@@ -134,8 +135,8 @@ def state_of(
 
     The values cannot be used if the sampler did not converge, the unit of the readings is in doubt,
     the readings do not fit the model, or the readings contradict the condition that compliances are
-    not negative. Otherwise, they can be used only with caution (``Use.WITH_RESERVATION``) in each
-    of the following cases:
+    not negative or the stated form of the balls. Otherwise, they can be used only with caution
+    (``Use.WITH_RESERVATION``) in each of the following cases:
 
     - the readings hardly determine a parameter on the certificate;
     - a parameter on the certificate depends on the prior;
@@ -189,6 +190,8 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
         reasons.append(Reason(ReasonKind.MISFIT, tuple(tests)))
     if _has_concern(fit, ConcernKind.TRUNCATION):
         reasons.append(Reason(ReasonKind.TRUNCATION))
+    if _has_concern(fit, ConcernKind.BALLS):
+        reasons.append(Reason(ReasonKind.BALLS))
     return reasons
 
 

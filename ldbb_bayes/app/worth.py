@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ldbb_bayes.analysis.contradicted_certificates import contradicted_certificates
 from ldbb_bayes.analysis.value_of_certificates import (
     CERTIFICATES,
     missing_certificates,
@@ -18,6 +17,7 @@ from ldbb_bayes.analysis.value_of_certificates import (
 )
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.app.fields import linear_model, read_files
+from ldbb_bayes.inference.contradicted_certificates import contradicted_certificates
 from ldbb_bayes.units import display_name, display_unit, two_digits
 
 __all__ = ["effects_of_certificates", "uncertainty_change"]

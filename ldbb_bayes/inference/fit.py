@@ -31,6 +31,10 @@ from ldbb_bayes.inference.coefficients import (
     mean_shared_coefficients,
     pool_draws,
 )
+from ldbb_bayes.inference.contradicted_certificates import (
+    LEAST_RATIO_OF_STATED_BALLS,
+    log_ratio_of_stated_balls,
+)
 from ldbb_bayes.inference.diagnostics import power_sensitivity
 from ldbb_bayes.inference.distant_zero import distant_zeros
 from ldbb_bayes.inference.residuals import FitQuality, quality_of
@@ -64,6 +68,9 @@ _LARGEST_WIDENING = 0.1
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
+# About the number of posterior draws from which it is checked whether the readings contradict the
+# stated form of the balls.
+_VALUES_FOR_BALLS = 128
 # If the log posterior probability that no compliance is negative is below this limit, the readings
 # contradict the condition that no compliance is negative.
 _IMPROBABLE = float(np.log(1e-3))
@@ -107,7 +114,12 @@ class ConcernKind(StrEnum):
     PRIOR = "prior"
     ZERO = "zero"
     UNIT = "unit"
+    BALLS = "balls"
     NEAR_ZERO = "near-zero"
+
+
+# Kinds of warnings that make the results of a fit doubtful.
+_DOUBTFUL_KINDS = frozenset({ConcernKind.TRUNCATION, ConcernKind.UNIT, ConcernKind.BALLS})
 
 
 @dataclass(frozen=True)
@@ -139,6 +151,9 @@ class Concern(Result):
     - UNIT: ``value`` is the range of the readings of the test ``name`` [mm], ``limit`` the smallest
       or largest range that a ball bar shows [mm]. The readings probably are in another unit than
       stated.
+    - BALLS: ``value`` is the log evidence with the stated form of the balls minus that without it,
+      ``limit`` the smallest difference expected [nat]. The warning is given only if the readings
+      are more probable with balls that are less round than stated.
     - NEAR_ZERO: ``value`` is the posterior mean of the compliance ``name``, which cannot be
       negative and is not larger than two standard deviations. ``limit`` is the value below which it
       lies with a probability of 95 %. Both are in the internal unit ``unit``, such as mm/N.
@@ -259,13 +274,14 @@ class Fit(Result):
 
         The results are unusable if the sampler did not converge. Otherwise, they are doubtful if
         the fitted model does not describe the readings well enough (see `misfits`), if the readings
-        contradict the condition that no compliance is negative, or if the unit of the readings of a
-        test is in doubt. In all other cases the results are usable.
+        contradict the condition that no compliance is negative or the stated form of the balls, or
+        if the unit of the readings of a test is in doubt. In all other cases the results are
+        usable.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
             return State.UNUSABLE
-        if self.misfits or kinds & {ConcernKind.TRUNCATION, ConcernKind.UNIT}:
+        if self.misfits or kinds & _DOUBTFUL_KINDS:
             return State.DOUBTFUL
         return State.USABLE
 
@@ -444,7 +460,7 @@ def _check_posterior(
 
     There is a warning for each assumption that the posterior contradicts, and a warning if there
     are too few different forces to check an assumption. `Concern` describes the kinds of warnings:
-    TRUNCATION, FORCES, HYPER, PRIOR, ZERO, UNIT, CENTRE and NEAR_ZERO.
+    TRUNCATION, FORCES, HYPER, PRIOR, ZERO, UNIT, BALLS, CENTRE and NEAR_ZERO.
 
     Parameters
     ----------
@@ -473,7 +489,7 @@ def _check_posterior(
 def contradicted_priors(bound: BoundModel, phi: Array, beta: Array) -> Iterator[Concern]:
     """Yield a warning for everything known beforehand that the readings contradict.
 
-    `Concern` describes the kinds of these warnings: HYPER, PRIOR, ZERO and UNIT.
+    `Concern` describes the kinds of these warnings: HYPER, PRIOR, ZERO, UNIT and BALLS.
 
     Parameters
     ----------
@@ -495,6 +511,10 @@ def contradicted_priors(bound: BoundModel, phi: Array, beta: Array) -> Iterator[
         yield Concern(ConcernKind.ZERO, zero.distance_mm, zero.expected_mm, zero.name)
     for span in unlikely_spans(bound.campaign):
         yield Concern(ConcernKind.UNIT, span.span_um * 1e-3, span.limit_um * 1e-3, span.test)
+    some = phi[:: max(1, len(phi) // _VALUES_FOR_BALLS)]
+    log_ratio = log_ratio_of_stated_balls(bound, np.ones(len(some)), some)
+    if log_ratio < LEAST_RATIO_OF_STATED_BALLS:
+        yield Concern(ConcernKind.BALLS, log_ratio, LEAST_RATIO_OF_STATED_BALLS)
 
 
 def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:

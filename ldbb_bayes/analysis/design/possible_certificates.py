@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ldbb_bayes.analysis.contradicted_certificates import contradicted_certificates
 from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer
 from ldbb_bayes.analysis.design.states import hyper_nodes
 from ldbb_bayes.analysis.value_of_certificates import missing_certificates
 from ldbb_bayes.campaign.campaign import Campaign, Instrument
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.contradicted_certificates import contradicted_certificates
 from ldbb_bayes.model.hybrid import HybridModel
 
 __all__ = ["possible_certificates", "require_possible"]

@@ -119,7 +119,7 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
     """
     grave = tuple(concern for concern in fit.concerns if concern.kind not in _MINOR_CONCERNS)
     sentences = list(concern_sentences(grave, result["sampler"]))
-    is_explained = not {"not-converged", "truncation", "unit"}.isdisjoint(fit.kinds)
+    is_explained = not {"not-converged", "truncation", "unit", "balls"}.isdisjoint(fit.kinds)
     if fit.misfits and not is_explained:
         sentences.append(f"Misfit: {expectation(fit)}. Intervals assume that the model holds.")
     if result["model"]["preset"] == "paper":

@@ -10,9 +10,15 @@ import pytest
 from campaigns import refuses
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.contradicted_certificates import contradicted_certificates
+from ldbb_bayes.analysis.usability import ReasonKind, Use, judge_fit
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, missing_certificates
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
+from ldbb_bayes.inference.contradicted_certificates import (
+    contradicted_certificates,
+    log_ratio_of_stated_balls,
+)
+from ldbb_bayes.inference.fit import ConcernKind, Fit, State
+from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.report import wording
 
 MODEL = lb.HybridModel.default(1)
@@ -72,6 +78,49 @@ def test_balls_much_rounder_than_a_grade_do_not_contradict_it() -> None:
     assert evidences[1].log_value - evidences[0].log_value < -5.0
     missing = missing_certificates(campaign.instrument)
     assert contradicted_certificates(bound, missing, *hyper_parameter_nodes(bound)) == ()
+
+
+def judged(balls: str) -> Fit:
+    """Return the fit of the campaign whose balls are stated to be of grade G10."""
+    campaign = replace(campaign_of(balls), instrument=ROUND)
+    return fit_of(lb.sample(MODEL, campaign, sampler="independent", seed=1))
+
+
+def test_a_fit_says_that_balls_are_less_round_than_stated() -> None:
+    """By as much as the evidences differ; and the results are not to be used."""
+    fit = judged("lobed")
+    (concern,) = [one for one in fit.concerns if one.kind == ConcernKind.BALLS]
+    campaign = campaign_of("lobed")
+    certified = replace(campaign, instrument=ROUND)
+    evidences = [lb.log_evidence(MODEL, of, tolerance=0.1) for of in (campaign, certified)]
+    assert concern.value == pytest.approx(evidences[1].log_value - evidences[0].log_value, rel=0.02)
+    assert fit.state == State.DOUBTFUL
+    judgement = judge_fit(fit)
+    assert judgement.use == Use.DO_NOT_USE
+    assert ReasonKind.BALLS in {reason.kind for reason in judgement.reasons}
+    (sentence,) = wording.concern_sentences((concern,), {})
+    assert "The readings contradict the stated form of the balls" in sentence
+
+
+def test_a_fit_does_not_doubt_balls_that_are_as_round_as_stated() -> None:
+    assert ConcernKind.BALLS not in {concern.kind for concern in judged("round").concerns}
+
+
+@pytest.mark.parametrize(
+    "instrument",
+    [lb.Instrument(), lb.Instrument(work=lb.Ball(harmonics_um=[(2, 0.05, 30.0)], U_um=0.02))],
+)
+def test_without_a_stated_sphericity_nothing_is_contradicted(instrument: lb.Instrument) -> None:
+    bound = MODEL.bind(replace(campaign_of("lobed"), instrument=instrument))
+    assert log_ratio_of_stated_balls(bound, *hyper_parameter_nodes(bound)) == 0.0
+
+
+def test_identify_says_that_the_stated_form_is_contradicted() -> None:
+    result = lb.identify(MODEL, replace(campaign_of("lobed"), instrument=ROUND))
+    sentence = "The readings contradict the stated form of the balls: the balls are less round."
+    assert sentence in wording.identifiability_screen(result)
+    as_stated = lb.identify(MODEL, replace(campaign_of("round"), instrument=ROUND))
+    assert as_stated.contradicted_certificates == ()
 
 
 def test_a_plan_contradicts_nothing_by_itself() -> None:

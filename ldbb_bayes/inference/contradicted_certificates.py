@@ -1,8 +1,9 @@
 """Certificates that the readings of a campaign contradict.
 
 The grade of a ball bounds its form error. If the readings show that the balls are less round, a
-certificate with this grade cannot be had, and what it would bring need not be forecast. The other
-certificates state a value that is not known beforehand; readings cannot contradict them.
+certificate with this grade cannot be had, and what it would bring need not be forecast. If the
+grade is stated already, the results must not be used. The other certificates state a value that is
+not known beforehand; readings cannot contradict them.
 """
 
 from __future__ import annotations
@@ -14,15 +15,23 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
+from ldbb_bayes.campaign.certified_instrument import Ball
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
-__all__ = ["contradicted_certificates", "is_contradicted"]
+__all__ = [
+    "LEAST_RATIO_OF_STATED_BALLS",
+    "contradicted_certificates",
+    "is_contradicted",
+    "log_ratio_of_stated_balls",
+]
 
 # Readings contradict a certificate if they are less probable with it than without it, and the log
 # of the ratio is below this number [nat].
 _LEAST_LOG_RATIO = -5.0
+# The same for a form of the balls that is stated already [nat]: a probability ratio of 1 : 1000.
+LEAST_RATIO_OF_STATED_BALLS = float(np.log(1e-3))
 # Form deviation of balls for comparison, in multiples of what the certificate states. If readings
 # are more probable with it, the balls are less round than the certificate states.
 _LESS_ROUND = 2.0
@@ -77,14 +86,55 @@ def is_contradicted(
     log_ratio = _log_mean_ratio(certified, bound, weight, phi)
     if log_ratio >= _LEAST_LOG_RATIO:
         return False
-    half_as_round = {}
-    for name, ball in balls.items():
-        sphericity_um = _LESS_ROUND * ball.stated_sphericity_um
-        half_as_round[name] = replace(ball, grade=None, sphericity_um=sphericity_um)
-    less_round = _with_statements(bound, dict(statements) | half_as_round)
+    less_round = _with_statements(bound, dict(statements) | _less_round(balls))
     if _log_mean_ratio(less_round, bound, weight, phi) <= log_ratio:
         return False
     return _log_evidence(certified) - _log_evidence(bound) < _LEAST_LOG_RATIO
+
+
+def log_ratio_of_stated_balls(bound: BoundModel, weight: Array, phi: Array) -> float:
+    """Return how much less probable the readings are with the stated form of the balls [nat].
+
+    The result is the log evidence with what is stated of the balls' sphericity, minus the log
+    evidence without it. It is zero if nothing is stated, if the priors are flat, and if the
+    readings are no more probable with balls that are half as round: such readings do not contradict
+    the statement, even if they would be more probable without it.
+
+    Parameters
+    ----------
+    bound
+        Model applied to a campaign, whose instrument may state the form of one or both balls.
+    weight, phi
+        Weights, shape (w,), and values, shape (w, h), of the h hyper-parameters given the readings;
+        lengths in mm.
+    """
+    stated = {}
+    for name in ("work", "tool"):
+        ball = getattr(bound.campaign.instrument, name)
+        if ball is not None and ball.stated_sphericity_um is not None:
+            stated[name] = ball
+    if not stated or bound.campaign.is_plan or bound.model.prior.flat:
+        return 0.0
+    less_round = _with_statements(bound, _less_round(stated))
+    if _log_mean_ratio(less_round, bound, weight, phi) <= 0.0:
+        return 0.0
+    unstated = {}
+    for name, ball in stated.items():
+        unstated[name] = replace(ball, grade=None, sphericity_um=None)
+    return _log_evidence(bound) - _log_evidence(_with_statements(bound, unstated))
+
+
+def _less_round(balls: Mapping[str, Ball]) -> dict[str, Ball]:
+    """Return balls whose form deviation is twice what is stated of ``balls``.
+
+    The keys of both mappings are "work" and "tool".
+    """
+    less_round = {}
+    for name, ball in balls.items():
+        if ball.stated_sphericity_um is not None:
+            sphericity_um = _LESS_ROUND * ball.stated_sphericity_um
+            less_round[name] = replace(ball, grade=None, sphericity_um=sphericity_um)
+    return less_round
 
 
 def _with_statements(bound: BoundModel, statements: Mapping[str, Any]) -> BoundModel:
