@@ -194,7 +194,25 @@ def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
         *_squareness_findings(numbers),
     ]
     likely = [finding for finding in candidates if finding.probability >= _LIKELY]
+    likely = _without_stiffer_axes(likely)
     return tuple(ranked(likely, lambda finding: finding.probability)[:_MOST_FINDINGS])
+
+
+def _without_stiffer_axes(likely: Sequence[Finding]) -> list[Finding]:
+    """Return findings without those on a soft axis that another finding calls the stiffer one.
+
+    If X yields more than Y, and Y more than Z, only the finding on X is left: there the user is to
+    begin.
+    """
+    stiffer = set()
+    for finding in likely:
+        if finding.kind == FindingKind.SOFT_AXIS:
+            stiffer.add(finding.values["stiffer"])
+    left = []
+    for finding in likely:
+        if finding.kind != FindingKind.SOFT_AXIS or finding.values["softer"] not in stiffer:
+            left.append(finding)
+    return left
 
 
 def _probability_of_sign(mean: float, sd: float) -> float:
@@ -304,7 +322,7 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
         yield words("plain.nothing", limit=words.percent(_LIKELY))
     change = next(_change_findings(numbers), None)
     if change is not None and change.probability < _LIKELY:
-        probability = words.percent(change.probability)
+        probability = words.percent(change.probability, below=_LIKELY)
         yield words(
             "plain.no_change",
             symbol=change.values["symbol"],

@@ -195,11 +195,11 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     """Return texts that state what the readings do not determine, each with a reason.
 
-    The texts name the undetermined parameters, the changes with force whose signs are uncertain,
-    and the confounded circular deviations. If it is uncertain whether compliance changes with
-    force, one text states the probability of a change. If the readings determine all quantities, a
-    single text says so. If the results cannot be used, the only text says that they determine
-    nothing.
+    The texts name the undetermined parameters, the confounded geometric errors, the changes with
+    force whose signs are uncertain, and the confounded circular deviations. If it is uncertain
+    whether compliance changes with force, one text states the probability of a change. If the
+    readings determine all quantities, a single text says so. If the results cannot be used, the
+    only text says that they determine nothing.
     """
     words = numbers.words
     if numbers.are_unusable:
@@ -208,6 +208,9 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     for quantity in numbers.parameters.values():
         if quantity.is_undetermined:
             items.append(f"{quantity.words} ({quantity.symbol}): {remark(quantity, words)}")
+    confounded_errors = _confounded_errors(numbers)
+    if confounded_errors:
+        items.append(words("notes.confounded_errors", symbols=words.joined(confounded_errors)))
     probability_of_change = numbers.findings.probability_of_change
     unknown_signs = _changes_of_unknown_sign(numbers)
     if unknown_signs and probability_of_change > _CHANGE_IS_LIKELY:
@@ -241,6 +244,20 @@ def _with_plane(symbol: str, key: str) -> str:
     if plane in PLANES:
         return f"{symbol} ({plane})"
     return symbol
+
+
+def _confounded_errors(numbers: SheetNumbers) -> list[str]:
+    """Return the symbols of the geometric errors that are confounded but not undetermined.
+
+    The readings narrow these errors, but most of the variance that is left is that of effects whose
+    size is assumed.
+    """
+    symbols = []
+    for name, quantity in numbers.parameters.items():
+        is_confounded = quantity.entry is not None and bool(quantity.entry.partners)
+        if name.startswith("E_") and is_confounded and not quantity.is_undetermined:
+            symbols.append(quantity.symbol)
+    return symbols
 
 
 def _changes_of_unknown_sign(numbers: SheetNumbers) -> list[str]:

@@ -11,6 +11,7 @@ from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.figure_translation import translate_ticks
+from ldbb_bayes.report.figures.circle_figures import MOST_BANDS
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.plain_findings import plain_words
@@ -117,7 +118,10 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     yield _table_with_U(numbers, words("sheet.results", force=force, middle=middle), quantities)
     yield from _conformity(numbers)
     yield words("notes.U", percent=words.number(f"{100 * findings.prob:g}"))
-    traces = _picture("traces", findings.posterior, words("sheet.traces"), words)
+    caption = "sheet.traces"
+    if len(campaign_of(findings.posterior).tests) > MOST_BANDS:
+        caption = "sheet.traces_without_bands"
+    traces = _picture("traces", findings.posterior, words(caption), words)
     yield Pair(traces, words("sheet.undetermined"), tuple(undetermined_texts(numbers)))
     yield _averaged_models(findings, words)
     if findings.sheets_only:

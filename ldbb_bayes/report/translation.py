@@ -5,6 +5,7 @@ The texts are read from the files templates/words_<language>.toml.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -61,11 +62,16 @@ class Words:
         """Return the label of a unit, in which the word "per" is translated."""
         return label.replace(" per ", str(self.table["per"]))
 
-    def percent(self, probability: float) -> str:
+    def percent(self, probability: float, *, below: float | None = None) -> str:
         """Return a probability in per cent as a string, such as "40 %".
 
-        Probabilities below 1 % give "< 1 %", and probabilities above 99 % give "> 99 %".
+        Probabilities below 1 % give "< 1 %", and probabilities above 99 % give "> 99 %". If a
+        probability is known to be smaller than the limit ``below``, but would be rounded to it, it
+        has one decimal place and is rounded down: 0.9496 is "94.9 %" below 0.95.
         """
+        if below is not None and round(100.0 * probability) >= round(100.0 * below):
+            percent = math.floor(1000.0 * probability) / 10.0
+            return self("percent", value=self.number(f"{percent:.1f}"))
         shown = min(max(100.0 * probability, 1.0), 99.0)
         sign = ""
         if probability < 0.01:

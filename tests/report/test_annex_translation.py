@@ -119,7 +119,7 @@ def test_titles_captions_and_notes_are_translated(table: str) -> None:
         ("mount 39 % (assumed)", "Aufnahme 39 % (angenommen)"),
         ("mount 9 %, drift 5 %", "Aufnahme 9 %, Drift 5 %"),
         ("confounded with position and drift", "vermengt mit Achsposition und Drift"),
-        ("+6.67 µm/m of E_XX1", "+6,67 µm/m von E_XX1"),
+        ("+6.67 µm/m of E_XX1", "+6,67 µm/m E_XX1"),
         ("[-0.5, 1.5]", "[-0,5; 1,5]"),
         ("numpy 2.4.6, scipy 1.17.1", "numpy 2.4.6, scipy 1.17.1"),
         ("C_XXX", "C_XXX"),

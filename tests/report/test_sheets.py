@@ -21,7 +21,7 @@ from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.report import plain_findings, stiffness_numbers, wording
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.findings import Findings, findings_of_fit
-from ldbb_bayes.report.plain_findings import best_step
+from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
 from ldbb_bayes.report.sheet_fields import assumption_fields
 from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
@@ -482,7 +482,7 @@ def judged(verdict: str, *partners: str) -> Any:
         (
             "de",
             judged("prior-limited"),
-            "durch Vorwissen begrenzt: meist das vorher Angenommene",
+            "durch Vorwissen begrenzt: U ist überwiegend das vorher Angenommene",
         ),
     ],
 )
@@ -715,6 +715,38 @@ def test_plain_words_name_the_softer_axis_with_its_probability(findings: Finding
     (soft,) = [finding for finding in findings_of_sheet(numbers) if finding.kind == "soft-axis"]
     assert soft.values["softer"] == "X"  # the truth: 55 against 42 nm/N
     assert soft.probability > 0.95
+
+
+def test_one_axis_is_named_to_begin_with_where_planes_share_an_axis() -> None:
+    """Y is stiffer than X, and softer than Z: begin with X."""
+    findings = []
+    for softer, stiffer in (("X", "Y"), ("Y", "Z")):
+        values = {"softer": softer, "stiffer": stiffer}
+        findings.append(Finding(FindingKind.SOFT_AXIS, 0.99, values))
+    findings.append(Finding(FindingKind.SQUARENESS, 0.99, {"name": "Squareness"}))
+    left = plain_findings._without_stiffer_axes(findings)
+    assert left == [findings[0], findings[2]]
+
+
+@pytest.mark.parametrize(
+    ("probability", "text"), [(0.9496, "94.9 %"), (0.94, "94 %"), (0.9451, "94.5 %")]
+)
+def test_a_probability_below_a_limit_is_not_rounded_to_it(probability: float, text: str) -> None:
+    shown = words_of("en").percent(probability, below=0.95)
+    assert shown.replace("\u00a0", " ") == text
+
+
+def test_confounded_errors_are_listed_although_the_readings_narrow_them(
+    findings: Findings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbers = SheetNumbers(findings, words_of("en"), 389.0)
+    narrowed = replace(undetermined("BarLength"), is_undetermined=False, symbol="E_XX1")
+    compliance = replace(narrowed, symbol="C_CCY")
+    parameters = {"E_XX1": narrowed, "C_CCY": compliance}
+    monkeypatch.setattr(SheetNumbers, "parameters", parameters)
+    listed = [text for text in undetermined_texts(numbers) if "confounded, sheet 2" in text]
+    assert len(listed) == 1
+    assert listed[0].startswith("E_XX1: ")
 
 
 def test_no_more_than_three_findings(findings: Findings) -> None:

@@ -26,14 +26,14 @@ from ldbb_bayes.report.figures.parameter_figures import WORDS
 from ldbb_bayes.report.figures.style import band, panels, styled
 from ldbb_bayes.results import Array
 
-__all__ = ["residuals", "traces"]
+__all__ = ["MOST_BANDS", "residuals", "traces"]
 
 _DRAWS = 600
 # Largest number of dots in a figure of polar traces. Each dot is a reading of one of the tests.
 _MOST_DOTS = 2400
 # A figure of polar traces has 95 % bands only if it has at most this many tests. More bands would
 # overlap too much.
-_MOST_BANDS = 12
+MOST_BANDS = 12
 # Largest number of labels on the colour scale of forces in a figure of polar traces.
 _MOST_NAMED_FORCES = 9
 # Largest number of tests whose residuals (reading minus prediction) a figure shows.
@@ -110,7 +110,7 @@ class _TraceData:
     @property
     def has_bands(self) -> bool:
         """Whether the polar plot has 95 % bands, which it has only if there are few tests."""
-        return len(self.bound.campaign.tests) <= _MOST_BANDS
+        return len(self.bound.campaign.tests) <= MOST_BANDS
 
     @property
     def line_width(self) -> float:
@@ -118,7 +118,7 @@ class _TraceData:
 
         The lines are thinner if there are many tests.
         """
-        return float(np.clip(_MOST_BANDS / len(self.bound.campaign.tests), 0.35, 1.0))
+        return float(np.clip(MOST_BANDS / len(self.bound.campaign.tests), 0.35, 1.0))
 
     @property
     def stride(self) -> int:
@@ -307,7 +307,7 @@ def _draw_force_scale(figure: Figure, trace_data: _TraceData) -> None:
         1.0,
         color=style.force_colours(levels.tolist()),
         edgecolor="white",
-        linewidth=0.5 if count <= _MOST_BANDS else 0.0,
+        linewidth=0.5 if count <= MOST_BANDS else 0.0,
     )
     named = np.unique(np.linspace(0, count - 1, _MOST_NAMED_FORCES).round().astype(int))
     axes.yaxis.tick_right()
