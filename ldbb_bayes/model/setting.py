@@ -426,9 +426,10 @@ def setting_of(
     reference_force_N
         Reference force F0 [N]; None means the midpoint of the range of forces.
     pilot
-        Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range and
-        largest value of the forces, the mean time and temperature, and the reference of the travel.
-        If it is None, these values are taken from ``campaign`` itself.
+        Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range of the
+        forces, and the mean time and temperature. If it is None, these values are taken from
+        ``campaign`` itself. The largest force and the reference of the travel are always those of
+        ``campaign``, because an analysis of the planned tests takes them from these.
     """
     machine = campaign.machine()
     tests = campaign.tests
@@ -472,9 +473,9 @@ def setting_of(
         paths=tuple(sorted(set(paths))),
         moving_axes=tuple(np.flatnonzero(moves).tolist()),
         centre_mm=_centres_mm(tests),
-        reference_centre_mm=reference.mean_centre_mm,
-        reference_radius_mm=float(_radii_mm(reference.tests).min()),
-        largest_force_N=float(forces.max()),
+        reference_centre_mm=campaign.mean_centre_mm,
+        reference_radius_mm=float(radius_mm.min()),
+        largest_force_N=float(campaign.forces_N.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
         compliance_size_estimate=np.zeros(len(compliances)),

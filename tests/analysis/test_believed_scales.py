@@ -47,6 +47,24 @@ def test_information_is_that_of_the_dense_covariance() -> None:
     np.testing.assert_allclose(information, dense, rtol=1e-6)
 
 
+def test_of_many_circles_the_form_of_the_balls_is_not_known() -> None:
+    """One circle more than 24 tells hardly more about it, and nothing makes it known at once."""
+    model = lb.HybridModel.default(1)
+    spread = []
+    for circles in (24, 26):
+        bound = model.bind(plan((40,) * circles, forces_N=tuple(np.linspace(36, 742, circles))))
+        names = list(bound.hyper_prior.names)
+        phi = np.tile(bound.hyper_prior.quantile(np.full((1, len(names)), 0.5)), (16, 1))
+        scales = believed_scales(bound, phi, 8, 1)
+        tau = np.log(scales[..., names.index("tau")])
+        spread.append(tau.std())
+        factors = [k for k, name in enumerate(names) if name.startswith("lambda")]
+        is_known = (scales[..., factors] == phi[:, None, factors]).all(axis=(0, 1))
+        assert is_known.sum() == max(0, circles - 24)
+    assert spread[1] == pytest.approx(spread[0], rel=0.2)
+    assert spread[0] > 0.1
+
+
 @pytest.mark.slow
 def test_information_against_the_scatter_of_the_score(rng: np.random.Generator) -> None:
     """The Fisher information is the covariance of the gradient of the log density, here found by

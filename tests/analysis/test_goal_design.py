@@ -420,8 +420,23 @@ def test_a_goal_that_most_machines_reach_is_no_near_miss(monkeypatch):
     stated = StatedByMachines(("C_XXX", "C_YYY"), np.full((64, 2), 5e-5), u)
     nearest = FoundCampaign(None, (), None, None, stated)
     goals = {name: Goal(name, "mm/N", absolute=4e-6) for name in ("C_XXX", "C_YYY")}
-    assert _near_misses(nearest, goals, 0.9) == {"C_YYY": 58 / 64}
-    assert _near_misses(nearest, goals, 0.8) == {"C_YYY": 58 / 64}
+    by_goal = dict.fromkeys(goals, nearest)
+    assert _near_misses(nearest, by_goal, goals, 0.9) == {"C_YYY": 58 / 64}
+    assert _near_misses(nearest, by_goal, goals, 0.8) == {"C_YYY": 58 / 64}
+
+
+def test_a_goal_that_another_campaign_reaches_is_no_near_miss(monkeypatch):
+    """C_XXX is reached by none, so that all campaigns are equally far from both goals together."""
+    stub = "ldbb_bayes.analysis.design.goal_design.near_miss_of"
+    monkeypatch.setattr(stub, lambda family, name, **numbers: numbers["probability"])
+    goals = {name: Goal(name, "mm/N", absolute=4e-6) for name in ("C_XXX", "C_YYY")}
+    search = _Search(goals, Costs(), 0.9)
+    for u_of_second in (3e-6, 1e-6):
+        u = np.tile([3e-6, u_of_second], (64, 1))
+        stated = StatedByMachines(tuple(goals), np.full((64, 2), 5e-5), u)
+        search._keep_nearest(FoundCampaign(None, (), None, None, stated))
+    missed = _near_misses(search.nearest, search.nearest_by_goal, goals, 0.9)
+    assert missed == {"C_XXX": 0.0}
 
 
 def test_costs_must_be_costs():

@@ -405,6 +405,25 @@ def test_plan_takes_the_estimate_of_its_pilot() -> None:
     check_covariance(lb.HybridModel.default(1), plan, pilot, known)
 
 
+def test_a_plan_takes_largest_force_and_reference_of_travel_from_its_own_tests() -> (
+    None
+):
+    """As an analysis of its readings does, which knows nothing of the pilot."""
+    pilot = CAMPAIGNS["circles"]
+    tests = []
+    for test in pilot.plan().tests:
+        if test.force_N < 500.0:
+            tests.append(replace(test, radius_mm=75.0, centre_x_mm=40.0))
+    plan = replace(pilot.plan(), tests=tuple(tests))
+    model = lb.HybridModel.default(1)
+    planned = BoundModel(model, plan, pilot=pilot).setting
+    analysed = BoundModel(model, plan).setting
+    assert planned.largest_force_N == analysed.largest_force_N
+    assert planned.reference_radius_mm == analysed.reference_radius_mm == 75.0
+    assert planned.reference_centre_mm == analysed.reference_centre_mm
+    assert planned.reference_force_N != analysed.reference_force_N
+
+
 def test_plan_without_pilot_takes_usual_compliances() -> None:
     plan = CAMPAIGNS["circles"].plan()
     compliance = np.array([5e-5, 0.0, 5e-5, 0.0, 0.0, 0.0])

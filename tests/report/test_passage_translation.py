@@ -43,6 +43,8 @@ SENTENCES = [
     "C_XXX: 40 circles leave U of up to 7.5 nm/N on nine in ten machines; the goal of 5.4 nm/N is"
     " met on 33 % of them. Mount holds the largest share of what still more circles would leave"
     " (64 %). With mount ± 2 % it would be less.",
+    "C_XXX: 40 circles, with mount ± 2 % certified, leave U of up to 7.5 nm/N on nine in ten"
+    " machines; the goal of 5.4 nm/N is met on 33 % of them.",
     "No certificate that is known here would help by a tenth. Ask for 6.8 nm/N or more to see which"
     " circles come near.",
     "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate.",

@@ -50,9 +50,10 @@ _STEP = 0.1
 # Smallest variance of a normal score before the planned tests. A score that is practically known
 # would otherwise make a covariance singular.
 _LEAST_SCORE_VARIANCE = 1e-6
-# If a plan has more circles than this number, the analysis is assumed to know the true
-# hyper-parameters. With so many circles, an average over their posterior would take a long time,
-# and would hardly differ from the result for the true values.
+# If a plan has more circles than this number, the information about the hyper-parameters is that of
+# so many of them, evenly chosen. That of all would take a long time, and would hardly be larger for
+# effects that all circles have in common, such as the form of the balls. The noise factors of the
+# other circles are assumed to be known.
 _MOST_CIRCLES = 24
 
 
@@ -80,12 +81,10 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run
     Returns
     -------
     Array
-        Hyper-parameters, shape (K, draws, h), lengths in mm. If there are more than 24 circles, all
-        values equal the true values ``phi``.
+        Hyper-parameters, shape (K, draws, h), lengths in mm.
     """
     machines, size = phi.shape
-    if len(bound.campaign.tests) > _MOST_CIRCLES:
-        return np.broadcast_to(phi[:, None], (machines, draws, size))
+    chosen = _chosen_circles(bound, run)
     prior = bound.hyper_prior
     limit = ndtr(-_LARGEST_SCORE)
     truth = ndtri(np.clip(prior.level(phi), limit, 1.0 - limit))
@@ -97,7 +96,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run
 
     def information(scores: Array) -> Array:
         # Return the Fisher information of the planned tests about the standardized scores.
-        of_scores = fisher_information(bound, scores)
+        of_scores = fisher_information(chosen, scores)
         if run:
             names_run = bound.test_names[:run]
             of_scores = of_scores - fisher_information(bound.keeping(names_run), scores)
@@ -113,7 +112,25 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int, *, run
     standardized = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
     scores = before.scores(standardized)
     scores = np.clip(scores, -_LARGEST_SCORE, _LARGEST_SCORE)
-    return np.asarray(prior.quantile(ndtr(scores)))
+    scales = np.asarray(prior.quantile(ndtr(scores)))
+    factors_left_out = set(bound.setting.circle) - set(chosen.setting.circle)
+    columns = [prior.names.index(name) for name in factors_left_out]
+    scales[..., columns] = phi[:, None, columns]
+    return scales
+
+
+def _chosen_circles(bound: BoundModel, run: int) -> BoundModel:
+    """Return the model of all tests that have been run, and of at most 24 planned tests.
+
+    The first ``run`` tests of ``bound`` have been run. If there are more planned tests, they are
+    chosen in even steps.
+    """
+    names = bound.test_names
+    planned = names[run:]
+    if len(planned) <= _MOST_CIRCLES:
+        return bound
+    places = np.linspace(0, len(planned) - 1, _MOST_CIRCLES).round().astype(int)
+    return bound.keeping((*names[:run], *(planned[place] for place in places)))
 
 
 class _ScoresBefore(NamedTuple):

@@ -113,6 +113,9 @@ class CheapestCampaigns:
     #: hyper-parameters). Only campaigns for which a forecast with unknown hyper-parameters was made
     #: are considered. None if there is no such campaign.
     nearest: FoundCampaign | None
+    #: the same for every goal alone: the campaign that meets the goal on the largest share of the
+    #: possible machines. The keys are the names of the goals' parameters.
+    nearest_by_goal: Mapping[str, FoundCampaign] = field(default_factory=dict)
     #: whether campaigns were left out because they exceed the longest machine time allowed
     is_too_long: bool = False
 
@@ -330,7 +333,9 @@ def find_cheapest(
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
     found += _with_more_circles(found, number - len(found), costs, on_campaign)
     found.sort(key=lambda campaign: campaign.price(costs))
-    return CheapestCampaigns(tuple(found), search.nearest, search.is_too_long)
+    return CheapestCampaigns(
+        tuple(found), search.nearest, search.nearest_by_goal, search.is_too_long
+    )
 
 
 def _buys_in_vain(progress: _Progress, cheaper: FoundCampaign, costs: Costs) -> bool:
@@ -414,6 +419,8 @@ class _Search:
         #: campaign that comes nearest to the goals for uncertainties without reaching them: the one
         #: that meets all goals on the largest share of the possible machines
         self.nearest: FoundCampaign | None = None
+        #: the same for every goal alone; the keys are the names of the goals' parameters
+        self.nearest_by_goal: dict[str, FoundCampaign] = {}
         #: computing effort of the search so far: sum of n² over all full forecasts (with unknown
         #: hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
         #: number of circles allowed are not counted.
@@ -465,18 +472,29 @@ class _Search:
         """Store a campaign as ``nearest`` if it is better than the campaign stored before.
 
         A campaign is better if it reaches all goals for uncertainties on a larger share of the
-        possible machines or, with equal shares, if it has more circles.
+        possible machines or, with equal shares, if it has more circles. For every goal alone, the
+        best campaign is stored in ``nearest_by_goal``.
         """
         if self.nearest is None or self._rank(campaign) > self._rank(self.nearest):
             self.nearest = campaign
+        for name in self._goals:
+            best = self.nearest_by_goal.get(name)
+            if best is None or self._rank(campaign, name) > self._rank(best, name):
+                self.nearest_by_goal[name] = campaign
 
-    def _rank(self, campaign: FoundCampaign) -> tuple[float, int]:
-        """Return the share of machines on which a campaign reaches all goals, and its circles."""
-        return self._share_met(campaign), len(campaign.tests)
+    def _rank(self, campaign: FoundCampaign, name: str = "") -> tuple[float, int]:
+        """Return the share of machines on which a campaign reaches goals, and its circles.
 
-    def _share_met(self, campaign: FoundCampaign) -> float:
-        """Return the share of machines on which a campaign reaches all uncertainty goals."""
-        return shares_of_machines(campaign.stated, self._goals)[""]
+        ``name`` is the name of a goal's parameter; an empty string means all goals together.
+        """
+        return self._share_met(campaign, name), len(campaign.tests)
+
+    def _share_met(self, campaign: FoundCampaign, name: str = "") -> float:
+        """Return the share of machines on which a campaign reaches goals for uncertainties.
+
+        ``name`` is the name of a goal's parameter; an empty string means all goals together.
+        """
+        return shares_of_machines(campaign.stated, self._goals)[name]
 
     def _is_met(self, campaign: FoundCampaign) -> bool:
         """Return whether a campaign reaches all uncertainty goals with the required probability."""

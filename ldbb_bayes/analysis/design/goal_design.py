@@ -518,7 +518,7 @@ def _search_reachable(
             return _Searched(without_limit=_plan_of(found.campaigns[0], goals, costs))
     if found.nearest is None:
         return _Searched()
-    near_misses = _near_misses(found.nearest, goals, probability)
+    near_misses = _near_misses(found.nearest, found.nearest_by_goal, goals, probability)
     others = {name: goal for name, goal in goals.items() if name not in near_misses}
     if not others:
         return _Searched(near_misses=near_misses)
@@ -568,33 +568,42 @@ def _reachable(
 
 
 def _near_misses(
-    nearest: FoundCampaign, goals: Mapping[str, Goal], probability: float
+    nearest: FoundCampaign,
+    nearest_by_goal: Mapping[str, FoundCampaign],
+    goals: Mapping[str, Goal],
+    probability: float,
 ) -> dict[str, NearMiss]:
-    """Return the reasons why the campaign ``nearest`` meets goals on too few machines.
+    """Return the reasons why no campaign that was judged meets a goal on enough machines.
 
     Goals are upper limits of expanded uncertainties. Of all campaigns that were judged, ``nearest``
-    meets all goals on the largest share of the possible machines. The result is a dict; its keys
-    are the names of the goals' parameters. Each value gives the reason: the source that would
-    contribute most to the variance of the parameter if very many circles were run, and the
-    certificate that would reduce the uncertainty most. It also states the number of circles of
-    ``nearest``, the expanded uncertainty that is not exceeded on 90 % of the possible machines, and
-    the share of these machines on which the goal is met.
+    meets all goals on the largest share of the possible machines, and ``nearest_by_goal[name]`` the
+    goal ``name`` alone. The result is a dict; its keys are the names of the goals' parameters. Each
+    value gives the reason: the source that would contribute most to the variance of the parameter
+    if very many circles were run, and the certificate that would reduce the uncertainty most. It
+    also states the number of circles of the campaign that comes nearest to the goal, the
+    certificates that it buys, the expanded uncertainty that is not exceeded on 90 % of the possible
+    machines, and the share of these machines on which the goal is met.
 
-    A goal is included if it is met on too few of the possible machines to be met with the
-    ``probability`` (`are_enough`). If ``nearest`` meets each goal on enough machines, but not all
-    goals together, the goal that it meets on the fewest machines is included.
+    A goal is included if no campaign meets it on enough of the possible machines to be met with the
+    ``probability`` (`are_enough`). If each goal is met on enough machines by some campaign, but no
+    campaign meets all of them, the goal is included that ``nearest`` meets on the fewest machines.
     """
-    shares = shares_of_machines(nearest.stated, goals)
-    machines = len(nearest.stated.u)
-    missed = [name for name in goals if not are_enough(shares[name], machines, probability)]
+    campaigns: dict[str, FoundCampaign] = {}
+    for name, campaign in nearest_by_goal.items():
+        share = shares_of_machines(campaign.stated, goals)[name]
+        if not are_enough(share, len(campaign.stated.u), probability):
+            campaigns[name] = campaign
+    if not campaigns:
+        shares = shares_of_machines(nearest.stated, goals)
+        campaigns[min(goals, key=lambda goal: shares[goal])] = nearest
     near_misses = {}
-    for name in missed or [min(goals, key=lambda goal: shares[goal])]:
+    for name, campaign in campaigns.items():
         near_misses[name] = near_miss_of(
-            nearest.family,
+            campaign.family,
             name,
-            circles=len(nearest.tests),
-            likely_U=COVERAGE_FACTOR * nearest.stated.likely_u(name),
-            probability=shares[name],
+            circles=len(campaign.tests),
+            likely_U=COVERAGE_FACTOR * campaign.stated.likely_u(name),
+            probability=shares_of_machines(campaign.stated, goals)[name],
         )
     return near_misses
 

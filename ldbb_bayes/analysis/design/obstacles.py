@@ -86,6 +86,8 @@ class NearMiss(Result):
     #: calibration certificate that would reduce the uncertainty of the goal's parameter most, such
     #: as "mount ± 2 %"; an empty string if no certificate would reduce it by at least a tenth
     certificate: str
+    #: certificates that the largest campaign tried buys
+    bought: tuple[str, ...] = ()
 
 
 def near_miss_of(
@@ -116,7 +118,15 @@ def near_miss_of(
             certificate = missing
             lowest = distance
     holder = _largest_remaining_sources(family)[name]
-    return NearMiss(circles, likely_U, probability, holder.name, holder.share, certificate)
+    return NearMiss(
+        circles=circles,
+        likely_U=likely_U,
+        probability=probability,
+        held_by=holder.name,
+        share=holder.share,
+        certificate=certificate,
+        bought=tuple(offer.name for offer in family.offers),
+    )
 
 
 def obstacles_of(family: CampaignFamily, limits: Mapping[str, float]) -> dict[str, Obstacle]:

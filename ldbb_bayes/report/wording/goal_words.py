@@ -70,6 +70,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
                 "with_certificate": f"{with_certificate} {unit}",
                 "reached": obstacle.reached,
                 "in_reach": f"{two_digits(_ABOVE_FLOOR * obstacle.U_floor, factor)} {unit}",
+                "is_near_miss": name in result.near_misses,
             }
         )
     near_misses = []
@@ -81,6 +82,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
             {
                 "name": display_name(name),
                 "circles": near_miss.circles,
+                "bought": near_miss.bought,
                 "likely_U": f"{likely_U} {unit}",
                 "limit": f"{limit} {unit}",
                 "probability": f"{100.0 * near_miss.probability:.0f} %",
