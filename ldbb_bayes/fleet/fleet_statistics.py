@@ -37,15 +37,17 @@ from ldbb_bayes.analysis.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.errors import InputError, check_known
 from ldbb_bayes.fleet.machine_effects import (
     VARIANCE_OF_CAMPAIGN,
+    has_usual_circles,
     machine_effects,
     ratios_of_effects,
     with_deviations,
+    with_effects_of_campaigns,
 )
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, labels, moment
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.prior import Prior, geometric_unit
-from ldbb_bayes.model.terms import JointLoad, Term
+from ldbb_bayes.model.terms import JointLoad, Position, Term
 from ldbb_bayes.model.terms.joints import joint_load_names, secants_along_axis
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import inside_name
@@ -166,10 +168,11 @@ def fleet_statistics(
     force = _reference_force(rows, reference_force_N)
     machines = _machine_names(rows)
     kept: tuple[str, ...] = ()
+    kept_by: Sequence[str] = machines
     if one_machine:
-        kept = machine_effects(rows, ["the machine"] * len(machines))
-    elif len(set(machines)) < len(machines):
-        kept = machine_effects(rows, machines)
+        kept_by = ["the machine"] * len(machines)
+    if one_machine or len(set(machines)) < len(machines):
+        kept = machine_effects(rows, kept_by)
     c = len(chosen)
     s = len(instrument)
     unit_by_name = dict(
@@ -189,6 +192,12 @@ def fleet_statistics(
     shift = of_campaigns.shift - of_campaigns.precision @ centre
     likelihood = Gaussian(of_campaigns.precision * (scale[:, None] * scale), shift * scale)
     if kept:
+        is_along_travel = [Term.owner(name) is Position for name in kept]
+        likelihood = with_effects_of_campaigns(
+            likelihood,
+            campaigns=np.flatnonzero(~has_usual_circles(rows, kept_by)),
+            effects=c + s + np.flatnonzero(is_along_travel),
+        )
         variance = np.concatenate([np.zeros(c + s), np.full(len(kept), VARIANCE_OF_CAMPAIGN)])
         likelihood = with_deviations(likelihood, variance)
     return FleetStatistics(

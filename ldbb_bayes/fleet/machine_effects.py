@@ -19,6 +19,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.terms import JointLoad, Position, Term
@@ -27,9 +28,11 @@ from ldbb_bayes.results import Array
 
 __all__ = [
     "VARIANCE_OF_CAMPAIGN",
+    "has_usual_circles",
     "machine_effects",
     "ratios_of_effects",
     "with_deviations",
+    "with_effects_of_campaigns",
     "without_effects",
 ]
 
@@ -45,9 +48,9 @@ def machine_effects(rows: pd.DataFrame, machines: Sequence[str]) -> tuple[str, .
     """Return the names of the effects that machines keep, sorted.
 
     Slopes are left out if compliance is quadratic in force in a campaign, because a slope then
-    depends on the reference force of the campaign. Coefficients of `Position` are left out unless
-    all campaigns of each machine have the same circles, because they depend on place and radius of
-    the circles.
+    depends on the reference force of the campaign. Coefficients of `Position` depend on place and
+    radius of the circles. They are left out unless at least two campaigns of a machine have its
+    usual circles (`has_usual_circles`).
 
     Parameters
     ----------
@@ -68,24 +71,42 @@ def machine_effects(rows: pd.DataFrame, machines: Sequence[str]) -> tuple[str, .
         elif match is not None:
             slopes.append(name)
     effects = [name for name in names if Term.owner(name) is JointLoad]
-    if _have_same_circles(rows, machines):
+    machines_with_usual_circles = np.array(machines)[has_usual_circles(rows, machines)]
+    if len(set(machines_with_usual_circles)) < len(machines_with_usual_circles):
         effects += [name for name in names if Term.owner(name) is Position]
     if not is_quadratic:
         effects += slopes
     return tuple(effects)
 
 
-def _have_same_circles(rows: pd.DataFrame, machines: Sequence[str]) -> bool:
-    """Return whether all campaigns of each machine have the same circles.
+def has_usual_circles(rows: pd.DataFrame, machines: Sequence[str]) -> NDArray[np.bool_]:
+    """Return whether each of n campaigns has the circles that its machine usually has, shape (n,).
 
-    They are the same if planes, radii, centres and directions are. ``rows`` are rows of the table
-    of a batch, and ``machines`` the names of their machines. Tables of earlier versions do not
-    state the circles; the result is then false.
+    Circles are the same if their planes, radii, centres and directions are. The usual circles of a
+    machine are those that most of its campaigns have. Tables of earlier versions do not state the
+    circles; the result is then false.
+
+    Parameters
+    ----------
+    rows : rows of n campaigns in the table of a batch.
+    machines : names of the machines of the n campaigns.
+
+    Returns
+    -------
+    ndarray
     """
-    if "circles" not in rows or rows["circles"].isna().any():
-        return False
-    kinds_of_machines = rows["circles"].groupby(list(machines)).nunique()
-    return bool((kinds_of_machines == 1).all())
+    is_usual = np.zeros(len(rows), dtype=bool)
+    if "circles" not in rows:
+        return is_usual
+    machine_of_row = np.array(machines)
+    for machine in set(machines):
+        places = np.flatnonzero(machine_of_row == machine)
+        circles = rows["circles"].iloc[places]
+        stated = circles.dropna()
+        if len(stated):
+            usual = stated.mode().iloc[0]
+            is_usual[places] = (circles == usual).to_numpy()
+    return is_usual
 
 
 def ratios_of_effects(names: Sequence[str], rows: pd.DataFrame) -> Array:
@@ -139,6 +160,40 @@ def with_deviations(likelihood: Gaussian, variance: Array) -> Gaussian:
     precision = np.linalg.solve(factor, likelihood.precision)
     symmetric = 0.5 * (precision + np.swapaxes(precision, -1, -2))
     return Gaussian(symmetric, np.linalg.solve(factor, likelihood.shift[..., None])[..., 0])
+
+
+def with_effects_of_campaigns(
+    likelihood: Gaussian, campaigns: NDArray[np.intp], effects: NDArray[np.intp]
+) -> Gaussian:
+    """Return likelihoods in which some effects of some campaigns are integrated out.
+
+    Such an effect is another in every campaign, with the variance of the part that belongs to the
+    machine plus that of the part that belongs to the campaign. The result tells nothing of what the
+    machine keeps of it.
+
+    Parameters
+    ----------
+    likelihood : likelihoods of q quantities from n campaigns, in units of the sd of the part of an
+        effect that belongs to the machine.
+    campaigns : indices of the campaigns.
+    effects : indices of the effects among the q quantities.
+
+    Returns
+    -------
+    Gaussian
+    """
+    precision = likelihood.precision.copy()
+    shift = likelihood.shift.copy()
+    prior_precision = np.eye(len(effects)) / (1.0 + VARIANCE_OF_CAMPAIGN)
+    for i in campaigns:
+        rows = precision[i][effects]
+        gain = np.linalg.solve(prior_precision + rows[:, effects], rows).T
+        shift[i] -= gain @ shift[i][effects]
+        precision[i] -= gain @ rows
+        shift[i][effects] = 0.0
+        precision[i][effects, :] = 0.0
+        precision[i][:, effects] = 0.0
+    return Gaussian(precision, shift)
 
 
 def without_effects(likelihood: Gaussian, effects: int) -> Gaussian:

@@ -20,6 +20,7 @@ from ldbb_bayes.fleet.dataset import read_fleet
 from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
 from ldbb_bayes.fleet.machine_effects import (
     VARIANCE_OF_CAMPAIGN,
+    has_usual_circles,
     machine_effects,
     with_deviations,
     without_effects,
@@ -190,8 +191,36 @@ def test_compliance_along_the_travel_is_kept_where_the_circles_are_the_same(
             f"position_{axis}_{law}" for axis in "XY" for law in ("linear", "quadratic")
         ]
     assert machine_effects(rows.drop(columns="circles"), one) == others
-    of_two = pd.concat([alike, rows.assign(circles="others")])
+    of_two = pd.concat([alike, rows.assign(circles=["others", "again others"])])
     assert machine_effects(of_two, ["M1", "M1", "M2", "M2"]) == kept
+
+
+def test_a_campaign_with_other_circles_tells_nothing_of_what_the_machine_keeps_along_the_travel(
+    rows: pd.DataFrame,
+) -> None:
+    """Its effects are integrated out, with their prior variance; those of the others stay."""
+    three = pd.concat([rows, rows.iloc[:1]]).assign(circles=["usual", "usual", "other"])
+    assert has_usual_circles(three, ["M1"] * 3).tolist() == [True, True, False]
+    likelihood = fleet_statistics(three, one_machine=True)
+    alike = fleet_statistics(three.assign(circles="usual"), one_machine=True)
+    along = [k for k, name in enumerate(likelihood.machine) if name.startswith("position")]
+    first = len(likelihood.prior_sd) - len(likelihood.machine)
+    effects = first + np.array(along)
+    of_other = likelihood.likelihood.precision[2]
+    assert not of_other[effects].any()
+    assert not of_other[:, effects].any()
+    np.testing.assert_array_equal(
+        likelihood.likelihood.precision[:2], alike.likelihood.precision[:2]
+    )
+    # The posterior of the parameters from this campaign alone does not depend on whose effects
+    # these are: the deviations of the campaign have the rest of their variance.
+    posteriors = []
+    for of in (likelihood, alike):
+        precision = of.likelihood.precision[2]
+        q = len(precision)
+        posteriors.append(Gaussian(precision + np.eye(q), of.likelihood.shift[2]))
+    np.testing.assert_allclose(posteriors[0].mean[:first], posteriors[1].mean[:first], rtol=1e-6)
+    np.testing.assert_allclose(posteriors[0].sd[:first], posteriors[1].sd[:first], rtol=1e-6)
 
 
 def test_a_batch_states_the_circles(tmp_path: Path) -> None:

@@ -405,9 +405,7 @@ def test_plan_takes_the_estimate_of_its_pilot() -> None:
     check_covariance(lb.HybridModel.default(1), plan, pilot, known)
 
 
-def test_a_plan_takes_largest_force_and_reference_of_travel_from_its_own_tests() -> (
-    None
-):
+def test_a_plan_takes_largest_force_and_reference_of_travel_from_its_own_tests() -> None:
     """As an analysis of its readings does, which knows nothing of the pilot."""
     pilot = CAMPAIGNS["circles"]
     tests = []
