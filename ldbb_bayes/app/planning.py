@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.design.analysis_model import analysis_model
 from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
 from ldbb_bayes.analysis.design.candidates import grid_of_tests
 from ldbb_bayes.analysis.design.costs import Costs, effort_of, minutes_of
@@ -23,8 +24,11 @@ from ldbb_bayes.app.fields import RESULT, linear_model
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, with_goals
 from ldbb_bayes.app.worth import uncertainty_change
 from ldbb_bayes.campaign.campaign import Direction
+from ldbb_bayes.campaign.folder import MODEL_NAME, files_of, write_campaign_into
 from ldbb_bayes.campaign.mountings import mounted_anew, setups_as_run
 from ldbb_bayes.errors import require
+from ldbb_bayes.files import staged_folder
+from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.operator_sheet import mounting_sentences
 from ldbb_bayes.report.wording import is_noticeable
 from ldbb_bayes.results import Array
@@ -634,7 +638,8 @@ def pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
 def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Write a plan with the tests that the page's sliders describe, and return its forecast.
 
-    A plan is a campaign without readings. An earlier plan in the same folder is replaced.
+    A plan is a campaign without readings. The file ``model.toml`` beside it is the model for the
+    analysis of its readings. An earlier plan in the same folder is replaced.
 
     Parameters
     ----------
@@ -656,5 +661,9 @@ def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     expected = forecast(folder, settings)
     planned = _planned_tests(_report_of(folder), _test_settings(settings))
     campaign = replace(planned.plan, tolerances={})
-    lb.write_campaign(campaign, folder / PLAN, force=True)
+    model = analysis_model(planned.space, campaign.tests)
+    target = folder / PLAN
+    with staged_folder(target, force=True, ours={MODEL_NAME, *files_of(target)}) as staging:
+        write_campaign_into(campaign, staging)
+        (staging / MODEL_NAME).write_text(model_to_toml(model), encoding="utf-8")
     return expected

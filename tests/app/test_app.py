@@ -490,6 +490,21 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     assert forces == settings(planned["tests"], "force")
 
 
+def test_a_plan_has_the_model_of_its_analysis(fitted: Path) -> None:
+    """Also where it replaces an earlier plan."""
+    asked = {"circles": 4, "levels": 2, "low": 100, "high": 400, "fine": False}
+    for _ in range(2):
+        assert "refused" not in worker.answer(planning.plan, str(fitted), asked)
+    model = lb.read_model(fitted / "plan" / "model.toml")
+    plan = lb.read_campaign(fitted / "plan")
+    pilot = lb.HybridModel.default(1).bind(lb.read_campaign(RECOVERED))
+    bound = model.bind(plan)
+    assert bound.setting.reference_force_N == pilot.setting.reference_force_N
+    prior_sd = dict(zip(bound.names, bound.prior_sd.tolist(), strict=True))
+    expected = dict(zip(pilot.names, pilot.prior_sd.tolist(), strict=True))
+    assert prior_sd["C_XXX_1"] == pytest.approx(expected["C_XXX_1"])
+
+
 def test_a_plan_of_one_force_turns_both_balls(fitted: Path) -> None:
     one = worker.answer(
         planning.forecast, str(fitted), {"circles": 3, "levels": 1, "work": 3, "tool": 3}
