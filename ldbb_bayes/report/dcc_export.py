@@ -36,7 +36,7 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.fit_tables import describe_fit
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_name, is_slope
+from ldbb_bayes.units import display_name, is_slope, needs_interval
 
 __all__ = ["dsi_unit", "write_dcc"]
 
@@ -87,7 +87,8 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     and the covariance. They are in internal units (mm, N, rad). It also holds the change of each
     compliance over the tested forces. Slopes, which are coefficients of this change, appear only in
     the covariance matrix. The stiffness by direction at the reference force is included if the
-    readings determine it. The file states that it is unsigned and is not a calibration certificate.
+    readings determine it; where value ± U would not describe a stiffness, its credible interval
+    takes the place of U. The file states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -190,7 +191,8 @@ def _parameter_entries(
     the fit. ``interval`` is the key of the credible interval in these dictionaries, such as
     ``ci95``. ``draws``, shape (parameters, draws), are random draws from the posterior. The entry
     ``within`` of each returned dictionary is the fraction of the draws that lie within mean ± U,
-    where U is twice the standard deviation.
+    where U is twice the standard deviation. The entry ``interval`` is None: the credible intervals
+    of all parameters, from ``low`` to ``high``, are stated together.
     """
     verdict_by_name = judge_posterior(posterior)
     parameters = []
@@ -211,6 +213,7 @@ def _parameter_entries(
                 "high": high,
                 "unit": dsi_unit(entry["unit"]),
                 "within": float(np.mean(deviation <= 2.0 * entry["sd"])),
+                "interval": None,
                 "verdict": verdict,
             }
         )
@@ -239,6 +242,7 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
                 "kind": "change",
                 "unit": dsi_unit(draws.unit),
                 "within": float(np.mean(np.abs(draws.change - mean) <= 2.0 * sd)),
+                "interval": None,
                 "verdict": difference,
             }
         )
@@ -299,8 +303,10 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
     The value is a stiffness, a ratio or a difference. A ratio is one stiffness divided by another;
     a difference is one compliance minus another. ``name`` is the name that programs use, ``shown``
     the name that people read, and ``kind`` the kind of the quantity, such as "ratio". As on the
-    sheets, a stiffness or a ratio is its median, and a difference its mean. The dictionary is empty
-    if only a lower limit of ``value`` is known.
+    sheets, a stiffness or a ratio is its median, and a difference its mean. The entry ``interval``
+    is the credible interval, lower and upper end, where value ± U would not describe the quantity
+    (`needs_interval`), and otherwise None. The dictionary is empty if only a lower limit of
+    ``value`` is known.
     """
     if value.only_lower_limit:
         return {}
@@ -309,6 +315,9 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
     if kind == "difference":
         stated = value.mean
         within = value.within_U
+    interval = None
+    if needs_interval(stated, value.sd, value.interval):
+        interval = value.interval
     return {
         "value": stated,
         "sd": value.sd,
@@ -317,6 +326,7 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
         "kind": kind,
         "unit": dsi_unit(value.unit),
         "within": within,
+        "interval": interval,
         "verdict": "",
     }
 
@@ -341,6 +351,7 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
         "kind": "direction",
         "unit": dsi_unit("deg"),
         "within": direction.within_U,
+        "interval": None,
         "verdict": f"from axis {axis}; a direction and its opposite are the same",
     }
 

@@ -98,6 +98,23 @@ def test_what_is_not_determined_is_left_out(posterior: xr.DataTree) -> None:
     assert names == ["k_min", "k_ratio", "stiffest_direction", "principal_axis", "difference"]
 
 
+def test_a_skewed_stiffness_has_its_interval_in_place_of_u(
+    posterior: xr.DataTree, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """126.7 (+255 / −50) N/µm on the sheets is not 126.7 ± 180 N/µm here, from below zero."""
+    result = lb.stiffness(posterior, [389.0])
+    (plane,) = result.planes
+    greatest = replace(plane.greatest, median=126.7e3, sd=90e3, ci_low=76.7e3, ci_high=381.7e3)
+    skewed = replace(result, planes=(replace(plane, greatest=greatest),))
+    monkeypatch.setattr(dcc_export, "stiffness", lambda *_, **__: skewed)
+    root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml"))
+    (k_max,) = [element for element in root.iter() if element.get("id") == "k_max"]
+    assert words(k_max, "value") == ["126700.0"]
+    assert words(k_max, "intervalMin") + words(k_max, "intervalMax") == ["76700.0", "381700.0"]
+    assert words(k_max, "valueStandardMU") == ["90000.0"]
+    assert not words(k_max, "valueExpandedMU")
+
+
 @pytest.mark.slow
 def test_principal_stiffnesses_state_their_axes(tmp_path: Path) -> None:
     planes = tuple(
