@@ -1,6 +1,9 @@
 """Machines for a rehearsal: drawn from what the readings of a plan's pilot leave likely."""
 
+from dataclasses import replace
+
 import numpy as np
+from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.present_estimates import present_estimates
@@ -8,6 +11,8 @@ from ldbb_bayes.analysis.design.states import draw_machine_like_pilot
 from ldbb_bayes.inference.evidences import Evidences
 
 MODEL = lb.HybridModel.default(1)
+# A direct compliance below this is likely for the stiff machine of `run`. The prior sd is 1e-4.
+STIFF_MM_PER_N = 4e-5
 PILOT = lb.read_campaign(lb.embedded_campaign())
 
 
@@ -39,3 +44,55 @@ def test_scales_of_single_circles_are_not_those_of_the_pilot() -> None:
 
 def test_without_readings_there_is_no_machine_to_be_like() -> None:
     assert draw_machine_like_pilot(MODEL, PILOT.plan(), 1) is None
+
+
+def in_planes(*planes: str) -> lb.Campaign:
+    """A campaign of two forces in each of these planes, without readings."""
+    three_planes = plan_of_three_planes()
+    tests = tuple(test for test in three_planes.tests if test.plane in planes)
+    return replace(three_planes, tests=tests)
+
+
+def run(campaign: lb.Campaign) -> lb.Campaign:
+    """The campaign with readings of a machine that is much stiffer than the prior's."""
+    names = MODEL.bind(campaign).names
+    stiff = {name: 1e-6 for name in ("C_XXX", "C_YYY", "C_ZZZ") if name in names}
+    return MODEL.simulate(campaign, seed=1, parameters=stiff).campaign
+
+
+def test_a_plan_of_fewer_planes_is_rehearsed_with_a_machine_like_the_pilot() -> None:
+    plan = replace(in_planes("XY"), pilot=run(in_planes("XY", "YZ")))
+    names = MODEL.bind(plan).names
+    for seed in range(4):
+        machine = draw_machine_like_pilot(MODEL, plan, seed)
+        assert machine is not None
+        assert set(machine.parameters) == set(names)
+        assert 0.0 <= machine.parameters["C_XXX"] < STIFF_MM_PER_N
+
+
+def test_parameters_that_the_pilot_lacks_are_drawn_from_the_prior() -> None:
+    """Also where the model states a prior of one of them."""
+    plan = replace(in_planes("XY", "YZ"), pilot=run(in_planes("XY")))
+    model = MODEL.with_prior(E_A0YZ=(0.0, 1e-3))
+    names = model.bind(plan).names
+    drawn = []
+    for seed in range(4):
+        machine = draw_machine_like_pilot(model, plan, seed)
+        assert machine is not None
+        assert set(machine.parameters) == set(names)
+        assert 0.0 <= machine.parameters["C_XXX"] < STIFF_MM_PER_N
+        drawn.append(machine.parameters["C_ZZZ"])
+    assert max(drawn) > STIFF_MM_PER_N
+
+
+def test_a_machine_has_its_compliances_at_the_reference_force_of_the_plan() -> None:
+    """The pilot's middle is 400 N; that of the plan, at which it is simulated, 200 N."""
+    pilot = run(in_planes("XY"))
+    tests = []
+    for test, force_N in zip(in_planes("XY").tests, (100.0, 300.0), strict=True):
+        tests.append(replace(test, force_N=force_N))
+    plan = replace(in_planes("XY"), tests=tuple(tests), pilot=pilot)
+    at_plan = MODEL.bind(plan).setting.reference_force_N
+    like_pilot = draw_machine_like_pilot(replace(MODEL, reference_force_N=at_plan), plan, 1)
+    assert at_plan == 200.0
+    assert draw_machine_like_pilot(MODEL, plan, 1) == like_pilot

@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ldbb_bayes.analysis.design.named_parameters import restricted_to, unconstrained_names
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.campaign.campaign import CircularTest
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.hybrid import HybridModel
 
 __all__ = ["analysis_model"]
 
@@ -29,9 +30,8 @@ def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     model = space.model
     setting = space.bound.setting
     prior = model.prior
-    unconstrained = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
     plan = replace(space.pilot, tests=tuple(tests), foreseen=())
-    names = BoundModel(unconstrained, plan, pilot=space.pilot).names
+    names = unconstrained_names(model, plan, pilot=space.pilot)
 
     overrides = dict(prior.overrides)
     forces = [float(test.force_N or 0.0) for test in tests]
@@ -43,11 +43,9 @@ def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd
-    overrides = {name: sd for name, sd in overrides.items() if name in names}
-    means = {name: mean for name, mean in prior.means.items() if name in names}
-    return replace(
+    with_slopes = replace(
         model,
         reference_force_N=setting.reference_force_N,
-        fixed=tuple(name for name in model.fixed if name in names),
-        prior=replace(prior, overrides=overrides, means=means),
+        prior=replace(prior, overrides=overrides),
     )
+    return restricted_to(with_slopes, names)

@@ -8,13 +8,14 @@ the pilot's readings, or from the prior if the pilot is a plan.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.stats import qmc
 
+from ldbb_bayes.analysis.design.named_parameters import restricted_to, unconstrained_names
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -212,24 +213,30 @@ def draw_machine_like_pilot(
 ) -> PossibleMachine | None:
     """Draw a machine at random from the posterior given the readings of a plan's pilot.
 
-    The pilot is the campaign from which the plan was designed. The result is None if the plan has
-    no pilot with readings, if the priors are flat, or if ``model`` has other parameters for the
-    plan than for its pilot. ``seed`` is the seed of the random numbers.
+    The pilot is the campaign from which the plan was designed. Parameters of the plan that the
+    pilot lacks are drawn from the prior; those of the pilot that the plan lacks are left out. The
+    result is None if the plan has no pilot with readings, or if the priors are flat. ``seed`` is
+    the seed of the random numbers.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan or model.prior.flat:
         return None
-    of_pilot = model.bind(pilot)
     of_plan = model.bind(plan)
-    if of_pilot.names != of_plan.names:
-        return None
-    state = states_before(model, pilot, 1, seed, augment=False)
+    # Compliances are those at the reference force of the plan, for which readings are simulated.
+    at_force = replace(model, reference_force_N=of_plan.setting.reference_force_N)
+    pilot_model = restricted_to(at_force, unconstrained_names(at_force, pilot))
+    of_pilot = pilot_model.bind(pilot)
+    state = states_before(pilot_model, pilot, 1, seed, augment=False)
     named = of_pilot.hyper_prior.named(state.phi[0])
     hyper_um = {}
     for name, law in zip(of_pilot.hyper_prior.names, of_pilot.hyper_prior.laws, strict=True):
         if law != "circle" and name in of_plan.hyper_prior.names:
             hyper_um[name] = named[name]
-    parameters = dict(zip(of_pilot.names, state.beta[0].tolist(), strict=True))
+    like_pilot = dict(zip(of_pilot.names, state.beta[0].tolist(), strict=True))
+    parameters = {name: like_pilot[name] for name in of_plan.names if name in like_pilot}
+    if len(parameters) < len(of_plan.names):
+        from_prior = of_plan.draw_machine(np.random.default_rng([seed, 1]))
+        parameters = dict(zip(of_plan.names, from_prior.tolist(), strict=True)) | parameters
     return PossibleMachine(parameters, hyper_um)
 
 
