@@ -7,14 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.results import Array
 
-__all__ = ["advice_on_positions", "lie_on_circle", "position_headers"]
+__all__ = ["advice_on_positions", "lie_on_circle", "plane_of_positions", "position_headers"]
 
 # Regular expression for the name of a column of positions along an axis, such as "X" or "Y actual".
+# The group ``axis`` is the letter of the axis.
 _POSITION = re.compile(
-    r"(?:pos(?:ition)?|act(?:ual)?|nom(?:inal)?|cmd|coord(?:inate)?|axis|achse)?[ _.\-]{0,2}[XYZ]"
+    r"(?:pos(?:ition)?|act(?:ual)?|nom(?:inal)?|cmd|coord(?:inate)?|axis|achse)?[ _.\-]{0,2}(?P<axis>[XYZ])"
     r"(?:[ _.\-]{0,2}(?:pos\w*|act\w*|ist\w*|soll\w*|nom\w*|cmd|coord\w*|koord\w*|axis|achse))?",
     re.IGNORECASE,
 )
@@ -49,15 +51,33 @@ def lie_on_circle(x: Array, y: Array) -> bool:
     return middle > _SMALLEST_RADIUS_MM and is_round and len(quadrants) == 4
 
 
-def advice_on_positions(has_reading: bool) -> str:
+def plane_of_positions(headers: Sequence[str], stated_plane: str) -> str:
+    """Return the plane of positions along two axes, such as ``ZX`` for the headers Z and X.
+
+    If the headers do not name exactly two axes, the plane is ``stated_plane``.
+    """
+    axes = set()
+    for header in headers:
+        match = _POSITION.fullmatch(unit_of(header).name)
+        if match is not None:
+            axes.add(match["axis"].upper())
+    for plane in PLANES:
+        if set(plane) == axes:
+            return plane
+    return stated_plane
+
+
+def advice_on_positions(plane: str, has_reading: bool) -> str:
     """Return the advice in the error message for a table that holds positions instead of angles.
 
+    ``plane`` is the plane of the positions, such as ZX, in which angles count from +Z towards +X.
     ``has_reading`` states whether the table has a column of readings beside the positions.
     """
+    first, second = plane
     advice = (
-        "Positions are not read: add a column 'angle [deg]', arctan2(Y, X) about the centre of the"
-        " circle"
+        f"Positions are not read: add a column 'angle [deg]', arctan2({second}, {first}) about the"
+        " centre of the circle"
     )
     if not has_reading:
-        advice += ", and a column 'reading [mm]', √(X² + Y²) less the radius"
+        advice += f", and a column 'reading [mm]', √({first}² + {second}²) less the radius"
     return f"{advice}."

@@ -13,6 +13,7 @@ from ldbb_bayes.reading.assumptions import NOTHING_STATED
 from ldbb_bayes.reading.cartesian_columns import (
     advice_on_positions,
     lie_on_circle,
+    plane_of_positions,
     position_headers,
 )
 from ldbb_bayes.reading.column_units import unit_size
@@ -143,9 +144,10 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
     if positions:
         column = recording.heading.roles.get("reading")
         has_reading = column is not None and recording.heading.headers[column] not in positions
+        plane = plane_of_positions(positions, _plane_of(recording))
         return InputError(
             f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in"
-            f" line {recording.heading.line}. {advice_on_positions(has_reading)}"
+            f" line {recording.heading.line}. {advice_on_positions(plane, has_reading)}"
             f" If one column is the {role}: --{role}-column."
         )
     return InputError(
@@ -174,9 +176,10 @@ def _angles_of_column(recording: Recording, direction: str | None) -> Array:
         raise _missing_column(recording, "angle", "angle, or the time")
     reading = recording.numbers.get("reading")
     if recording.heading.line == 0 and reading is not None and lie_on_circle(raw, reading):
+        advice = advice_on_positions(_plane_of(recording), has_reading=False)
         raise InputError(
             f"{recording.place}: a table without a header must hold angles and readings, got two"
-            f" columns of positions on a circle. {advice_on_positions(has_reading=False)}"
+            f" columns of positions on a circle. {advice}"
         )
     assumed = recording.assumed_units.get("angle", _DEGREES)
     size = unit_size(recording, "angle", assumed.unit, assumed.reason)
@@ -290,9 +293,10 @@ def _missing_feed(recording: Recording) -> InputError:
     positions = position_headers(recording.heading.headers)
     if positions:
         listed = ", ".join(repr(header) for header in positions)
+        plane = plane_of_positions(positions, _plane_of(recording))
         return InputError(
             f"{recording.place}: a log over time must come with its feed, got none, and positions"
-            f" {listed[:_LIST_SHOWN]}. {advice_on_positions(has_reading=True)} If the"
+            f" {listed[:_LIST_SHOWN]}. {advice_on_positions(plane, has_reading=True)} If the"
             " feed is known: --feed-mm-per-min."
         )
     return InputError(

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import ldbb_bayes as lb
+from ldbb_bayes.report.message_translation import in_language
 
 ANGLES = range(0, 360, 5)
 
@@ -41,3 +42,25 @@ def test_positions_beside_times_are_named(tmp_path: Path) -> None:
     file = log(tmp_path, "t [ms],X_act [mm],Y_act [mm],Reading [um]", "150,{angle}")
     with pytest.raises(lb.InputError, match=r"got none, and positions 'X_act \[mm\]', 'Y_act"):
         lb.import_campaign(file)
+
+
+@pytest.mark.parametrize(
+    ("axes", "angle"),
+    [
+        ("XY", "arctan2(Y, X)"),
+        ("ZX", "arctan2(X, Z)"),
+        ("XZ", "arctan2(X, Z)"),
+        ("YZ", "arctan2(Z, Y)"),
+    ],
+)
+def test_the_advice_on_positions_is_of_their_plane(axes: str, angle: str, tmp_path: Path) -> None:
+    """Angles count from the first axis of the plane: from +Z towards +X in ZX."""
+    first, second = axes
+    file = tmp_path / "36N.csv"
+    rows = [f"{a},{2 * a}" for a in ANGLES]
+    file.write_text("\n".join([f"{first} [mm],{second} [mm]", *rows, ""]), encoding="utf-8")
+    with pytest.raises(lb.InputError) as refusal:
+        lb.import_campaign(file)
+    message = str(refusal.value)
+    assert angle in message
+    assert angle in str(in_language(message, "de"))
