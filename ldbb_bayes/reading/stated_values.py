@@ -8,7 +8,7 @@ use is noted, and an `InputError` is raised if they contradict each other.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -50,8 +50,13 @@ _LARGEST_VARIATION = 0.02
 _ROWS_OF_CHANGE = 20
 # Number of digits to which the mean of a measured load is rounded.
 _DIGITS_OF_MEAN = 6
-# Advice in the error message if a column of directions contains words other than CW and CCW.
+# Advice in the error message if the rows of a test have different directions.
 _WRITE_DIRECTIONS = "Write CW or CCW into the column, or give --direction if all tests ran alike."
+# Advice in the error message if a column of directions contains a word that is not understood.
+_WORDS_FOR_DIRECTIONS = (
+    f"{_WRITE_DIRECTIONS} These are read, too: clockwise, counter-clockwise, Uhrzeigersinn, gegen"
+    " den Uhrzeigersinn, UZS, GUZS, rechts, links, G2, G3."
+)
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
 
@@ -340,10 +345,11 @@ def _advice(recording: Recording, usual_advice: str) -> str:
     return f"Only {names} together name tests of one force. Leave --test-column out."
 
 
-def _advice_on_directions(recording: Recording) -> str:
-    """Return advice for a user in whose file the rows of one test have different directions.
+def _advice_on_directions(recording: Recording, senses: Collection[str]) -> str:
+    """Return advice for a user whose column of directions does not state the direction of a test.
 
-    If, in another column, rows with the same text always have the same direction, this column may
+    ``senses`` are the different directions in the rows of the test: CW, CCW, or words that are not
+    understood. If, in another column, rows with the same text always have the same direction, this column may
     name the tests. The advice is then to state that it does. If there is no such column, the advice
     is that of `_advice`, usually to write CW or CCW into the column of directions.
     """
@@ -353,7 +359,9 @@ def _advice_on_directions(recording: Recording) -> str:
         parting = columns_that_name_tests(recording, [direction_named(word) for word in words])
         if parting:
             return f"Say which column names the test of each row: --test-column '{parting[0]}'."
-    return _advice(recording, _WRITE_DIRECTIONS)
+    if set(senses) <= {"CW", "CCW"}:
+        return _advice(recording, _WRITE_DIRECTIONS)
+    return _advice(recording, _WORDS_FOR_DIRECTIONS)
 
 
 def _is_measured(values: Array) -> bool:
@@ -429,8 +437,7 @@ def _contradiction_of(senses: set[str]) -> str:
 
     The text becomes part of a note.
 
-    ``senses`` are the directions in the file: CW, CCW, or words that are not understood, in
-    capitals.
+    ``senses`` are the directions in the file: CW, CCW, or words that are not understood.
     """
     unread = sorted(senses - {"CW", "CCW"})
     if unread:
@@ -476,7 +483,7 @@ def direction_of(recording: Recording) -> str | None:
         raise InputError(
             f"{recording.place}, line {max(column_senses.values())}: direction must be CW or CCW in"
             f" all rows of a test, got {words[:_TEXT_SHOWN]!r}."
-            f" {_advice_on_directions(recording)}"
+            f" {_advice_on_directions(recording, column_senses)}"
         )
     require(
         len(senses) <= 1,

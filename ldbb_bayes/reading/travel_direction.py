@@ -122,10 +122,13 @@ _SENSES_BY_WORD = _senses_by_word()
 def direction_named(word: str) -> str:
     """Return CW or CCW for a word that means clockwise or counter-clockwise, such as G2.
 
-    Any other word is returned in capitals.
+    Any other word is returned as it is written. The words CW and CCW may have small letters.
     """
-    letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.strip().upper())
-    return _SENSES_BY_WORD.get(letters, word.upper())
+    capitals = word.strip().upper()
+    if capitals in ("CW", "CCW"):
+        return capitals
+    letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", capitals)
+    return _SENSES_BY_WORD.get(letters, word)
 
 
 def with_sides_in_full(cells: Sequence[str]) -> list[str]:

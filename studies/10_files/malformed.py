@@ -241,7 +241,7 @@ CASES: dict[str, Malformed] = {
         "\n".join(
             ["angle_deg,reading_um,direction", *(f"{5 * k},{k % 5}.5,west" for k in range(72))]
         ).encode(),
-        (NAME, "WEST"),
+        (NAME, "west"),
     ),
     "27_both_directions": Malformed(
         "two directions in one test",

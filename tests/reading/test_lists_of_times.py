@@ -101,7 +101,7 @@ def test_r_alone_is_no_direction(tmp_path: Path) -> None:
 
 def test_a_word_that_is_no_direction_is_told_as_not_understood(tmp_path: Path) -> None:
     path = table(tmp_path, ("hin", "hin"))
-    assert "the file says 'HIN', not understood" in reasons(path, "direction", direction="CW")
+    assert "the file says 'hin', not understood" in reasons(path, "direction", direction="CW")
 
 
 def test_a_column_of_start_times_is_not_told_as_unused(tmp_path: Path) -> None:
