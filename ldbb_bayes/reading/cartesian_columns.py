@@ -16,7 +16,8 @@ __all__ = ["advice_on_positions", "lie_on_circle", "plane_of_positions", "positi
 # Regular expression for the name of a column of positions along an axis, such as "X" or "Y actual".
 # The group ``axis`` is the letter of the axis.
 _POSITION = re.compile(
-    r"(?:pos(?:ition)?|act(?:ual)?|nom(?:inal)?|cmd|coord(?:inate)?|axis|achse)?[ _.\-]{0,2}(?P<axis>[XYZ])"
+    r"(?:pos(?:ition)?|act(?:ual)?|nom(?:inal)?|cmd|coord(?:inate)?|axis|achse)?"
+    r"[ _.\-]{0,2}(?P<axis>[XYZ])"
     r"(?:[ _.\-]{0,2}(?:pos\w*|act\w*|ist\w*|soll\w*|nom\w*|cmd|coord\w*|koord\w*|axis|achse))?",
     re.IGNORECASE,
 )

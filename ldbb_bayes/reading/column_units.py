@@ -28,7 +28,7 @@ from ldbb_bayes.reading.words import (
 )
 from ldbb_bayes.results import Array
 
-__all__ = ["is_unit_stated", "unit_size"]
+__all__ = ["is_unit_stated", "unit_in_file", "unit_size"]
 
 # Word that messages show as the unit of a row that has no unit.
 _NO_UNIT = "none"
@@ -64,6 +64,21 @@ def is_unit_stated(recording: Recording, role: str) -> bool:
     if getattr(recording.layout, f"{role}_unit") is not None:
         return True
     return bool(_evidence_in_file(recording, role))
+
+
+def unit_in_file(recording: Recording, role: str) -> str:
+    """Return the unit that the file states for a column, the same in all rows; else an empty text.
+
+    The text is empty, too, if the user states the unit. ``role`` is what the column holds, such as
+    force.
+    """
+    if getattr(recording.layout, f"{role}_unit") is not None:
+        return ""
+    units: set[str] = set()
+    for evidence in _evidence_in_file(recording, role):
+        units.update(evidence.units)
+    units.discard(_NO_UNIT)
+    return units.pop() if len(units) == 1 else ""
 
 
 def unit_size(

@@ -26,6 +26,7 @@ from ldbb_bayes.reading.circle_centre import take_centres, without_centre
 from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
 from ldbb_bayes.reading.columns_of_tests import advice_on_tests
 from ldbb_bayes.reading.companion_files import or_left_out
+from ldbb_bayes.reading.converted_loads import note_converted_loads
 from ldbb_bayes.reading.diameters import halve_readings_of_diameter
 from ldbb_bayes.reading.file_patterns import matching
 from ldbb_bayes.reading.force_laws import check_force_law
@@ -46,6 +47,7 @@ from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.runs_above import with_runs_in_header
+from ldbb_bayes.reading.setups import note_assumed_setup
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.sheet_selection import SheetSelection, note_left_out, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
@@ -130,6 +132,7 @@ def import_campaign(
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}
         _take_conditions(recording, loads_of_test)
+    note_converted_loads(recordings, log)
     take_centres(recordings)
     _check_directions(recordings, campaign)
     assume_units(recordings, campaign)
@@ -148,9 +151,9 @@ def import_campaign(
     assumed = note_assumed_fields(campaign, tests, log, unclear)
     note_unstated(recordings, tests, layout, log)
     campaign.setdefault("name", _campaign_name(paths))
-    return Imported(
-        Campaign(tuple(tests), **campaign), log.layout(layout), log.assumptions(), assumed
-    )
+    imported = Campaign(tuple(tests), **campaign)
+    note_assumed_setup(imported, tests, log)
+    return Imported(imported, log.layout(layout), log.assumptions(), assumed)
 
 
 def _fields_without_doubt(
