@@ -35,7 +35,7 @@ from ldbb_bayes.campaign.field_types import (
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.files import raises_input_error
-from ldbb_bayes.machine.chain import Machine
+from ldbb_bayes.machine.chain import PLANES, Machine
 from ldbb_bayes.results import Array, Shown
 
 __all__ = [
@@ -240,6 +240,9 @@ class Campaign(CampaignFields):
                 f"campaign must have readings in all tests or in none, got test {planned[0]!r}"
                 " without. Add its file, or take the tests that have not been run out."
             )
+        for test in self.scope:
+            if test.plane != self.plane:
+                check_known(f"plane of {test.label}", [str(test.plane)], PLANES)
         object.__setattr__(self, "frames_mm", dict(self.machine().frames_mm))
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
 

@@ -46,7 +46,7 @@ def _read_range(entry: str, flag: str, range_example: str, list_example: str) ->
     of a range and of a list; a message about a mistyped value shows one of them or both.
     """
     if ":" not in entry:
-        return numbers_in(entry, flag, list_example)
+        return numbers_in(entry, flag, f"{range_example} or {list_example}")
     limits = _finite_numbers(entry.split(":"))
     if len(limits) != 3 or limits[2] <= 0 or limits[1] < limits[0]:
         raise InputError(

@@ -172,8 +172,9 @@ def name_plane_column(
         column = named[0]
         title = repr(headers[column][:LONGEST_NAME])
         log.add(sheet.place, "plane", f"column {title}", "its name and its cells", "--plane")
+        replaced = {**heading.replaced_headers, column: headers[column]}
         headers[column] = "plane"
-        return replace(heading, headers=headers)
+        return replace(heading, headers=headers, replaced_headers=replaced)
     if columns:
         titles = " and ".join(repr(_title_of_column(heading, column)) for column in columns)
         raise InputError(

@@ -56,7 +56,8 @@ class Heading:
 
     line: int  #: line number of the header in the file; 0 if the table has no header
     first_row: int  #: index of the table's first row of numbers among the rows of the sheet
-    headers: list[str]  #: header of each column of the table, as the file writes it
+    #: header of each column of the table, as the file writes it; a column of planes is named plane
+    headers: list[str]
     units: list[str]  #: unit that the header of each column states; empty if it states none
     #: dict with the index of the column (from 0) for each role; the keys are the roles, such as
     #: angle
@@ -76,6 +77,17 @@ class Heading:
     #: indices (from 0) of the columns whose cells are units, such as a column "unit" beside the
     #: column of readings
     unit_columns: frozenset[int] = frozenset()
+    #: headers as the file writes them, of the columns to which ``headers`` gives another name, such
+    #: as ``plane`` for ``Ebene``; the keys are the indices (from 0) of the columns
+    replaced_headers: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def headers_in_file(self) -> list[str]:
+        """Header of each column of the table, as the file writes it."""
+        written = list(self.headers)
+        for column, header in self.replaced_headers.items():
+            written[column] = header
+        return written
 
     def column_title(self, role: str, column: int) -> str:
         """Return the role and name of a column for error messages, such as "angle (column 'phi')".

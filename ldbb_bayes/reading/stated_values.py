@@ -242,6 +242,7 @@ def loads_of(recording: Recording) -> dict[str, float]:
         column_value = None if is_stated else _constant_load(recording, key)
         value = quantity_of(recording, key, column_value)
         if value is not None:
+            _check_force_is_positive(recording, key, value, column_value)
             loads[key] = value
     in_lines = list(loads_in_lines(recording.heading.lines_above))
     if not loads and not recording.label:
@@ -259,6 +260,29 @@ def loads_of(recording: Recording) -> dict[str, float]:
         " test in the order of files and sheets, or a [[test]] in --layout.",
     )
     return loads
+
+
+def _check_force_is_positive(
+    recording: Recording, key: str, value: float, column_value: float | None
+) -> None:
+    """Raise an `InputError` with the line of a force that is zero or negative.
+
+    ``value`` is the load of the test, in the unit with which the field ``key`` ends, and
+    ``column_value`` the value of its column, or None. The line of a force that the user states, or
+    that a name states, is not known; later code raises an error for such a force.
+    """
+    if key != "force_N" or value > 0.0:
+        return
+    line: int | str | None = None
+    if column_value is not None:
+        line = recording.lines[0]
+    elif recording.stated_value(key) is None and recording.statements.get(key):
+        line = recording.statements[key][0].line
+    if line is not None:
+        raise InputError(
+            f"{recording.place}, line {line}: {key} must be greater than 0, got {value:g} N."
+            " Correct it."
+        )
 
 
 def _load_of_lines(recording: Recording, in_lines: Sequence[LoadInLine]) -> dict[str, float]:

@@ -136,7 +136,7 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
     ``role`` is the role of the missing column, and ``content`` says in words what it must hold. If
     the table has positions along two axes, the message says how to compute angles from them.
     """
-    headers = ", ".join(repr(header) for header in recording.heading.headers)
+    headers = ", ".join(repr(header) for header in recording.heading.headers_in_file)
     options = f"--{role}-column"
     if role == "angle":
         options += ", or --time-column"
