@@ -74,7 +74,8 @@ def advice_on_positions(plane: str, has_reading: bool) -> str:
     ``plane`` is the plane of the positions, such as ZX, in which angles count from +Z towards +X.
     ``has_reading`` states whether the table has a column of readings beside the positions.
     """
-    first, second = plane
+    first = plane[0]
+    second = plane[1]
     advice = (
         f"Positions are not read: add a column 'angle [deg]', arctan2({second}, {first}) about the"
         " centre of the circle"

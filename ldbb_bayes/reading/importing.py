@@ -129,10 +129,7 @@ def import_campaign(
     take_stated_fields(campaign, recordings)
     columns_of_times = take_start_times(campaign, recordings, log)
     _note_unused_columns(recordings, columns_of_times, log)
-    for k, recording in enumerate(recordings):
-        loads_of_test = {key: values[k] for key, values in loads.items()}
-        _take_conditions(recording, loads_of_test)
-    note_converted_loads(recordings, log)
+    _take_conditions_of_all(recordings, loads, log)
     take_centres(recordings)
     _check_directions(recordings, campaign)
     assume_units(recordings, campaign)
@@ -286,6 +283,20 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
             )
         loads[key] = values
     return loads
+
+
+def _take_conditions_of_all(
+    recordings: Sequence[Recording], loads: Mapping[str, Sequence[float]], log: AssumptionLog
+) -> None:
+    """Set the fields of all tests, such as force and radius; see `_take_conditions`.
+
+    ``loads`` holds the lists in the layout that state a force or a pressure for each test. The log
+    notes from which unit the forces of a column were converted.
+    """
+    for k, recording in enumerate(recordings):
+        loads_of_test = {key: values[k] for key, values in loads.items()}
+        _take_conditions(recording, loads_of_test)
+    note_converted_loads(recordings, log)
 
 
 def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
