@@ -31,6 +31,7 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from ldbb_bayes.analysis.compliance_meaning import Meaning, same_meaning
@@ -192,14 +193,8 @@ def fleet_statistics(
     shift = of_campaigns.shift - of_campaigns.precision @ centre
     likelihood = Gaussian(of_campaigns.precision * (scale[:, None] * scale), shift * scale)
     if kept:
-        is_along_travel = [Term.owner(name) is Position for name in kept]
-        likelihood = with_effects_of_campaigns(
-            likelihood,
-            campaigns=np.flatnonzero(~has_usual_circles(rows, kept_by)),
-            effects=c + s + np.flatnonzero(is_along_travel),
-        )
-        variance = np.concatenate([np.zeros(c + s), np.full(len(kept), VARIANCE_OF_CAMPAIGN)])
-        likelihood = with_deviations(likelihood, variance)
+        other_circles = np.flatnonzero(~has_usual_circles(rows, kept_by))
+        likelihood = _with_parts_of_campaigns(likelihood, kept, other_circles)
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
         machines=machines,
@@ -216,6 +211,25 @@ def fleet_statistics(
         machine=kept,
         contradictions=_contradictions(instrument, stated, of_instrument, labels(rows, rows)),
     )
+
+
+def _with_parts_of_campaigns(
+    likelihood: Gaussian, kept: Sequence[str], other_circles: NDArray[np.intp]
+) -> Gaussian:
+    """Return likelihoods without the parts of machine effects that each campaign has of its own.
+
+    These parts are integrated out. ``kept`` are the names of the k effects of the machine, which
+    are the last quantities of the likelihoods. ``other_circles`` are the indices of the campaigns
+    with other circles than their machine usually has: their changes of compliance along the travel
+    are not those of its other campaigns.
+    """
+    first = likelihood.shift.shape[-1] - len(kept)
+    is_along_travel = [Term.owner(name) is Position for name in kept]
+    likelihood = with_effects_of_campaigns(
+        likelihood, other_circles, effects=first + np.flatnonzero(is_along_travel)
+    )
+    variance = np.concatenate([np.zeros(first), np.full(len(kept), VARIANCE_OF_CAMPAIGN)])
+    return with_deviations(likelihood, variance)
 
 
 class _CommonPrior(NamedTuple):

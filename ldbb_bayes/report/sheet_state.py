@@ -215,14 +215,7 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     unknown_signs = _changes_of_unknown_sign(numbers)
     if unknown_signs and probability_of_change > _CHANGE_IS_LIKELY:
         items.append(words("notes.unknown_signs", symbols=words.joined(unknown_signs)))
-    confounded = {}
-    for key, quantity in (numbers.path | numbers.unloaded_path).items():
-        if quantity.confounding_effects:
-            confounded[_with_plane(quantity.symbol, key)] = quantity
-    if confounded:
-        symbols = words.joined(list(confounded))
-        without_note = replace(next(iter(confounded.values())), note="")
-        items.append(f"{symbols}: {remark(without_note, words)}")
+    items += _confounded_deviations(numbers)
     if _CHANGE_IS_EXCLUDED < probability_of_change < _CHANGE_IS_CERTAIN:
         probability = words.percent(probability_of_change)
         items.append(words("notes.varying", probability=probability))
@@ -233,6 +226,20 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
         continued = words("sheet.continued", count=str(excess))
         return [*items[:_MOST_UNDETERMINED], continued]
     return items
+
+
+def _confounded_deviations(numbers: SheetNumbers) -> list[str]:
+    """Return a text on the confounded circular deviations, in a list; empty if there are none."""
+    words = numbers.words
+    confounded = {}
+    for key, quantity in (numbers.path | numbers.unloaded_path).items():
+        if quantity.confounding_effects:
+            confounded[_with_plane(quantity.symbol, key)] = quantity
+    if not confounded:
+        return []
+    symbols = words.joined(list(confounded))
+    without_note = replace(next(iter(confounded.values())), note="")
+    return [f"{symbols}: {remark(without_note, words)}"]
 
 
 def _with_plane(symbol: str, key: str) -> str:
