@@ -17,6 +17,7 @@ from campaigns import plan, refuses, simulated
 from layout import check_texts, check_units, visible_texts
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
@@ -134,6 +135,28 @@ def test_readings_far_above_zero_are_drawn_without_the_nominal_circle() -> None:
         assert np.min(line.get_ydata()) > 0.0
     assert "(dashed)" not in traces.get_title()
     check_texts(figure)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_traces_of_several_planes_use_the_width_of_a_sheet(count: int) -> None:
+    """Circles are higher than two thirds of the figure, and what explains them reaches the right
+    edge or stands in one line above."""
+    planned = plan_of_three_planes()
+    planes = ("XY", "YZ", "ZX")[:count]
+    tests = tuple(test for test in planned.tests if test.plane in planes)
+    model = lb.HybridModel.first(0)
+    tree = lb.sample(
+        model, simulated(replace(planned, tests=tests)), sampler="independent", rule=QUICK
+    )
+    figure = figures.traces(tree)
+    check_texts(figure)
+    assert [axes.get_title(loc="left") for axes in figure.axes[:-1]] == [
+        f"plane {plane}" for plane in planes
+    ]
+    assert min(axes.get_position().height for axes in figure.axes[:-1]) > 2.0 / 3.0
+    assert figure.axes[count - 1].get_position().x1 > 0.28 * count
+    (explanation,) = figure.texts
+    assert "dots: readings" in explanation.get_text()
 
 
 @pytest.mark.slow

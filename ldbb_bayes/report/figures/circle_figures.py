@@ -38,6 +38,25 @@ MOST_BANDS = 12
 _MOST_NAMED_FORCES = 9
 # Largest number of tests whose residuals (reading minus prediction) a figure shows.
 _MOST_RESIDUALS = 10
+# Sizes in a figure of polar traces [inch]. A figure of one plane is narrow, because a sheet of the
+# test certificate has a list beside it. A figure of several planes is as wide as a sheet.
+_DIAMETER_OF_ONE = 2.9
+_SHEET_WIDTH = 7.2
+_DIAMETER_OF_SEVERAL = {2: 1.85, 3: 1.6}
+_LEFT_MARGIN = 0.38
+_GAP_BETWEEN_PANELS = {2: 0.65, 3: 0.55}
+_ROOM_BELOW = 0.22
+_ROOM_ABOVE = 0.28
+_MARGIN_ABOVE = 0.05
+_LINE_HEIGHT = 0.12
+# Distance from the right edge of the last panel to the colour scale of forces, and from there to
+# the explanation of the marks in a figure of two planes [inch].
+_SCALE_GAP = 0.42
+_EXPLANATION_GAP = 0.6
+# Largest number of characters in a line of the explanation: above one panel, to the right of two
+# panels, and above three panels.
+_CHARACTERS = {1: 72, 2: 26, 3: 112}
+_FONT_SIZE = 7
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
 _DASHED = (0, (4, 3))
 _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85})
@@ -137,10 +156,11 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     """Draw polar traces of the readings of all tests, in one panel for each plane.
 
     Each panel shows the readings, the prediction of the model (effects of machine, bar and balls),
-    and rings labelled in µm. If there are at most 12 tests, the panels also show the 95 % band for
-    the readings of a new circle. A colour scale at the right shows the colour of each force. On
-    this scale, forces increase upwards if the trace at the largest force lies outside the trace at
-    the smallest force, and downwards if not.
+    and rings labelled in µm. Their explanation is above one panel or three, and beside two. If
+    there are at most 12 tests, the panels also show the 95 % band for the readings of a new circle.
+    A colour scale at the right shows the colour of each force. On this scale, forces increase
+    upwards if the trace at the largest force lies outside the trace at the smallest force, and
+    downwards if not.
 
     Parameters
     ----------
@@ -165,34 +185,112 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     beta, phi = draws_of(posterior, bound, _DRAWS)
     trace_data = _TraceData(bound, beta, phi, words)
     rng = np.random.default_rng(0)
-    sigma = phi[:, bound.hyper_prior.names.index("sigma")]
-    new_circles = np.zeros(0)
+    layout = _layout(trace_data)
+    figure = Figure(figsize=(layout.width, layout.height))
+    panels_by_plane: dict[str, Any] = {}
+    for plane, left in zip(bound.setting.tested_planes, layout.lefts, strict=True):
+        panels_by_plane[plane] = figure.add_axes(layout.panel(left), projection="polar")
     if trace_data.has_bands:
-        new_circles = new_circle_coefficients(bound, phi, beta, rng)
-    planes = bound.setting.tested_planes
-    heads = [_panel_head(trace_data, plane) for plane in planes]
-    lines = max(head.count("\n") + 1 for head in heads)
-    figure = Figure(figsize=(0.75 + 3.6 * len(planes), 3.5 + 0.12 * lines))
-    width = figure.get_figwidth()
-    height = figure.get_figheight()
-    for k, plane in enumerate(planes):
-        left = 0.4 + 3.6 * k
-        axes: Any = figure.add_axes(
-            (left / width, 0.25 / height, 2.9 / width, 2.9 / height), projection="polar"
-        )
-        for r, test in enumerate(bound.campaign.tests):
-            if test.plane != plane:
-                continue
-            if trace_data.has_bands:
-                limits = band_um(new_circles[:, r], sigma, _ANGLE[::3], rng)
-                band(
-                    axes, _ANGLE[::3], trace_data.zero_radius + limits, trace_data.colours[r], 0.25
-                )
-            _draw_trace(axes, trace_data, r)
+        _draw_bands(panels_by_plane, trace_data, rng)
+    for r, plane in enumerate(bound.setting.plane):
+        _draw_trace(panels_by_plane[plane], trace_data, r)
+    for plane, axes in panels_by_plane.items():
         _draw_rings(axes, trace_data, plane)
-        axes.set_title(heads[k], fontsize=7, pad=8)
-    _draw_force_scale(figure, trace_data)
+    _draw_force_scale(figure, trace_data, layout)
+    _write_heads(figure, panels_by_plane, trace_data.words, layout)
     return figure
+
+
+def _draw_bands(
+    panels_by_plane: Mapping[str, Any], trace_data: _TraceData, rng: np.random.Generator
+) -> None:
+    """Draw the 95 % band of the readings of a new circle like each test, in its plane's panel."""
+    phi = trace_data.phi
+    sigma = phi[:, trace_data.bound.hyper_prior.names.index("sigma")]
+    new_circles = new_circle_coefficients(trace_data.bound, phi, trace_data.beta, rng)
+    for r, plane in enumerate(trace_data.bound.setting.plane):
+        limits = band_um(new_circles[:, r], sigma, _ANGLE[::3], rng)
+        radii = trace_data.zero_radius + limits
+        band(panels_by_plane[plane], _ANGLE[::3], radii, trace_data.colours[r], 0.25)
+
+
+@dataclass(frozen=True)
+class _TraceLayout:
+    """Sizes of a figure of polar traces and positions of its panels [inch].
+
+    ``lefts`` holds the left edge of the circle of each panel, and ``diameter`` is the diameter of
+    these circles. ``explanation`` holds the lines that explain dots, lines, bands and rings.
+    """
+
+    width: float
+    height: float
+    diameter: float
+    lefts: tuple[float, ...]
+    explanation: tuple[str, ...]
+
+    @property
+    def scale_left(self) -> float:
+        """Left edge of the colour scale of forces [inch]."""
+        return self.lefts[-1] + self.diameter + _SCALE_GAP
+
+    def panel(self, left: float) -> tuple[float, float, float, float]:
+        """Return the place of the panel whose circle begins at ``left``.
+
+        The place is left edge, lower edge, width and height, as fractions of the figure.
+        """
+        return (
+            left / self.width,
+            _ROOM_BELOW / self.height,
+            self.diameter / self.width,
+            self.diameter / self.height,
+        )
+
+
+def _layout(trace_data: _TraceData) -> _TraceLayout:
+    """Return the sizes of a figure of polar traces, which depend on the number of planes."""
+    planes = trace_data.bound.setting.tested_planes
+    count = len(planes)
+    explanation = _explanation(trace_data)
+    if count == 1:
+        width = _LEFT_MARGIN + _DIAMETER_OF_ONE + _SCALE_GAP + 0.65
+        room_above = 0.38 + _LINE_HEIGHT * len(explanation)
+        height = _ROOM_BELOW + _DIAMETER_OF_ONE + room_above
+        return _TraceLayout(width, height, _DIAMETER_OF_ONE, (_LEFT_MARGIN,), explanation)
+    diameter = _DIAMETER_OF_SEVERAL[count]
+    step = diameter + _GAP_BETWEEN_PANELS[count]
+    lefts = tuple(_LEFT_MARGIN + k * step for k in range(count))
+    height = _ROOM_BELOW + diameter + _ROOM_ABOVE
+    if count > 2:
+        height += _LINE_HEIGHT * len(explanation) + _MARGIN_ABOVE
+    return _TraceLayout(_SHEET_WIDTH, height, diameter, lefts, explanation)
+
+
+def _write_heads(
+    figure: Figure,
+    panels_by_plane: Mapping[str, Any],
+    words: Mapping[str, str],
+    layout: _TraceLayout,
+) -> None:
+    """Write the titles of the panels, and what explains dots, lines, bands and rings.
+
+    The explanation is the title of a single panel. It is to the right of two panels, and above
+    three, whose titles are the names of the planes.
+    """
+    explanation = "\n".join(layout.explanation)
+    if len(panels_by_plane) == 1:
+        (axes,) = panels_by_plane.values()
+        axes.set_title(explanation, fontsize=_FONT_SIZE, pad=8)
+        return
+    for plane, axes in panels_by_plane.items():
+        axes.set_title(f"{words['plane']} {plane}", fontsize=8, loc="left", y=1.0)
+    left = _LEFT_MARGIN
+    top = layout.height - _MARGIN_ABOVE
+    if len(panels_by_plane) == 2:
+        left = layout.scale_left + _EXPLANATION_GAP
+        top = _ROOM_BELOW + layout.diameter
+    figure.text(
+        left / layout.width, top / layout.height, explanation, fontsize=_FONT_SIZE, va="top"
+    )
 
 
 def _draw_trace(axes: Any, trace_data: _TraceData, r: int) -> None:
@@ -234,7 +332,9 @@ def _draw_rings(axes: Any, trace_data: _TraceData, plane: str) -> None:
     axes.tick_params(pad=0)
     axes.set_rlim(0.0, trace_data.outer_radius)
 
-    step = _round_step(trace_data.span / 4.0)
+    # Panels of several planes are small, and have fewer rings.
+    rings = 4.0 if len(trace_data.bound.setting.tested_planes) == 1 else 3.0
+    step = _round_step(trace_data.span / rings)
     multiples = np.arange(np.ceil(trace_data.low / step), np.floor(trace_data.high / step) + 1)
     rings_um = multiples * step + 0.0
     axes.set_rgrids((zero + rings_um).tolist(), [""] * len(rings_um))
@@ -254,12 +354,35 @@ def _draw_rings(axes: Any, trace_data: _TraceData, plane: str) -> None:
         )
 
 
-def _panel_head(trace_data: _TraceData, plane: str) -> str:
-    """Return the heading of the polar panel of one plane.
+def _explanation(trace_data: _TraceData) -> tuple[str, ...]:
+    """Return the lines that explain dots, lines, bands and rings of a figure of polar traces.
 
-    The heading explains the panel's dots, lines, band and rings, in the language of
-    ``trace_data.words``.
+    The lines are in the language of ``trace_data.words``. To the right of two panels, each mark has
+    a line of its own. Planes whose marks differ are explained one after the other, by name.
     """
+    planes_by_marks: dict[tuple[str, ...], list[str]] = {}
+    for plane in trace_data.bound.setting.tested_planes:
+        planes_by_marks.setdefault(_marks(trace_data, plane), []).append(plane)
+    count = len(trace_data.bound.setting.tested_planes)
+    paragraphs: list[str] = []
+    for marks, planes in planes_by_marks.items():
+        name = f"{trace_data.words['plane']} {', '.join(planes)}:"
+        is_named = len(planes_by_marks) > 1
+        if count == 1:
+            paragraphs += [", ".join(marks[:-1]), marks[-1]]
+        elif count == 2:
+            paragraphs += [name, *marks] if is_named else marks
+        else:
+            text = ", ".join(marks)
+            paragraphs.append(f"{name} {text}" if is_named else text)
+    lines: list[str] = []
+    for paragraph in paragraphs:
+        lines += textwrap.wrap(paragraph, _CHARACTERS[count])
+    return tuple(lines)
+
+
+def _marks(trace_data: _TraceData, plane: str) -> tuple[str, ...]:
+    """Return what each mark in the polar panel of one plane means. The rings come last."""
     words = trace_data.words
     setting = trace_data.bound.setting
     readings = words["readings"]
@@ -279,14 +402,11 @@ def _panel_head(trace_data: _TraceData, plane: str) -> str:
         rings = words["rings_without_nominal_circle"]
     elif len(radii_mm) > 1:
         rings = words["rings_of_several_radii"]
-    lines = [", ".join(marks), rings]
-    if len(setting.tested_planes) > 1:
-        lines.insert(0, f"{words['plane']} {plane}")
-    return "\n".join(textwrap.fill(line, 72) for line in lines)
+    return (*marks, rings)
 
 
-def _draw_force_scale(figure: Figure, trace_data: _TraceData) -> None:
-    """Draw the colour scale of forces on the right-hand side of the figure.
+def _draw_force_scale(figure: Figure, trace_data: _TraceData, layout: _TraceLayout) -> None:
+    """Draw the colour scale of forces to the right of the panels.
 
     The scale has one coloured field for each force of the tests. At most ``_MOST_NAMED_FORCES`` of
     the fields are labelled with their force [N]. The figure shows the readings of each test as a
@@ -299,8 +419,13 @@ def _draw_force_scale(figure: Figure, trace_data: _TraceData) -> None:
     rows = np.arange(count)
     if _mean_reading(trace_data, levels[-1]) < _mean_reading(trace_data, levels[0]):
         rows = rows[::-1]
-    width = figure.get_figwidth()
-    axes = figure.add_axes((1.0 - 0.55 / width, 0.14, 0.14 / width, 0.56))
+    place = (
+        layout.scale_left / layout.width,
+        (_ROOM_BELOW + 0.1) / layout.height,
+        0.14 / layout.width,
+        0.7 * layout.diameter / layout.height,
+    )
+    axes = figure.add_axes(place)
     axes.barh(
         rows,
         np.ones(count),
