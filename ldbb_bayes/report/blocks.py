@@ -96,13 +96,12 @@ class Items:
 
 @dataclass(frozen=True, eq=False)
 class PictureRow:
-    """Figures on a sheet of the test certificate, side by side or one below the other.
+    """Figures on a sheet of the test certificate, side by side.
 
     Parameters
     ----------
     pictures
-        The figures from left to right. If the first figure is much wider than high, the figures are
-        placed one below the other.
+        The figures from left to right.
     """
 
     pictures: tuple[Picture, ...]
@@ -123,12 +122,6 @@ class PictureRow:
             first = max(first, _LEAST_FIRST_SHARE)
         others = [(1.0 - first) * ratio / sum(ratios[1:]) for ratio in ratios[1:]]
         return (first, *others)
-
-    @property
-    def stacked(self) -> bool:
-        """Whether the first of several figures is so wide that the others are placed below it."""
-        width, height = self.pictures[0].figure.get_size_inches()
-        return bool(width > _WIDE * height)
 
 
 Block: TypeAlias = str | Fields | Banner | Items | Table | Pair | PictureRow | Picture

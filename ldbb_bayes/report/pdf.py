@@ -36,11 +36,11 @@ _SIGNATURES = 256.0
 _PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [mm]
 # Largest height allowed for a figure with a list of sentences beside or below it [mm].
 _PAIRED_HEIGHT = 88.0
+# A figure that is as wide as the page may have this height even if the font size of the sheet is
+# reduced [mm]. Its panels would otherwise be too small to read.
+_READABLE_HEIGHT = 64.0
 # Largest height allowed for a figure that has no list of sentences beside or below it [mm].
 _PICTURE_HEIGHT = 100.0
-# Least width of the caption below a figure [mm]. Below a figure in a row, it is no wider than the
-# figure's place.
-_CAPTION_WIDTH = 60.0
 # Least width of the first column of a table [mm].
 _LEAST_FIRST_WIDTH = 20.0
 _ROW_GAP = 4.0  # distance between two figures side by side on a page [mm]
@@ -198,7 +198,7 @@ def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
     elif isinstance(block, PictureRow):
         _draw_row(pdf, block, scale, pictures)
     else:
-        _draw_picture(pdf, block, _WIDTH, _PICTURE_HEIGHT * scale, pictures)
+        _draw_picture(pdf, block, _WIDTH, _PICTURE_HEIGHT * scale, scale, pictures)
 
 
 def _write(
@@ -382,12 +382,14 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
     top = pdf.y
     if pair.wide:
         indent = 0.0
-        _draw_picture(pdf, pair.picture, _WIDTH, _PAIRED_HEIGHT * scale, pictures)
+        height = max(_PAIRED_HEIGHT * scale, _READABLE_HEIGHT)
+        _draw_picture(pdf, pair.picture, _WIDTH, height, scale, pictures)
         list_top = pdf.y + scale
         items: Sequence[str] = ["; ".join(pair.beside)]
     else:
         indent = _PAIRED_WIDTH + 4.0
-        _draw_picture(pdf, pair.picture, _PAIRED_WIDTH, _PAIRED_HEIGHT * scale, pictures)
+        height = _PAIRED_HEIGHT * scale
+        _draw_picture(pdf, pair.picture, _PAIRED_WIDTH, height, scale, pictures)
         list_top = top
         items = pair.beside
     bottom = pdf.y
@@ -400,23 +402,20 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
 
 
 def _draw_row(pdf: FPDF, row: PictureRow, scale: float, pictures: bool) -> None:
-    """Draw figures side by side, or one below the other if the first figure is wide.
+    """Draw figures side by side.
 
     ``scale`` is the relative font size. If ``pictures`` is false, the places of the figures are
     left empty.
     """
-    if row.stacked:
-        for picture in row.pictures:
-            _draw_picture(pdf, picture, _WIDTH, 0.5 * _PICTURE_HEIGHT * scale, pictures)
-        return
     top = pdf.y
     left = _LEFT
     bottom = top
+    height = max(_PICTURE_HEIGHT * scale, _READABLE_HEIGHT)
     gaps = _ROW_GAP * (len(row.pictures) - 1)
     for picture, share in zip(row.pictures, row.shares, strict=True):
         width = share * (_WIDTH - gaps)
         pdf.set_y(top)
-        _draw_picture(pdf, picture, width, _PICTURE_HEIGHT * scale, pictures, left=left)
+        _draw_picture(pdf, picture, width, height, scale, pictures, left=left)
         bottom = max(bottom, pdf.y)
         left += width + _ROW_GAP
     pdf.set_xy(_LEFT, bottom)
@@ -427,17 +426,19 @@ def _draw_picture(
     picture: Picture,
     width: float,
     height: float,
+    scale: float,
     pictures: bool,
     *,
     left: float = _LEFT,
 ) -> None:
     """Draw a figure, with the figure's caption below.
 
-    The figure is made as large as ``width`` and ``height`` [mm] allow. ``left`` is the position of
-    the figure's left edge [mm]. If ``pictures`` is false, the figure's place is left empty.
+    The figure is made as large as ``width`` and ``height`` [mm] allow. ``scale`` is the relative
+    font size of the sheet, to which the caption keeps. ``left`` is the position of the figure's
+    left edge [mm]. If ``pictures`` is false, the figure's place is left empty.
     """
     inches = picture.figure.get_size_inches()
-    caption_width = min(width, _CAPTION_WIDTH)
+    caption_width = width
     width = min(width, height * inches[0] / inches[1])
     if pictures:
         image = io.BytesIO()
@@ -445,4 +446,4 @@ def _draw_picture(
         picture.figure.savefig(image, format="png", dpi=dpi)
         pdf.image(image, left, pdf.y, width, alt_text=picture.caption)
     pdf.set_xy(left, pdf.y + width * inches[1] / inches[0])
-    _write(pdf, picture.caption, 6.8, width=max(width, caption_width), grey=_SOFT_INK)
+    _write(pdf, picture.caption, 7.2 * scale, width=caption_width, grey=_SOFT_INK)

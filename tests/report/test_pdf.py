@@ -8,7 +8,7 @@ import pypdfium2 as pdfium
 import pytest
 from matplotlib.figure import Figure
 
-from ldbb_bayes.report.blocks import PictureRow, ReportSheet
+from ldbb_bayes.report.blocks import Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pdf import pdf_of
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.results import Table
@@ -49,6 +49,30 @@ def test_a_rose_beside_a_flat_figure_is_large_enough_to_read(page: pdfium.PdfPag
     rose_mm, curve_mm = widths_mm
     assert rose_mm * 7.0 / (3.4 * 25.4) > 5.0
     assert rose_mm + curve_mm < 182.0
+
+
+def widths_of_pictures_mm(block: Pair | PictureRow, scale: float) -> list[float]:
+    """Width of every figure of a sheet with this block alone."""
+    sheet = ReportSheet("results", "Results", "Sheet 2", (block,), scale)
+    pdf = pdf_of([sheet], "title", "en", datetime(2026, 1, 1, tzinfo=UTC))
+    widths_mm = []
+    for image in pdfium.PdfDocument(pdf)[0].get_objects([pdfium.raw.FPDF_PAGEOBJ_IMAGE]):
+        left, _, right, _ = image.get_bounds()
+        widths_mm.append((right - left) * _MM_PER_POINT)
+    return widths_mm
+
+
+def test_a_wide_figure_keeps_the_width_of_a_crowded_sheet() -> None:
+    traces = Picture("traces", "caption", Figure(figsize=(7.2, 2.35)))
+    (width_mm,) = widths_of_pictures_mm(Pair(traces, "heading", ("item",)), 0.5)
+    assert width_mm == pytest.approx(182.0, abs=0.5)
+
+
+def test_roses_of_two_planes_stand_beside_the_compliances_and_fill_the_width() -> None:
+    rose = Picture("rose", "caption", Figure(figsize=(4.7, 2.9)))
+    curve = Picture("curve", "caption", Figure(figsize=(6.3, 3.0)))
+    widths_mm = widths_of_pictures_mm(PictureRow((rose, curve)), 0.5)
+    assert sum(widths_mm) == pytest.approx(178.0, abs=0.5)
 
 
 def test_numbers_in_the_last_column_are_not_broken() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from campaigns import plan, refuses, simulated
+from layout import check_texts
 from reports import fitted, plan_of_three_planes
 
 import ldbb_bayes as lb
@@ -46,7 +47,38 @@ def test_labels_of_rings_stand_above_the_curves(one_plane: xr.DataTree) -> None:
 
 def test_a_rose_for_each_of_three_planes(three_planes: xr.DataTree) -> None:
     figure = lb.figures.stiffness_rose(three_planes)
-    assert [axes.get_title() for axes in figure.axes] == ["plane XY", "plane YZ", "plane ZX"]
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == ["plane XY", "plane YZ", "plane ZX"]
+
+
+@pytest.mark.parametrize("compact", [False, True])
+def test_texts_of_several_roses_do_not_overlap(three_planes: xr.DataTree, compact: bool) -> None:
+    check_texts(lb.figures.stiffness_rose(three_planes, compact=compact))
+
+
+def test_compact_roses_of_several_planes_leave_room_for_another_figure(
+    three_planes: xr.DataTree,
+) -> None:
+    width, height = lb.figures.stiffness_rose(three_planes, compact=True).get_size_inches()
+    assert width < 1.3 * height
+
+
+def test_the_legend_says_how_far_a_band_goes_beyond_the_rim() -> None:
+    """At 100 N the band is wide; the rim lies not far beyond the curves."""
+    posterior = fitted(MODEL, simulated(plan_of_three_planes()))
+    figure = lb.figures.stiffness_rose(posterior)
+    largest_nm = 0.0
+    for plane in lb.stiffness(posterior, [100.0]).planes:
+        largest_nm = max(largest_nm, 1e6 * max(plane.compliance_high))
+    assert all(axes.get_ylim()[1] < largest_nm for axes in figure.axes)
+    label = figure.legends[0].get_texts()[0].get_text().replace("\n", " ")
+    assert label.endswith(f"cut off at the rim (goes on to {largest_nm:.0f} nm/N)")
+
+
+def test_the_legend_of_a_band_inside_the_rim_says_nothing_of_it(one_plane: xr.DataTree) -> None:
+    figure = lb.figures.stiffness_rose(one_plane)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert not [text for text in texts if "rim" in text]
 
 
 def test_the_ellipsoid_has_the_principal_compliances(three_planes: xr.DataTree) -> None:

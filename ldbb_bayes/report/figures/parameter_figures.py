@@ -208,8 +208,7 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
     force_N = _forces_to_draw(tested_N)
     curves = curves_of(posterior, force_N, _CURVE_DRAWS)
     is_roomy = len(bound.compliances) <= 6
-    columns = 3 if is_roomy else 5
-    height = 1.7 if is_roomy else 1.2
+    columns, height = _panel_grid(len(bound.compliances))
     figure, all_axes = panels(len(bound.compliances), columns, height, 0.3, sharex=True)
     for j, (axes, compliance) in enumerate(zip(all_axes, bound.compliances, strict=True)):
         factor, label = style.axis_label(compliance.label, compliance_unit(compliance))
@@ -237,6 +236,18 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
             axes.tick_params(labelbottom=True)
     style.legend_below(figure, all_axes[0])
     return figure
+
+
+def _panel_grid(count: int) -> tuple[int, float]:
+    """Return how many panels of compliances stand in a row, and the height of a row [inch].
+
+    ``count`` is the number of all panels. Up to eight panels have no more than two rows.
+    """
+    if count <= 6:
+        return 3, 1.7
+    if count <= 8:
+        return 4, 1.35
+    return 5, 1.2
 
 
 def _forces_to_draw(tested_N: Array) -> Array:
