@@ -34,6 +34,7 @@ __all__ = [
     "round_uncertainty",
     "setting_to_inside",
     "state",
+    "stated_decimals",
     "stiffness",
     "three_digits",
     "to_inside",
@@ -601,6 +602,20 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
     lower = round_like(1e-3 / high, decimals)
     upper = round_like(1e-3 / low, decimals)
     return f"{middle} [{lower}, {upper}]"
+
+
+def stated_decimals(mean: float, sd: float, interval: tuple[float, float], unit: str) -> int:
+    """Return the number of decimals with which a value is stated beside its expanded uncertainty.
+
+    They are those of U (k = 2) with two significant digits, or those of the standard uncertainty if
+    value ± U would not describe the interval (`needs_interval`). The number refers to the display
+    unit and is negative if digits left of the decimal point are rounded, see `round_uncertainty`.
+    ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval.
+    All of them are in the internal unit ``unit``, such as mm/N.
+    """
+    factor, _ = display_unit(unit)
+    uncertainty = sd if needs_interval(mean, sd, interval) else 2.0 * sd
+    return round_uncertainty(uncertainty * factor)[1]
 
 
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:

@@ -28,8 +28,8 @@ from ldbb_bayes.units import (
     is_slope,
     plus_minus,
     round_like,
-    round_uncertainty,
     state,
+    stated_decimals,
 )
 
 __all__ = ["difference_sheets"]
@@ -194,12 +194,15 @@ def _table(
     prob: float,
     words: Words,
 ) -> Table:
-    """Return a table of the parameters in both campaigns and of their differences, with U."""
+    """Return a table of the parameters in both campaigns and of their differences, with U.
+
+    Both values have the decimals of the difference, which are those of U.
+    """
     rows = []
     for name, row in differences.iterrows():
         quantity = quantities[str(name)]
         factor, unit = display_unit(quantity.unit)
-        _, decimals = round_uncertainty(quantity.sd * factor)
+        decimals = stated_decimals(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
         statement = quantity.value_and_U()
         ends = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit).ends
         rows.append(

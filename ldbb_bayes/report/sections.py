@@ -40,6 +40,7 @@ from ldbb_bayes.units import (
     round_like,
     round_uncertainty,
     state,
+    stated_decimals,
     two_digits,
 )
 
@@ -417,23 +418,22 @@ def _differences_table(
     """Return a table that compares the parameters of two campaigns, one row for each parameter.
 
     Each row states the values of the parameter in both campaigns, the difference with its credible
-    interval, and the probability that the parameter is larger in the second campaign. ``first`` is
-    the name of the first campaign. ``percent`` is the probability of the intervals as a string,
-    such as "95 %".
+    interval, and the probability that the parameter is larger in the second campaign. Both values
+    and the difference have the decimals of U (k = 2), as on the sheet. ``first`` is the name of the
+    first campaign. ``percent`` is the probability of the intervals as a string, such as "95 %".
     """
     rows = []
     for parameter, row in differences.iterrows():
-        difference = state(
-            row["difference"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"]
-        )
+        interval = (row["ci_low"], row["ci_high"])
+        difference = state(row["difference"], row["sd"], interval, row["unit"])
+        decimals = stated_decimals(row["difference"], row["sd"], interval, row["unit"])
         factor, _ = display_unit(row["unit"])
-        _, decimals = round_uncertainty(row["sd"] * factor)
         rows.append(
             (
                 display_name(str(parameter)),
                 round_like(row["first"] * factor, decimals),
                 round_like(row["second"] * factor, decimals),
-                difference.value,
+                round_like(row["difference"] * factor, decimals),
                 difference.u,
                 difference.interval,
                 difference.unit,

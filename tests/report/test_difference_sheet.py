@@ -15,6 +15,7 @@ from ldbb_bayes.analysis.common_effects import Shared
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.inference.summary import result_json
+from ldbb_bayes.report import sections
 from ldbb_bayes.report.blocks import Banner, Fields, Items, ReportSheet
 from ldbb_bayes.report.difference_sheet import difference_sheets
 from ldbb_bayes.report.findings import Findings, FurtherCampaign, findings_of_fit
@@ -79,6 +80,23 @@ def test_the_sheet_holds_what_is_signed(before: Findings, after: FurtherCampaign
     assert float(rows["C_XXX"][5]) == pytest.approx(2.0 * row["sd"] * 1e6, rel=0.05)
     assert any("The instrument was the same" in str(block) for block in sheet.blocks)
     assert any("of the first campaign alone, before" in str(block) for block in sheet.blocks)
+
+
+def test_both_values_and_the_difference_have_the_decimals_of_U(
+    before: Findings, after: FurtherCampaign
+) -> None:
+    """With U = 140 µm/m², of −6 and −11 and their difference whole tens are stated."""
+    differences = after.differences.copy()
+    columns = ["first", "second", "difference", "sd", "ci_low", "ci_high"]
+    differences.loc["E_YX2", columns] = (-6e-9, -11e-9, -5.2e-9, 70e-9, -142e-9, 132e-9)
+    other = replace(after, differences=differences)
+    (on_sheet,) = (block for block in sheet_of(before, other).blocks if isinstance(block, Table))
+    parts = sections.beside(before.result, [other], SAME_INSTRUMENT, prob=0.95)
+    (on_screen, *_) = (part for part in parts if isinstance(part, Table))
+    sheet_row = next(row for row in on_sheet.rows if row[1] == "E_YX2")
+    screen_row = next(row for row in on_screen.rows if row[0] == "E_YX2")
+    assert sheet_row[2:6] == ("−10", "−10", "−10", "140")
+    assert screen_row[1:4] == ("-10", "-10", "-10")
 
 
 @pytest.mark.parametrize(
