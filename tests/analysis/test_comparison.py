@@ -162,8 +162,8 @@ def test_the_recovered_experiment_is_not_robust(compared: Comparison) -> None:
     assert list(changes.values()) == sorted(changes.values(), reverse=True)
     assert compared.sign is Sign.OPEN
     assert re.search(
-        r"very strong evidence, in favour of constant.*The sign is NOT robust.*the readings do not"
-        r" rule out",
+        r"Not decided: ln B.* very strong evidence in favour of constant\. .*The sign of ln B is"
+        r" not robust.*the readings do not rule out",
         " ".join(comparison_sentences(compared)),
     )
     assert f"{compared.models['constant'].least_squares_rmse_um:.1f}" == "1.1"
@@ -312,6 +312,27 @@ def with_assumption(firm: Comparison, log_bayes_factor: float, gain: float) -> C
 def test_a_sign_that_no_assumption_turns(firm: Comparison) -> None:
     assert firm.sign is Sign.FIRM
     assert firm.preferred_assumption() is None
+    first, *_ = comparison_sentences(firm)
+    assert re.match(r"\w+( \w+)? evidence in favour of \w+: .*ln B", first)
+
+
+def test_the_verdict_stands_before_the_number_that_it_is_about(firm: Comparison) -> None:
+    """ln B with none of the other explanations stands last: it has the other sign."""
+    averaged = Assumed("averaged", -1.49, 0.02, {"constant": 100.0, "linear": 98.5})
+    alone = Assumed("alone", 2.39, 0.02, {"constant": 97.0, "linear": 99.4})
+    models = (Explained(("joint load",), 100.0, 0.01, 1.0),)
+    shares = {"slopes": 0.18, "joint load": 0.98}
+    explained = replace(firm, explanations=Explanations(shares, models, averaged, alone))
+    first, *_ = comparison_sentences(explained)
+    assert first.startswith(
+        "Positive evidence in favour of constant: averaged over joint load, each in the model or"
+        " not, ln B(linear/constant) = −1.49 (error 0.02); with none of them it is +2.39 (error"
+        " 0.02). "
+    )
+    crossed = replace(explained, prior_sensitivity_crossings=(0.12,))
+    first, *_ = comparison_sentences(crossed)
+    assert first.startswith("Not decided: averaged over joint load, each in the model or not, ln B")
+    assert "= −1.49 (error 0.02), positive evidence in favour of constant; with none" in first
 
 
 def test_a_sign_that_a_rejected_assumption_turns(firm: Comparison) -> None:
