@@ -25,13 +25,23 @@ from ldbb_bayes.analysis.varying_slopes import Curve, SlopeSubset, VaryingSlope
 from ldbb_bayes.results import Finite, Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
 
-__all__ = ["REJECTED", "ComparedModel", "ComparedTest", "Comparison", "Sign", "read_comparison"]
+__all__ = [
+    "DEFAULT_TOLERANCE",
+    "REJECTED",
+    "ComparedModel",
+    "ComparedTest",
+    "Comparison",
+    "Sign",
+    "read_comparison",
+]
 
 # Limit at which the readings reject an assumption [nat]. Every model makes an assumption about what
 # differs at random from circle to circle, for example the position of the set-up. The models are
 # also compared under alternative assumptions. An alternative is rejected if its log evidence is at
 # least this number below that of the assumption that the models make.
 REJECTED = 5.0
+# Largest error of a log evidence that a comparison allows if the caller states none [nat].
+DEFAULT_TOLERANCE = 1e-2
 
 
 class Sign(StrEnum):
@@ -266,6 +276,11 @@ class Comparison(Result):
         roughly, and are not considered here.
         """
         return self.largest_error <= self.tolerance
+
+    @property
+    def has_default_tolerance(self) -> bool:
+        """Return whether ``tolerance`` is the default, so that no caller need have asked for it."""
+        return self.tolerance == DEFAULT_TOLERANCE
 
     def gain(self, assumed: Assumed) -> float:
         """Return by how much the log evidence is larger under another assumption [nat].

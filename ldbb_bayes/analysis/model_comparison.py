@@ -21,6 +21,7 @@ import pandas as pd
 
 from ldbb_bayes.analysis import neighbouring_forces, rival_explanations, sensitivity, varying_slopes
 from ldbb_bayes.analysis.comparison import (
+    DEFAULT_TOLERANCE,
     ComparedCampaign,
     ComparedModel,
     ComparedTest,
@@ -91,7 +92,7 @@ def compare(
     campaign: Campaign,
     *,
     evidence_only: bool = False,
-    tolerance: float = 1e-2,
+    tolerance: float = DEFAULT_TOLERANCE,
     prob: float = 0.95,
     seed: int = 1,
     progress: Callable[[int, int], None] | None = None,

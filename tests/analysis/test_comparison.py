@@ -349,6 +349,20 @@ def test_a_sign_that_the_slope_scale_turns(firm: Comparison) -> None:
     assert any("changing sign at 0.12" in sentence for sentence in sentences)
 
 
+@pytest.mark.parametrize(
+    ("tolerance", "words"),
+    [(0.01, "more than 0.01, the default of compare."), (0.05, "more than the 0.05 allowed.")],
+)
+def test_an_error_that_is_too_large_is_compared_with_what_was_allowed(
+    firm: Comparison, tolerance: float, words: str
+) -> None:
+    """In a report of files --tolerance is the limit of a parameter; it is not named."""
+    rough = replace(firm, tolerance=tolerance, largest_error=0.07)
+    text = " ".join(comparison_sentences(rough))
+    assert f"has an error of 0.07 nats, {words}" in text
+    assert "--tolerance" not in text
+
+
 def test_an_assumption_that_the_readings_prefer(firm: Comparison) -> None:
     comparison = with_assumption(firm, log_bayes_factor=-2.0, gain=20.0)
     better = comparison.discrepancy_sensitivity[1]
