@@ -353,6 +353,10 @@ def test_the_largest_campaign_of_a_near_miss_leaves_more_than_the_goal(just_miss
     assert just_missed.near_misses["E_C0YX"].likely_U > just_missed.goals["E_C0YX"].limit_U
 
 
+def test_a_goal_that_no_campaign_reaches_is_named_first(just_missed):
+    assert str(text_of(just_missed)).startswith("Out of reach, for the reasons below: E_C(0Y)X.")
+
+
 def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
     floor = just_missed.goals["E_C0YX"].limit_U
     goals = {"E_C0YX": floor, "C_XYX": "2 nm/N"}

@@ -327,13 +327,13 @@ def test_circles_to_go_are_not_counted_where_very_many_do_not_suffice(
     floor = np.array([_dense(objective, k, [0, 1, 2] * 10_000) for k in range(2)])
     aim = UncertaintyAim(np.array([1.0, 0.0]), 1.0, 1.0, is_reached=False)
     lowest = _rms(aim.sd(floor))
-    assert _circles_to_go([replace(aim, target=0.99 * lowest)], objective, floor) is None
+    assert _circles_to_go([replace(aim, target=0.99 * lowest)], objective, floor).number is None
     for circles in (1, 3):
         nearest = CandidateCovariances(objective)
         for _ in range(circles):
             nearest.run(int(np.argmin(aim.distance(nearest.after()))))
         target = 1.001 * _rms(aim.sd(nearest.before))
-        assert _circles_to_go([replace(aim, target=target)], objective, floor) == circles
+        assert _circles_to_go([replace(aim, target=target)], objective, floor).number == circles
 
 
 # ---- refusals

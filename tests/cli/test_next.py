@@ -71,9 +71,21 @@ def test_a_goal_out_of_reach_is_said_first_and_the_best_circle_last(
     folder: Path, invoke: Invoke
 ) -> None:
     stdout = invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad")[1]
-    assert stdout.startswith("Out of reach: up to 40 more circles")
+    assert stdout.startswith("Out of reach: U of E_C(0Y)X. Up to 40 more circles")
     assert "The circle that helps most: " in stdout
     assert "Run next" not in stdout
+
+
+def test_of_several_aims_only_those_out_of_reach_are_named_first(
+    folder: Path, invoke: Invoke
+) -> None:
+    goals = ("--goal", "C_XXX=90%", "--goal", "E_C0YX=0.1urad", "--tolerance", "C_XXX=1 µm/N")
+    stdout = invoke("next", folder, "--preset", "first", *goals)[1]
+    assert stdout.startswith("Out of reach: U of E_C(0Y)X. Up to 40 more circles")
+    record = json.loads(invoke("next", folder, "--preset", "first", *goals, "--json")[1])
+    assert record["unreached_goals"] == ["E_C0YX"]
+    assert record["unreached_tolerances"] == []
+    assert not record["model_is_unreached"]
 
 
 def test_json_states_the_probability_that_a_goal_is_met(folder: Path, invoke: Invoke) -> None:

@@ -79,7 +79,7 @@ def words_of(page: str) -> str:
 
 def test_the_sheet_is_german(step: NextCircle) -> None:
     words = words_of(operator_sheet.page(step, step.plan(), "de"))
-    assert words.startswith("Kreis 5 von Mill 7, spring Unerreichbar: Auch bis zu 40 ")
+    assert words.startswith("Kreis 5 von Mill 7, spring Unerreichbar: U von E_C(0Y)X")
     assert "Am meisten hilft dieser Kreis: " in words
     assert "Fahrtrichtung wie bisher" in words
     assert "E_C(0Y)X ist unerreichbar, wie viele auch gefahren werden: Es bliebe ein U von" in words
@@ -104,7 +104,7 @@ def test_the_direction_is_german(step: NextCircle) -> None:
 
 def test_the_sheet_is_english_if_nothing_is_said(step: NextCircle) -> None:
     page = operator_sheet.page(step, step.plan())
-    assert words_of(page).startswith("Circle 5 of Mill 7, spring Out of reach: up to 40 ")
+    assert words_of(page).startswith("Circle 5 of Mill 7, spring Out of reach: U of E_C(0Y)X")
     within_reach = replace(step, more_circles=3)
     words = words_of(operator_sheet.page(within_reach, step.plan()))
     assert words.startswith("Circle 5 of Mill 7, spring Run next: ")

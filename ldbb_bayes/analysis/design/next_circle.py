@@ -186,6 +186,13 @@ class NextCircle(Result):
     #: the best next circle, and the possible circles that it was chosen from; None if the result
     #: was read from a file
     chosen: Annotated[Any, Field(exclude=True)] = None
+    #: parameters whose goals 40 more circles are not expected to reach
+    unreached_goals: tuple[str, ...] = ()
+    #: quantities for which 40 more circles are not expected to decide on conformity
+    unreached_tolerances: tuple[str, ...] = ()
+    #: whether the choice between constant and linear compliance is an aim that 40 more circles are
+    #: not expected to reach
+    model_is_unreached: bool = False
 
     def plan(self) -> Campaign:
         """Return the best next circle as a plan, to be run in addition to the circles so far.
@@ -305,7 +312,8 @@ def next_circle(
     )
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
-    aims = _aims_of(of_goals, of_tolerances, odds if model_is_aim else None)
+    odds_to_decide = odds if model_is_aim else None
+    aims = _aims_of(of_goals, of_tolerances, odds_to_decide)
 
     distance_now = float(total_distance(aims, circles.before))
     covariances = circles.after()
@@ -315,9 +323,9 @@ def next_circle(
     after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
-    more_circles: int | None = 0
+    to_go = _CirclesToGo(0, after_very_many)
     if not finished:
-        more_circles = _circles_to_go(aims, objective, after_very_many)
+        to_go = _circles_to_go(aims, objective, after_very_many)
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
@@ -327,12 +335,15 @@ def next_circle(
         model_is_aim=model_is_aim,
         tolerances=_tolerances_so_far(of_tolerances, after, after_very_many),
         finished=finished,
-        more_circles=more_circles,
+        more_circles=to_go.number,
         other_kinds=_kinds_not_allowed(space),
         concerns=tuple(contradicted_priors(known.bound, known.phi_of_draws, known.draws)),
         direction=space.tests[order[0]].direction,
         table=_best_circles(space, order[:_LISTED], distance_now, distances),
         chosen=_Chosen(space, space.tests[order[0]]),
+        unreached_goals=to_go.unreached(of_goals),
+        unreached_tolerances=to_go.unreached(of_tolerances),
+        model_is_unreached=not to_go.decides(odds_to_decide),
     )
 
 
@@ -537,23 +548,53 @@ def _covariances_after_very_many(objective: Objective) -> Array:
     ]
 
 
-def _circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> int | None:
+class _CirclesToGo(NamedTuple):
+    """Number of further circles after which all aims of a campaign should be reached."""
+
+    #: number of circles; None if 40 are not enough
+    number: int | None
+    #: covariances of the p parameters after so many circles, after 40 circles, or after very many
+    #: circles if even these do not reach an aim, at K values of the hyper-parameters, shape (K, p,
+    #: p)
+    covariances: Array
+
+    def reaches(self, aim: Aim) -> bool:
+        """Return whether an aim is reached already, or expected to be after these circles."""
+        return bool(aim.is_reached or aim.is_expected(self.covariances))
+
+    def decides(self, odds: _ModelOdds | None) -> bool:
+        """Return whether these circles decide between constant and linear compliance.
+
+        ``odds`` are None if that is not to be decided; the result is then true.
+        """
+        return odds is None or self.reaches(odds.aim)
+
+    def unreached(
+        self, states: Mapping[str, GoalState] | Mapping[str, ToleranceState]
+    ) -> tuple[str, ...]:
+        """Return the names of the goals or tolerances that these circles do not reach."""
+        if self.number is not None:
+            return ()
+        return tuple(name for name, state in states.items() if not self.reaches(state.aim))
+
+
+def _circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> _CirclesToGo:
     """Return the number of further circles after which a campaign should reach all its aims.
 
     The circles are chosen one after another from the candidates of ``objective``. Each circle is
-    the best choice after the circles chosen before; a candidate may be chosen several times. Return
-    None if the aims are not reached after 40 circles. ``floor``, shape (K, p, p), are the
+    the best choice after the circles chosen before; a candidate may be chosen several times. The
+    number is None if the aims are not reached after 40 circles. ``floor``, shape (K, p, p), are the
     covariances of the p parameters after very many circles, at K values of the hyper-parameters. An
     aim that they do not reach is not reached after 40 circles either.
     """
     if not all(aim.is_reached or aim.is_expected(floor) for aim in aims):
-        return None
+        return _CirclesToGo(None, floor)
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
         circles.run(int(np.argmin(total_distance(aims, circles.after()))))
         if all(aim.is_reached or aim.is_expected(circles.before) for aim in aims):
-            return number
-    return None
+            return _CirclesToGo(number, circles.before)
+    return _CirclesToGo(None, circles.before)
 
 
 def _best_circles(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from ldbb_bayes.report.wording.fit_words import concern_sentences
@@ -38,10 +39,10 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
     best_circle = step.table.to_dict(orient="records")[0]
     # A direction that is the same for all possible circles has no column in the table.
     best_circle.setdefault("direction", step.direction)
-    aims = [f"U of {display_name(name)}" for name in step.goals]
-    aims += [f"conformity of {display_name(name)}" for name in step.tolerances]
-    if step.model_is_aim:
-        aims.append("whether compliance is constant or linear in force")
+    aims = _aims_in_words(step.goals, step.tolerances, step.model_is_aim)
+    unreached = _aims_in_words(
+        step.unreached_goals, step.unreached_tolerances, step.model_is_unreached
+    )
     out_of_reach = []
     for name, goal in step.goals.items():
         if goal.probability < step.confidence and goal.U_floor > goal.limit:
@@ -63,8 +64,22 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
                 }
             )
     return _TEMPLATES.sentences(
-        "next_circle_head", step, best_circle, aims, out_of_reach, undecidable
+        "next_circle_head", step, best_circle, aims, unreached or aims, out_of_reach, undecidable
     )
+
+
+def _aims_in_words(goals: Iterable[str], tolerances: Iterable[str], model: bool) -> list[str]:
+    """Return the names, in words, of aims of a campaign.
+
+    ``goals`` are the names of parameters whose U has a limit, and ``tolerances`` those of
+    quantities whose conformity is to be decided. ``model`` states whether the choice between
+    constant and linear compliance is one of the aims.
+    """
+    aims = [f"U of {display_name(name)}" for name in goals]
+    aims += [f"conformity of {display_name(name)}" for name in tolerances]
+    if model:
+        aims.append("whether compliance is constant or linear in force")
+    return aims
 
 
 def next_circle_goals(step: NextCircle) -> tuple[str, ...]:
