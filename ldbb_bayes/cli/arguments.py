@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CI",
+    "DETAILS",
     "ESS",
     "FORCE",
     "JSON",
@@ -479,6 +480,7 @@ ESS = _SHARED["ess"]
 FORCE = _SHARED["force"]
 JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
+DETAILS = _SHARED["details"]
 PRIOR_FROM = _SHARED["prior_from"]
 
 # The types of the arguments of commands are written as strings, such as "lb.Campaign". The classes

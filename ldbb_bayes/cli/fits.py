@@ -74,7 +74,9 @@ def fit(
         )
     result = full_result(posterior, settings["prob"]) | prior_record
     output.deliver(
-        result, parts_of_fit(result), write_more=partial(write_result, posterior, result)
+        result,
+        parts_of_fit(result, details=settings["details"]),
+        write_more=partial(write_result, posterior, result),
     )
     if not result["sampler"]["converged"]:
         raise typer.Exit(EXIT_MISSED)
@@ -88,13 +90,14 @@ def summarize(
     ],
     output: arguments.OutputOptions,
     ci: Annotated[float, arguments.CI],
+    details: Annotated[bool, arguments.DETAILS],
 ) -> None:
     """Print the results of a stored fit, with credible intervals of the chosen probability."""
     from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
 
     output.check(_SUMMARY_NAME)
     numbers = full_result(lb.load(result), ci)
-    output.deliver(numbers, parts_of_fit(numbers), {_SUMMARY_NAME: numbers})
+    output.deliver(numbers, parts_of_fit(numbers, details=details), {_SUMMARY_NAME: numbers})
 
 
 @command

@@ -55,6 +55,8 @@ __all__ = [
 # large for a circle that does not agree with the others. The table of a fit's parameters shows λ
 # only if its posterior median is at least this value.
 _ODD_CIRCLE = 2.5
+# Largest number of nuisance coefficients that a fit lists on the screen without --details.
+_MOST_NUISANCES_ON_SCREEN = 12
 # A decision on conformity is close if the probability is less than this number of its numerical
 # standard errors away from the probability at which the decision changes.
 _CLOSE_DECISION = 2.0
@@ -209,16 +211,18 @@ def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
 # ---- tables of a fit
 
 
-def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
+def parts_of_fit(result: Mapping[str, Any], *, details: bool = False) -> tuple[Passage, ...]:
     """Return the results of a fit as tables and sentences.
 
     Nuisance coefficients of the instrument (bar, balls, mount, force device) are counted, but not
-    listed.
+    listed. Others are listed if they are few: hysteresis alone has up to 50 in each plane.
 
     Parameters
     ----------
     result
         Results of the fit, see `full_result`.
+    details
+        Whether nuisance coefficients are listed however many they are.
 
     Returns
     -------
@@ -233,7 +237,10 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
         parameter_table(result),
     ]
     if result["nuisances"]:
-        passages.append(nuisance_table(result["nuisances"], instrument_listed=False))
+        most_rows = None if details else _MOST_NUISANCES_ON_SCREEN
+        passages.append(
+            nuisance_table(result["nuisances"], instrument_listed=False, most_rows=most_rows)
+        )
     if result.get("conformity"):
         passages.append(conformity_table(result["conformity"]))
     passages.append(wording.quality_words(quality))
@@ -675,7 +682,10 @@ def _results_table(caption: str, rows: list[tuple[str, ...]], result: Mapping[st
 
 
 def nuisance_table(
-    entries: Mapping[str, Mapping[str, Any]], *, instrument_listed: bool = True
+    entries: Mapping[str, Mapping[str, Any]],
+    *,
+    instrument_listed: bool = True,
+    most_rows: int | None = None,
 ) -> Table | str:
     """Return a table of the nuisance coefficients that differ from zero by more than 2 u.
 
@@ -690,12 +700,14 @@ def nuisance_table(
     instrument_listed
         Whether the table lists coefficients of the instrument (bar, balls, mount, force device),
         too. If not, it only states how many of them differ from zero.
+    most_rows
+        Largest number of rows of the table. Default: any number.
 
     Returns
     -------
     Table or str
         Table with mean, u, prior sd and unit. If no coefficient is to be listed, a sentence that
-        says so.
+        says so; if the table would have more rows than ``most_rows``, a sentence that counts them.
     """
     rows = []
     unlisted = 0
@@ -716,6 +728,14 @@ def nuisance_table(
         return (
             f"Other effects that differ from zero by more than 2 u: {unlisted} of {total}, all of"
             " the instrument (balls, bar, mount or force)."
+        )
+    if most_rows is not None and len(rows) > most_rows:
+        counted = f"{len(rows) + unlisted} of {total}"
+        if unlisted:
+            counted += f", {unlisted} of them of the instrument (balls, bar, mount or force)"
+        return (
+            f"Other effects that differ from zero by more than 2 u: {counted}. --details lists"
+            f" {len(rows)}, such as {rows[0][0]}."
         )
     caption = (
         "Other effects that differ from zero by more than 2 u;"

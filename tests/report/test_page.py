@@ -473,6 +473,19 @@ def test_effects_of_the_instrument_that_are_not_listed_are_counted() -> None:
     assert len(complete.rows) == 2
 
 
+def test_many_effects_are_counted_where_rows_are_limited() -> None:
+    clear = {"mean": 1e-3, "sd": 1e-4, "prior_sd": 1e-3}
+    scatter = {"mean": 1e-3, "sd": 1e-3, "prior_sd": 1e-3, "term": "Drift"}
+    entries = {"form_cos2": {**clear, "term": "BallForm"}, "drift_time_X": scatter}
+    entries |= {f"hysteresis_XY_cos{k}": {**clear, "term": "Hysteresis"} for k in range(2, 5)}
+    assert nuisance_table(entries, instrument_listed=False, most_rows=2) == (
+        "Other effects that differ from zero by more than 2 u: 4 of 5, 1 of them of the instrument"
+        " (balls, bar, mount or force). --details lists 3, such as hysteresis (cos 2θ in plane XY)."
+    )
+    listed = nuisance_table(entries, instrument_listed=False, most_rows=3)
+    assert isinstance(listed, Table)
+
+
 def test_no_table_of_nuisances_where_none_is_told_from_zero() -> None:
     one = {"mean": 1e-3, "sd": 1e-3, "prior_sd": 1e-3}
     assert (
