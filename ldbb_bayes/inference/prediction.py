@@ -261,7 +261,7 @@ def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
     model = bound.model
     if not bound.setting.circle[0]:
         model = model.without("circle-scale")
-    union_bound = BoundModel(model, union, pilot=timed)
+    union_bound = BoundModel(model, union, pilot=timed, coefficients_of_pilot=True)
     unknown = ", ".join(sorted(set(union_bound.names) ^ set(bound.names)))
     require(
         not unknown,

@@ -627,6 +627,9 @@ class BoundModel(Shown):
         not negative, the estimate Ĉ of the compliances, and whether the form errors of the two
         balls are modelled as one sum or separately.
     pilot : only for a plan: the campaign from which F0, the force range and Ĉ are taken.
+    coefficients_of_pilot : whether the coefficients of all effects are those of an analysis of the
+        pilot, as for a prediction. The largest force and the reference of the travel, with which
+        coefficients are scaled, are then those of the pilot, and otherwise those of the plan.
 
     Attributes
     ----------
@@ -655,17 +658,20 @@ class BoundModel(Shown):
         *,
         keep_tests: Sequence[str] | None = None,
         pilot: Campaign | None = None,
+        coefficients_of_pilot: bool = False,
     ) -> None:
         """Apply a model to one campaign: compute effects of parameters on readings, and priors.
 
         ``model`` is the model for any campaign. ``keep_tests`` names the tests of ``campaign`` that
         are used; by default all are used. ``pilot`` is the campaign from which a plan takes the
-        reference force, the range of forces and the estimated compliances.
+        reference force, the range of forces and the estimated compliances. If
+        ``coefficients_of_pilot`` is true, it also takes what coefficients are scaled with.
         """
         _check_force_levels(model, campaign if pilot is None else pilot)
         self.model = model
         self.campaign = campaign
         self.pilot = pilot
+        self.coefficients_of_pilot = coefficients_of_pilot
         circles = dict.fromkeys(test.circle for test in campaign.scope)
         visible = kept_compliances(campaign.machine(), *circles)
         self._of_interest = ParametersOfInterest(
@@ -708,7 +714,11 @@ class BoundModel(Shown):
         """
         setting = self._with_noise_factors(
             setting_of(
-                self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
+                self.campaign,
+                self.compliances,
+                self.model.reference_force_N,
+                pilot=self.pilot,
+                coefficients_of_pilot=self.coefficients_of_pilot,
             )
         )
         if self.pilot is None:
@@ -853,7 +863,13 @@ class BoundModel(Shown):
         ``names`` are the names of the tests to keep. Reference force, force range and other
         properties of the whole campaign do not change.
         """
-        return BoundModel(self.model, self.campaign, keep_tests=names, pilot=self.pilot)
+        return BoundModel(
+            self.model,
+            self.campaign,
+            keep_tests=names,
+            pilot=self.pilot,
+            coefficients_of_pilot=self.coefficients_of_pilot,
+        )
 
     def with_two_balls(self) -> BoundModel:
         """Return the same model with a separate form error for each ball.

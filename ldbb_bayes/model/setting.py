@@ -410,6 +410,7 @@ def setting_of(
     reference_force_N: float | None,
     *,
     pilot: Campaign | None,
+    coefficients_of_pilot: bool,
 ) -> Setting:
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
@@ -428,8 +429,11 @@ def setting_of(
     pilot
         Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range of the
         forces, and the mean time and temperature. If it is None, these values are taken from
-        ``campaign`` itself. The largest force and the reference of the travel are always those of
-        ``campaign``, because an analysis of the planned tests takes them from these.
+        ``campaign`` itself.
+    coefficients_of_pilot
+        Whether the coefficients of all effects are those of an analysis of the pilot. The largest
+        force and the reference of the travel are then those of the pilot. Otherwise they are those
+        of ``campaign``, because an analysis of the planned tests takes them from these.
     """
     machine = campaign.machine()
     tests = campaign.tests
@@ -438,6 +442,7 @@ def setting_of(
     turned = np.exp(1j * clockings)
     clocked = bool(np.abs(turned - turned[0]).max() > _SAME_CLOCKING)
     reference = pilot or campaign
+    analysed = reference if coefficients_of_pilot else campaign
     forces = reference.forces_N
     if reference_force_N is None:
         reference_force_N = (forces.min() + forces.max()) / 2.0
@@ -473,9 +478,9 @@ def setting_of(
         paths=tuple(sorted(set(paths))),
         moving_axes=tuple(np.flatnonzero(moves).tolist()),
         centre_mm=_centres_mm(tests),
-        reference_centre_mm=campaign.mean_centre_mm,
-        reference_radius_mm=float(radius_mm.min()),
-        largest_force_N=float(campaign.forces_N.max()),
+        reference_centre_mm=analysed.mean_centre_mm,
+        reference_radius_mm=float(_radii_mm(analysed.tests).min()),
+        largest_force_N=float(analysed.forces_N.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
         compliance_size_estimate=np.zeros(len(compliances)),

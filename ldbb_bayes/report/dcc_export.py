@@ -114,7 +114,7 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     >>> file = lb.report.write_dcc(posterior, "dcc.xml")
     >>> text = file.read_text(encoding="utf-8")
     >>> text.count("<si:valueExpandedMU>")  # U of parameters, changes and stiffnesses
-    26
+    25
     >>> 'id="k_min"' in text
     True
     """

@@ -49,6 +49,14 @@ def test_the_compliance_changes_along_the_axis_and_not_along_the_circle(
         np.testing.assert_allclose(readings[:, 1], 600.0 * u**2 * (place**2 - 0.5), atol=1e-9)
 
 
+def test_a_prediction_at_a_larger_force_scales_the_joint_load_as_the_campaign_does() -> None:
+    """The coefficients are those of the campaign's fit, with its largest force."""
+    measured = MODEL.bind(CAMPAIGN)
+    beyond = lb.Plan((lb.CircularTest(2.0 * CAMPAIGN.forces_N.max(), ANGLE_DEG),))
+    _, planned = _bind_with_plan(measured, beyond)
+    assert planned.setting.largest_force_N == measured.setting.largest_force_N
+
+
 def test_a_campaign_of_several_places_has_one_machine() -> None:
     """Springs that change along the axes, in exact geometry: of readings at three centres and two
     radii the model has the right ones but for rounding of its Fourier series."""
