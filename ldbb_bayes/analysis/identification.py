@@ -263,12 +263,13 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 def _expected_sd(bound: BoundModel, plan: Campaign, analyses: SimulatedAnalyses) -> SampledSd:
     """Return the parameters' standard deviations before and after a plan is run.
 
-    The first are the prior standard deviations. The second are the posterior standard deviations to
-    expect, taken from the forecast that `design` makes. ``analyses`` are simulated analyses of the
-    plan's tests.
+    The first are the prior standard deviations of an analysis of the plan's tests. The second are
+    the posterior standard deviations to expect. Both are taken from the forecast that `design`
+    makes. ``analyses`` are simulated analyses of the plan's tests.
     """
     expected = forecast_plan(bound.model, plan, analyses=analyses).expected
-    return SampledSd(bound.prior_sd, np.array([entry.sd for entry in expected.values()]))
+    sd = np.array([entry.sd for entry in expected.values()])
+    return SampledSd(analyses.prior_sd, sd)
 
 
 class _JudgedTests(NamedTuple):

@@ -34,6 +34,8 @@ __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 # variance. The standard uncertainty with the remedy, divided by the standard uncertainty without
 # it, is then at most this number.
 CURED_RATIO = 0.5**0.5
+# Relative difference from a limit that counts as a rounding error.
+_ROUNDING = 1e-9
 # A certificate or a change of the plan counts as a remedy only if it reduces the standard
 # uncertainty enough: the reduced standard uncertainty, divided by the present one, must be less
 # than this number.
@@ -154,7 +156,9 @@ def _choose_remedy(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | Non
     """
     if not helpful:
         return None
-    enough = [trial for trial in helpful if trial.ratio[i] <= CURED_RATIO]
+    # Ratios that are exactly the limit must not depend on rounding errors.
+    limit = CURED_RATIO * (1.0 + _ROUNDING)
+    enough = [trial for trial in helpful if trial.ratio[i] <= limit]
     if enough:
         best = enough[0]
     else:

@@ -17,7 +17,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, ndtr, stdtr
+from scipy.special import chdtr, chdtrc, ndtr, stdtr
 
 from ldbb_bayes.campaign.campaign import CircularTest
 from ldbb_bayes.inference.coefficients import (
@@ -354,8 +354,9 @@ def check_predictions(
         reduced = bound.reduced[r]
         freedom = reduced.readings - SIZE
         if freedom > 0:
-            tail = chdtrc(freedom, reduced.residual_ss / sigma**2).mean()
-            noise_p = float(2.0 * min(tail, 1.0 - tail))
+            squares = reduced.residual_ss / sigma**2
+            tails = [chdtrc(freedom, squares).mean(), chdtr(freedom, squares).mean()]
+            noise_p = float(2.0 * min(tails))
             correlation, correlation_p = autocorrelation(test)
             checks[str(test.name)] = TestChecks(orders_p, noise_p, correlation, correlation_p)
         else:

@@ -26,9 +26,11 @@ from ldbb_bayes.analysis.design.candidates import (
 )
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.forecast import (
+    forecast_plan,
     forecast_tests,
     posteriors,
     precision_added_by_slope_priors,
+    simulate_analyses,
     stated_variances,
 )
 from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
@@ -513,6 +515,28 @@ def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
         expected = np.quantile(np.array(found)[:, slope], levels)
         assert expected[2] > least_spread * expected[0]
         np.testing.assert_allclose(np.quantile(forecast[:, slope], levels), expected, rtol=0.1)
+
+
+def test_the_prior_beside_a_forecast_is_that_of_the_analysis_to_come(pilot: lb.Campaign) -> None:
+    """The medians over simulated readings of the same machines, as models are bound to them."""
+    model = lb.HybridModel.default(1)
+    space = Space(model, pilot, THREE)
+    new = space.plan_of(space.tests)
+    analyses = simulate_analyses(model, new, machines=256)
+    bound = analyses.bound
+    priors = []
+    for k, beta in enumerate(analyses.states.beta):
+        machine = dict(zip(bound.names, beta.tolist(), strict=True))
+        readings = model.simulate(new, seed=k, parameters=machine).campaign
+        priors.append(model.bind(readings).prior_sd)
+    slopes = [k for k, parameter in enumerate(bound.parameters) if parameter.group == "slope"]
+    others = [k for k in range(len(bound.names)) if k not in slopes]
+    np.testing.assert_allclose(analyses.prior_sd[others], bound.prior_sd[others])
+    medians = np.median(priors, axis=0)
+    np.testing.assert_allclose(analyses.prior_sd[slopes], medians[slopes], rtol=0.15)
+    expected = forecast_plan(model, new, analyses=analyses).expected
+    stated = [entry.prior_sd for entry in expected.values()]
+    np.testing.assert_array_equal(stated, analyses.prior_sd)
 
 
 def test_finding_a_slope(pilot: lb.Campaign) -> None:

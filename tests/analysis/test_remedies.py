@@ -11,7 +11,7 @@ from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.paired_remedies import paired_remedies
-from ldbb_bayes.analysis.remedies import Remedy
+from ldbb_bayes.analysis.remedies import CURED_RATIO, Remedy, _choose_remedy, _Trial
 from ldbb_bayes.analysis.tried_remedies import RemedyKind, RemedyStep, TriedRemedies, longer_plans
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
@@ -277,3 +277,16 @@ def test_circles_still_planned_are_the_cure_of_their_plane() -> None:
     assert remedy.sd == pytest.approx(lb.identify(model, both).parameters["C_ZZZ"].sd, rel=0.2)
     other = identified.parameters["C_XXX"].remedy
     assert other is None or other.kind != RemedyKind.PLANNED
+
+
+@pytest.mark.parametrize("rounding", [-1e-15, 1e-15])
+def test_which_of_equal_remedies_is_chosen_does_not_hang_on_rounding(rounding: float) -> None:
+    """Both halve the variance: the first, which is the cheaper one, is enough."""
+    halved = np.array([CURED_RATIO + rounding])
+    helpful = [
+        _Trial(RemedyKind.CIRCLES, "", 4, halved),
+        _Trial(RemedyKind.RADIUS, "", 4, np.array([CURED_RATIO - 1e-15])),
+    ]
+    chosen = _choose_remedy(helpful, 0, 1.0)
+    assert chosen is not None
+    assert chosen.kind == RemedyKind.CIRCLES

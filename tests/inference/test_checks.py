@@ -15,6 +15,7 @@ from ldbb_bayes.inference.checks import (
     _squares_of_orders,
     autocorrelation,
     centre_shift,
+    check_predictions,
     effects_of_failures,
 )
 from ldbb_bayes.inference.fit import Fit, State
@@ -47,6 +48,21 @@ def test_a_right_model_passes() -> None:
     assert fit.predictive_checks["f300"].noise_p is None
     assert fit.predictive_checks["f300"].autocorrelation is None
     assert len(fit.checks) == 3 * 15 + 13
+
+
+def test_the_p_value_of_readings_without_any_noise_is_no_rounding_error(
+    rng: np.random.Generator,
+) -> None:
+    """Twice the lower tail of χ², which is far below the rounding of one less the upper tail."""
+    bound = MODEL.bind(simulated(plan((120,) * 4)))
+    phi = np.tile(10.0 * PHI, (10, 1))
+    beta = np.tile(bound.prior_mean, (10, 1))
+    checks = check_predictions(bound, phi, beta, rng)
+    for test, reduced in zip(bound.test_names, bound.reduced, strict=True):
+        squares = reduced.residual_ss / phi[0, 0] ** 2
+        expected = 2.0 * stats.chi2.cdf(squares, reduced.readings - SIZE)
+        assert 0.0 < expected < 1e-30
+        assert checks[test].noise_p == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(

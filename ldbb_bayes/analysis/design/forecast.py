@@ -100,8 +100,10 @@ class Expected(Result):
     in all tests. The condition that no compliance is negative reduces ``floor_sd`` in the same
     ratio as ``sd``.
 
-    ``prior_sd`` is infinite for a flat prior. If priors are flat and the tests do not determine all
-    parameters, all values are infinite.
+    ``prior_sd`` is that of an analysis of the planned tests, which sizes the prior of a slope
+    (change of a compliance with force) by the compliance that its own readings show; it is then the
+    median over the machines. It is infinite for a flat prior. If priors are flat and the tests do
+    not determine all parameters, all values are infinite.
     """
 
     unit: str
@@ -172,6 +174,18 @@ class SimulatedAnalyses:
     #: the hyper-parameters
     scales: Array | None = None
     seed: int = _SEED  #: seed of the random numbers for the readings of the planned tests
+
+    @property
+    def prior_sd(self) -> Array:
+        """Prior standard deviations of the p parameters in these analyses, shape (p,).
+
+        They are in internal units. That of a slope is the median over the machines.
+        """
+        if self.states_of_analyses is self.states:
+            return self.bound.prior_sd
+        change = self.states_of_analyses.before.precision - self.states.before.precision
+        added = np.diagonal(change, axis1=-2, axis2=-1)
+        return np.asarray(np.median((self.bound.prior_sd**-2.0 + added) ** -0.5, axis=0))
 
 
 @one_blas_thread
@@ -361,9 +375,7 @@ def forecast_tests(
         analyses = SimulatedAnalyses(bound, run, states, states, covariance[:, None])
     elif analyses is None:
         analyses = _simulated_analyses(bound, states, run, _SEED)
-    expected = expected_uncertainties(
-        bound, analyses.states_of_analyses, covariance, analyses.covariance, floor
-    )
+    expected = expected_uncertainties(analyses, covariance, floor)
     if bound.model.prior.flat:
         return Forecast(expected, np.inf, None)
     information_gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
@@ -532,24 +544,18 @@ def _undetermined_forecast(bound: BoundModel) -> Forecast:
 
 
 def expected_uncertainties(
-    bound: BoundModel, states: States, covariance: Array, believed: Array, floor: Array
+    analyses: SimulatedAnalyses, covariance: Array, floor: Array
 ) -> dict[str, Expected]:
     """Return the expected uncertainty of every parameter after planned tests.
 
     Parameters
     ----------
-    bound
-        Model applied to the tests.
-    states
-        K possible states of the machine before the tests: hyper-parameters and parameters.
+    analyses
+        Analyses of the tests, simulated on K possible machines.
     covariance
-        Posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
+        Posterior covariances of the p parameters on each machine, shape (K, p, p), in units of the
         prior standard deviations. They are computed as if compliances could be negative, and as if
         the noise had the same size in all circles.
-    believed
-        Posterior covariances of the p parameters in each state, given each of n random draws from
-        the posterior of the hyper-parameters, shape (K, n, p, p), in units of the prior standard
-        deviations. They are computed as if compliances could be negative.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
@@ -559,6 +565,10 @@ def expected_uncertainties(
     dict of str to Expected
         Expected uncertainties; the keys are the names of the parameters.
     """
+    bound = analyses.bound
+    states = analyses.states_of_analyses
+    believed = analyses.covariance
+    prior_sd = analyses.prior_sd
     scale = bound.scale
     variances = stated_variances(bound, states, believed * np.outer(scale, scale))
     sd = np.sqrt(np.median(variances, axis=0))
@@ -581,7 +591,7 @@ def expected_uncertainties(
     for k, parameter in enumerate(bound.parameters):
         expected[parameter.name] = Expected(
             unit=parameter.unit,
-            prior_sd=parameter.prior_sd,
+            prior_sd=float(prior_sd[k]),
             sd=float(sd[k]),
             sd_error=float(sd_error[k]),
             likely_sd=float(likely_sd[k]),
