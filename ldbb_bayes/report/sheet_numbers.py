@@ -19,6 +19,7 @@ from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
+from ldbb_bayes.analysis.tilt_levers import largest_lever_mm
 from ldbb_bayes.analysis.usability import Judgement, Use, state_of, undetermined_parameters
 from ldbb_bayes.inference.fit import limits_of_compliances_near_zero
 from ldbb_bayes.inference.force_curves import draws_at
@@ -319,7 +320,21 @@ class SheetNumbers:
             unit="N/mm",
             entry=self.findings.verdicts.get(compliance.label),
             limit=limit,
+            note=self._place_of_compliance(compliance.joint),
         )
+
+    def _place_of_compliance(self, axis: str) -> str:
+        """Return a remark that says where the direct compliance of ``axis`` is that of the machine.
+
+        The remark is empty if no tilt of the axis acts at the centres of the circles.
+        """
+        bound = bound_of(self.findings.posterior_of_certificate)
+        distance_mm = largest_lever_mm(bound, axis)
+        if distance_mm == 0.0:
+            return ""
+        frame_mm = bound.campaign.machine().joint(axis).frame_mm
+        place = "remarks.at_frame" if any(frame_mm) else "remarks.at_zero"
+        return self.words(place, axis=axis, distance=self.words.number(f"{distance_mm:.4g}"))
 
     @cached_property
     def squareness_errors(self) -> dict[str, StatedQuantity]:
@@ -501,12 +516,13 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
             partners = _partner_words(quantity.confounding_effects, words)
             confounded = words("remarks.confounded", partners=partners)
         return "; ".join(part for part in (quantity.note, confounded) if part)
+    near_zero = ""
+    if quantity.limit_near_zero is not None:
+        factor, _ = display_unit(quantity.unit)
+        limit = words.number(two_digits(quantity.limit_near_zero, factor))
+        near_zero = words("remarks.near_zero", limit=limit)
     verdict = _verdict_remark(quantity.entry, words)
-    if quantity.limit_near_zero is None:
-        return verdict
-    factor, _ = display_unit(quantity.unit)
-    limit = words.number(two_digits(quantity.limit_near_zero, factor))
-    return f"{words('remarks.near_zero', limit=limit)}; {verdict}"
+    return "; ".join(part for part in (quantity.note, near_zero, verdict) if part)
 
 
 def _change_remark(quantity: StatedQuantity, words: Words) -> str:

@@ -294,7 +294,7 @@ def test_what_is_taken_for_granted_is_what_a_fit_has(is_stated: bool) -> None:
     assert in_fit == pytest.approx(taken, rel=1e-12)
 
 
-def test_several_centres_say_where_direct_compliances_are() -> None:
+def test_several_centres_say_where_direct_compliances_and_their_changes_are() -> None:
     """Each axis has the mean of the different centres of the circles in which it moves."""
     places = ((0.0, 0.0), (0.0, 0.0), (300.0, 90.0))
     angle_deg = np.arange(0.0, 360.0, 5.0)
@@ -306,7 +306,9 @@ def test_several_centres_say_where_direct_compliances_are() -> None:
     campaign = lb.Plan((*tests, other_plane))
     assert campaign.mean_centre_mm == pytest.approx((150.0, 30.0, 80.0))
     words = [remark_words(remark) for remark in lb.check_campaign(campaign).assumptions]
-    assert any("those at their mean, (150, 30, 80) mm" in sentence for sentence in words)
+    (sentence,) = [sentence for sentence in words if "several centres" in sentence]
+    assert "along the travel counts from their mean, (150, 30, 80) mm" in sentence
+    assert "distance from the machine's zero" in sentence
     one_centre = lb.Plan(tuple(tests[:2]))
     kinds = {remark.kind for remark in lb.check_campaign(one_centre).assumptions}
     assert RemarkKind.CENTRES not in kinds

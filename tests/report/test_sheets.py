@@ -35,6 +35,7 @@ from ldbb_bayes.units import two_digits
 # Sheet 1, the certificate, and sheet 2, its results.
 Sheets = tuple[ReportSheet, ...]
 LANGUAGES = ("en", "de")
+EN = words_of("en")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -620,6 +621,25 @@ def test_sheets_and_terminal_state_a_verdict_alike(entry: Any) -> None:
 
 
 # ---- both sheets stand alone
+
+
+def test_a_stiffness_away_from_the_machines_zero_says_where_it_is() -> None:
+    """Tilts of Y act with the distance from zero; the X of this machine does not tilt."""
+    planned = plan()
+    tests = tuple(replace(test, centre_x_mm=500.0) for test in planned.tests)
+    numbers = SheetNumbers(findings_of(simulated(replace(planned, tests=tests))), EN, 389.0)
+    remarks = {name: remark(stated, EN) for name, stated in numbers.stiffnesses.items()}
+    assert remarks["C_YYY"].startswith(
+        "where no tilt of Y acts: at the machine's zero, up to 500 mm from the circles' centres; "
+    )
+    assert "zero" not in remarks["C_XXX"]
+
+
+def test_a_stiffness_at_the_centre_of_all_circles_has_no_remark_on_its_place(
+    findings: Findings,
+) -> None:
+    numbers = SheetNumbers(findings, EN, 389.0)
+    assert not any(stated.note for stated in numbers.stiffnesses.values())
 
 
 @pytest.mark.parametrize("number", [0, 1])

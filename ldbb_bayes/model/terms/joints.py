@@ -285,7 +285,8 @@ class Position(Term):
     coefficients are ``linear_sd`` and ``quadratic_sd`` times the magnitude of the axis' direct
     compliance C_aa: the estimate of C_aa and its standard uncertainty, added in quadrature.
 
-    A direct compliance C_aa is that at the mean centre.
+    The term leaves C_aa unchanged at the mean centre. Tilts are other columns: they act with the
+    distance from the joint's frame (the machine's zero), and C_aa is the compliance there.
 
     Examples
     --------
