@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from ldbb_bayes.inference.posterior import bound_of
+from ldbb_bayes.model.terms import BallForm
 from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.report.blocks import Items
 from ldbb_bayes.report.sheet_numbers import SheetNumbers
@@ -95,6 +97,9 @@ def _sentences_under_load(numbers: SheetNumbers) -> Iterator[str]:
     words = numbers.words
     force = words.number(f"{numbers.force_N:.4g}")
     has_several_planes = len(numbers.planes) > 1
+    sentence_on_path = "plain.path"
+    if BallForm.__name__ not in bound_of(numbers.findings.posterior_of_certificate).terms:
+        sentence_on_path = "plain.path_with_balls"
     for plane in numbers.planes:
         suffix = f"_{plane}" if has_several_planes else ""
         least = numbers.directions[f"k_min{suffix}"]
@@ -113,7 +118,7 @@ def _sentences_under_load(numbers: SheetNumbers) -> Iterator[str]:
         circle = numbers.path[f"G{suffix}"]
         unloaded = numbers.unloaded_path[f"G_no_load{suffix}"]
         yield words(
-            "plain.path",
+            sentence_on_path,
             plane=plane,
             force=force,
             loaded=_with_U(circle, words),

@@ -27,6 +27,7 @@ from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.analysis.verdicts import not_modelled
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.machine.chain import LINEAR
+from ldbb_bayes.model.terms import BallForm
 from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Findings, FurtherCampaign
 from ldbb_bayes.report.pictures import Picture, picture
@@ -176,9 +177,12 @@ def path(findings: Findings) -> Iterator[Part]:
     bound = bound_of(findings.posterior)
     planes = list(dict.fromkeys(findings.circularity["plane"]))
     squarenesses = [display_name(squareness_name(bound, plane)) for plane in planes]
-    yield wording.PAGE["path"].format(
-        squareness=wording.joined(squarenesses), percent=wording.percent_of(findings.result)
-    )
+    whose = "path_of_machine"
+    if BallForm.__name__ not in bound.terms:
+        whose = "path_with_balls"
+    quantities = wording.PAGE["path"].format(squareness=wording.joined(squarenesses))
+    of_path = wording.PAGE[whose].format(percent=wording.percent_of(findings.result))
+    yield f"{quantities} {of_path}"
     for plane in planes:
         table = findings.circularity[findings.circularity["plane"] == plane]
         where = f", plane {plane}" if len(planes) > 1 else ""

@@ -18,7 +18,7 @@ from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.inference.posterior import fit_of
-from ldbb_bayes.report import plain_findings, stiffness_numbers, wording
+from ldbb_bayes.report import plain_findings, sections, stiffness_numbers, wording
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.findings import Findings, findings_of_fit
 from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
@@ -640,6 +640,23 @@ def test_a_stiffness_at_the_centre_of_all_circles_has_no_remark_on_its_place(
 ) -> None:
     numbers = SheetNumbers(findings, EN, 389.0)
     assert not any(stated.note for stated in numbers.stiffnesses.values())
+
+
+@pytest.mark.parametrize(
+    ("model", "contains_balls"),
+    [(lb.HybridModel.first(0), False), (lb.HybridModel.paper(0), True)],
+)
+def test_a_circle_contains_the_balls_where_the_model_has_no_form_of_them(
+    model: lb.HybridModel, contains_balls: bool
+) -> None:
+    posterior = fitted(model, simulated(plan()))
+    found = findings_of_fit(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED)
+    sentences = list(plain_findings._sentences_under_load(SheetNumbers(found, EN, 389.0)))
+    _, of_path = sentences
+    assert ("so that G contains it" in of_path) == contains_balls
+    assert ("without the form of the balls" in of_path) != contains_balls
+    section = str(next(sections.path(found)))
+    assert ("so that G contains it" in section) == contains_balls
 
 
 @pytest.mark.parametrize("number", [0, 1])
