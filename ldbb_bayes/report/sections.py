@@ -355,7 +355,7 @@ def method(findings: Findings) -> Iterator[Part]:
     result = findings.result
     provenance = result["provenance"]
     versions = [f"{name} {version}" for name, version in provenance["versions"].items()]
-    yield tuple(wording.PAGE["notes"])
+    yield wording.method_sentences(bound_of(findings.posterior))
     rows = (
         ("campaign", result["campaign"]["name"]),
         ("readings, SHA-256", result["campaign"]["sha256"]),

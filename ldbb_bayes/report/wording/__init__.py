@@ -82,6 +82,7 @@ from ldbb_bayes.report.wording.identifiability_words import (
     verdict_words,
 )
 from ldbb_bayes.report.wording.machine_words import machine_sentences, sum_in_words
+from ldbb_bayes.report.wording.method_words import method_sentences
 from ldbb_bayes.report.wording.next_circle_words import (
     next_circle_concerns,
     next_circle_goals,
@@ -163,6 +164,7 @@ __all__ = [
     "joined_sizes",
     "limit_words",
     "machine_sentences",
+    "method_sentences",
     "model_words",
     "next_circle_concerns",
     "next_circle_goals",
