@@ -148,6 +148,8 @@ class Identifiability(Result):
     #: balls are less round. They are not among the ``certificates``. The form of the balls that a
     #: campaign with readings states is named "the stated form of the balls".
     contradicted_certificates: tuple[str, ...] = ()
+    #: whether a fit of the model excludes negative compliances
+    truncated: bool = True
 
 
 @one_blas_thread
@@ -240,6 +242,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         averaged_sd=averaged_sd,
         scales_from_pilot=_has_measured_pilot(campaign),
         contradicted_certificates=contradicted,
+        truncated=model.prior.truncated,
     )
 
 

@@ -727,6 +727,7 @@ def test_at_what_an_identifiability_holds() -> None:
         measured=False,
         scales_from_pilot=False,
         contradicted_certificates=(),
+        truncated=True,
         effective_parameters=1.5,
         parameters=("a", "b"),
         changes={"a": SimpleNamespace(smallest_force_N=36.0, largest_force_N=742.0)},
@@ -741,6 +742,32 @@ def test_at_what_an_identifiability_holds() -> None:
     measured = wording.identifiability_sentences(identifiability)
     assert measured[0].startswith("Sign free: u without the condition")
     assert sentences[1].startswith("Effective number of parameters 1.5 of 2 (")
+
+
+@pytest.mark.parametrize(
+    ("model", "truncated"),
+    [
+        (lb.HybridModel.first(0), True),
+        (lb.HybridModel.first(0).without("truncation"), False),
+        (lb.HybridModel.paper(0), False),
+    ],
+)
+@pytest.mark.parametrize("measured", [True, False])
+def test_identify_speaks_of_negative_compliances_where_the_model_excludes_them(
+    model: lb.HybridModel, truncated: bool, measured: bool
+) -> None:
+    campaign = simulated(plan()) if measured else plan()
+    identified = lb.identify(model, campaign)
+    sentences = " ".join(
+        (
+            *wording.identifiability_screen(identified),
+            *wording.identifiability_sentences(identified),
+        )
+    )
+    speaks = "none negative" in sentences or "no compliance being negative" in sentences
+    assert identified.truncated == truncated
+    assert speaks == truncated
+    assert ("without the condition" in sentences) == (truncated and measured)
 
 
 def judged(verdict: str, held_by: VarianceSource, **partner_shares: float) -> Any:
