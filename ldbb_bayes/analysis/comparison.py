@@ -241,6 +241,9 @@ class Comparison(Result):
     #: nonlinear mount. The field is None unless two conditions hold: the second model is the first
     #: model with slopes added, and it contains at least one such other effect.
     explanations: Explanations | None = None
+    #: whether ``slope_scale`` is relative to the estimate of the compliance; if false, it is
+    #: relative to the prior standard deviation of the compliance, as in the model's first edition
+    slopes_of_estimate: bool = True
 
     @property
     def pair(self) -> tuple[str, str]:

@@ -366,6 +366,7 @@ class _BegunComparison:
             largest_error=max(evidence.error for evidence in all_evidences),
             by_emcee=sum(not evidence.trusted for evidence in all_evidences),
             explanations=explanations,
+            slopes_of_estimate=plan.pair[second].prior.slopes_of_estimate,
         )
 
 

@@ -350,6 +350,19 @@ def test_a_sign_that_the_slope_scale_turns(firm: Comparison) -> None:
 
 
 @pytest.mark.parametrize(
+    ("of_estimate", "words"),
+    [(False, "C being the prior sd of the compliance"), (True, "C being the estimate of")],
+)
+def test_of_what_the_size_expected_of_slopes_is_a_multiple(
+    of_estimate: bool, words: str, comparison: Comparison
+) -> None:
+    """The prior of the compared models is that of the first edition."""
+    assert not comparison.slopes_of_estimate
+    other = replace(comparison, slopes_of_estimate=of_estimate)
+    assert any(words in sentence for sentence in comparison_sentences(other))
+
+
+@pytest.mark.parametrize(
     ("tolerance", "words"),
     [(0.01, "more than 0.01, the default of compare."), (0.05, "more than the 0.05 allowed.")],
 )

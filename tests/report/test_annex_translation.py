@@ -108,6 +108,24 @@ def test_titles_and_captions_are_translated(table: str) -> None:
     assert not translation.missing
 
 
+@pytest.mark.parametrize("size", ["estimate", "prior sd"])
+@pytest.mark.parametrize("explained", ["", "all of these in the model, and "])
+@pytest.mark.parametrize(
+    ("verdict", "zeros"),
+    [("does not change", ""), ("changes", ", changing sign at 0.12 and 0.3")],
+)
+def test_the_size_expected_of_slopes_is_translated(
+    size: str, explained: str, verdict: str, zeros: str
+) -> None:
+    translation = german()
+    translation.text(
+        f"The size expected of slopes {verdict} the sign: with {explained}slopes of 0.03 to 3 times"
+        f" C/(F_max − F_min), C being the {size} of the compliance, ln B lies between −0.1 and"
+        f" +12.6{zeros}."
+    )
+    assert not translation.missing
+
+
 # ---- one text
 
 

@@ -104,8 +104,9 @@ def evidence(comparison: Comparison) -> Figure:
     style.right_labels(
         all_axes[-1], rows, [_gain_words(assumption.gain) for assumption in assumptions]
     )
+    size = "C" if comparison.slopes_of_estimate else "prior sd of C"
     figure.suptitle(
-        "Slope scale: sd(slope) (largest − smallest force) / C\n"
+        f"Slope scale: sd(slope) (largest − smallest force) / {size}\n"
         "Right: evidence for the assumption (nat); open dots: below −5, the readings reject it"
     )
     return figure
