@@ -843,3 +843,22 @@ def test_impossible_states_do_not_count_in_expected_variances() -> None:
 )
 def test_refused(pilot: lb.Campaign, options: dict[str, object], message: str) -> None:
     refuses(message, lb.design, **{"model": LINEAR, "pilot": pilot, "forces_N": LEVELS, **options})
+
+
+@pytest.mark.parametrize("augment", [False, True])
+def test_offsets_of_a_setup_without_planned_circles_are_shown_by_none(
+    pilot: lb.Campaign, augment: bool
+) -> None:
+    """What is left of them is not shared by all circles: no circle of the plan has them."""
+    again = [replace(test, setup=2, name=f"{test.name} again") for test in pilot.tests[:2]]
+    twice = replace(pilot, tests=(*pilot.tests, *again))
+    constant = lb.HybridModel.first(0)
+    found = lb.design(constant, twice, tests=4, forces_N=THREE, augment=augment)
+    assert found.limits.not_shown == ("E_Xt0_2", "E_Yt0_2")
+    assert not set(found.limits.shared) & set(found.limits.not_shown)
+    assert "No circle of this plan shows E_Xt0_2 and E_Yt0_2." in design_sentences(found)
+
+
+def test_a_plan_in_the_setup_of_its_pilot_shows_every_parameter(six: lb.analysis.Design) -> None:
+    assert six.limits.not_shown == ()
+    assert not any("No circle of this plan" in sentence for sentence in design_sentences(six))

@@ -465,7 +465,9 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
     one_way = {}
     if Hysteresis in term_types:
         one_way = _planes_run_one_way(bound)
-    shared = _parameters_that_circles_cannot_improve(space, forecast)
+    not_shown = _parameters_that_no_circle_shows(space, bound, len(tests))
+    stuck = _parameters_that_circles_cannot_improve(space, forecast)
+    shared = tuple(name for name in stuck if name not in not_shown)
     shared_degeneracies: tuple[Degeneracy, ...] = ()
     if shared:
         shared_degeneracies = _degeneracies_of(bound, shared)
@@ -479,6 +481,7 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
         shared=shared,
         degeneracies=shared_degeneracies,
         cures=shared_cures,
+        not_shown=not_shown,
     )
 
 
@@ -508,6 +511,21 @@ def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) ->
         if entry.floor_sd > _STUCK_SHARE * entry.sd:
             names.append(name)
     return tuple(names)
+
+
+def _parameters_that_no_circle_shows(
+    space: Space, bound: BoundModel, planned: int
+) -> tuple[str, ...]:
+    """Return the names of the parameters that have no effect on any planned test.
+
+    Such parameters are, for example, the offsets of the tool ball in a set-up that only tests of
+    the pilot have. ``bound`` is the model applied to all tests; the last ``planned`` of these tests
+    are the planned ones. Only the parameters of interest of ``space`` are examined.
+    """
+    effects = np.abs(bound.interest[len(bound.interest) - planned :])
+    largest = effects.reshape(-1, len(bound.names)).max(axis=0)
+    shown = {bound.names[index] for index in np.flatnonzero(largest)}
+    return tuple(name for name in space.chosen if name not in shown)
 
 
 def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degeneracy, ...]:

@@ -84,7 +84,7 @@ class Limits(Result):
     #: forecast assumes that drift does not depend on the settings of the tests.
     drift: bool
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
-    #: test were run very many times
+    #: test were run very many times. Those in ``not_shown`` are left out.
     shared: tuple[str, ...]
     #: combinations of coefficients of the model whose effects cancel in every reading. Each
     #: combination contains at least one of the parameters in ``shared``.
@@ -92,6 +92,9 @@ class Limits(Result):
     #: ways to separate the coefficients of each combination in ``degeneracies``: kinds of further
     #: tests, or a calibration. The entries have the order of ``degeneracies``.
     cures: tuple[tuple[Cure, ...], ...]
+    #: parameters that have no effect on any of the tests, such as the offsets of the tool ball in a
+    #: set-up in which none of the tests is run
+    not_shown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
