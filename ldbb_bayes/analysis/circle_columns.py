@@ -6,10 +6,11 @@ is one column of the design matrix: the changes of these coefficients per unit o
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ldbb_bayes.campaign.circular_test import CENTRE
 from ldbb_bayes.model.fourier import harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.setting import geometric_errors_of
@@ -24,6 +25,7 @@ __all__ = [
     "first_circle",
     "is_tool_ball_offset",
     "machine_columns",
+    "place_of_circle",
     "second_order_factors",
     "squareness_name",
 ]
@@ -109,6 +111,17 @@ def squareness_name(bound: BoundModel, plane: str) -> str:
 def first_circle(bound: BoundModel, plane: str) -> int:
     """Return the index of the first test of the campaign in a plane, such as XY."""
     return list(bound.setting.plane).index(plane)
+
+
+def place_of_circle(bound: BoundModel, r: int) -> dict[str, Any]:
+    """Return where the circle of the test with index ``r`` lies.
+
+    The keys are names of columns of tables: the plane, the radius and the centre of the circle. The
+    centre is given by its machine coordinates X, Y and Z [mm].
+    """
+    circle = bound.campaign.tests[r].circle
+    place = {"plane": str(bound.setting.plane[r]), "radius_mm": float(bound.setting.radius_mm[r])}
+    return place | dict(zip(CENTRE, map(float, circle.centre_mm), strict=True))
 
 
 def is_tool_ball_offset(bound: BoundModel) -> Array:

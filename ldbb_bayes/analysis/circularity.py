@@ -32,6 +32,7 @@ from ldbb_bayes.analysis.circle_columns import (
     first_circle,
     is_tool_ball_offset,
     machine_columns,
+    place_of_circle,
     second_order_factors,
 )
 from ldbb_bayes.analysis.extremes import extremes_of
@@ -116,18 +117,18 @@ def predict_circularity(
     Returns
     -------
     DataFrame
-        One row per plane, force and quantity. Columns are plane, radius_mm, force_N, quantity,
-        unit, mean, sd, median, ci_low, ci_high. G, F_max and F_min [µm] are measured from the
-        circle with the least-squares centre and radius. F_max_nominal and F_min_nominal [µm] are
-        measured from the circle with the least-squares centre and the nominal radius; they are more
-        uncertain, because of the uncertainty of the bar's length. The best estimate of each
-        quantity is its mean. Squareness and scale_mismatch [µm/m] are computed from the second
-        harmonic of the path, and include the effect of compliance. Squareness has the sign of the
-        squareness parameter of the plane, E_C0YX in XY; scale_mismatch is the scale error of the
-        first axis minus that of the second axis. If the circles of a plane are run in both
-        directions of travel, G, F_max and F_min are computed from the mean of both paths. For such
-        a plane there are also the bidirectional deviation G_b [µm] and the mean deviation D [µm],
-        which is the mean radius minus the nominal radius.
+        One row per plane, force and quantity. Columns are plane, radius_mm, centre_x_mm,
+        centre_y_mm, centre_z_mm, force_N, quantity, unit, mean, sd, median, ci_low, ci_high. G,
+        F_max and F_min [µm] are measured from the circle with the least-squares centre and radius.
+        F_max_nominal and F_min_nominal [µm] are measured from the circle with the least-squares
+        centre and the nominal radius; they are more uncertain, because of the uncertainty of the
+        bar's length. The best estimate of each quantity is its mean. Squareness and scale_mismatch
+        [µm/m] are computed from the second harmonic of the path, and include the effect of
+        compliance. Squareness has the sign of the squareness parameter of the plane, E_C0YX in XY;
+        scale_mismatch is the scale error of the first axis minus that of the second axis. If the
+        circles of a plane are run in both directions of travel, G, F_max and F_min are computed
+        from the mean of both paths. For such a plane there are also the bidirectional deviation G_b
+        [µm] and the mean deviation D [µm], which is the mean radius minus the nominal radius.
 
     Raises
     ------
@@ -159,8 +160,9 @@ class PathDraws(NamedTuple):
     the bar.
     """
 
-    #: a dict with the plane of the tool path, the radius of the path [mm] and the force of the bar
-    #: [N]. The keys are names of columns of the table that `predict_circularity` returns.
+    #: a dict with the plane of the tool path, the radius and the centre of the path [mm] and the
+    #: force of the bar [N]. The keys are names of columns of the table that `predict_circularity`
+    #: returns.
     place: dict[str, Any]
     #: posterior draws of each quantity of the tool path, shape (draws,); the keys are names of the
     #: quantities that `predict_circularity` computes
@@ -202,7 +204,6 @@ def path_draws(
         per_force = elastic_draws_of(posterior, circles, loaded, draws).per_force
     for k, plane in enumerate(bound.setting.tested_planes):
         r = circles[k]
-        radius_mm = float(bound.setting.radius_mm[r])
         geometric_um = geometric_errors @ machine_columns(bound, r, 0.0).geometric.T * 1e3
         for force in forces:
             path_um = geometric_um
@@ -213,7 +214,7 @@ def path_draws(
             if plane in hysteresis:
                 half_difference_um = hysteresis[plane].at_force(force) * 1e3
                 quantities |= _bidirectional_quantities(path_um, half_difference_um)
-            place = {"plane": plane, "radius_mm": radius_mm, "force_N": force}
+            place = place_of_circle(bound, r) | {"force_N": force}
             yield PathDraws(place, quantities)
 
 

@@ -14,9 +14,11 @@ from ldbb_bayes.analysis.circle_columns import (
     first_circle,
     is_tool_ball_offset,
     machine_columns,
+    place_of_circle,
 )
 from ldbb_bayes.analysis.circularity import summarise_draws
 from ldbb_bayes.analysis.extremes import extremes_of
+from ldbb_bayes.campaign.circular_test import CENTRE
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import ModelDraws, joint_load_circles
@@ -45,7 +47,7 @@ COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
 # Columns of the table of contributions to the readings. ``_PLACE_COLUMNS`` give the circle, the
 # force and the source of the contribution; ``_VALUE_COLUMNS`` hold values in µm.
-_PLACE_COLUMNS = ["plane", "radius_mm", "force_N", "source"]
+_PLACE_COLUMNS = ["plane", "radius_mm", *CENTRE, "force_N", "source"]
 _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"]
 
 
@@ -75,8 +77,8 @@ def decompose_deviation(
         One row per plane and source. Sources are every compliance (including its change with
         force), every geometric error, and three sums: of all effects, of all compliances and of all
         geometric errors. Offsets of the tool ball are separate sources, and are not included in the
-        sums. The columns plane, radius_mm, force_N and source describe the row. All other columns
-        are in µm:
+        sums. The columns plane, radius_mm, centre_x_mm, centre_y_mm, centre_z_mm, force_N and
+        source describe the row. All other columns are in µm:
 
         - ``maximum`` and ``minimum``: largest and smallest value, along the circle, of the
           posterior mean of the contribution;
@@ -113,10 +115,9 @@ def decompose_deviation(
     rows = []
     for plane in bound.setting.tested_planes:
         r = first_circle(bound, plane)
-        radius_mm = float(bound.setting.radius_mm[r])
         for source, path in contribution_paths(posterior, r, force).items():
             mean_path = path.mean(axis=0)
-            place = {"plane": plane, "radius_mm": radius_mm, "force_N": force, "source": source}
+            place = place_of_circle(bound, r) | {"force_N": force, "source": source}
             ends = {"maximum": float(mean_path.max()), "minimum": float(mean_path.min())}
             rows.append(place | ends | summarise_draws(extremes_of(path).width, prob))
     table = pd.DataFrame(rows).rename(columns={"median": "peak_to_peak"})

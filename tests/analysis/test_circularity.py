@@ -3,12 +3,15 @@ them; zones by other means."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
-from campaigns import HYPER_UM, TRUTH, plan, refuses
+import xarray as xr
+from campaigns import HYPER_UM, TRUTH, plan, refuses, simulated
 from scipy.optimize import minimize
 
 import ldbb_bayes as lb
@@ -303,3 +306,24 @@ def test_minimum_zone_by_search() -> None:
 
 def test_zone_refused() -> None:
     refuses("at least 3 angles", minimum_zone_width, ANGLE[:2], ANGLE[:2])
+
+
+@pytest.mark.parametrize(
+    "make_table", [lb.analysis.predict_circularity, lb.analysis.decompose_deviation]
+)
+def test_a_table_of_circles_names_their_centres(
+    make_table: Callable[[xr.DataTree], pd.DataFrame],
+) -> None:
+    """It is of the first circle in the plane, and others may have another centre."""
+    planned = plan()
+    centres_mm = (200.0, 300.0, 300.0, 300.0)
+    tests = []
+    for test, x_mm in zip(planned.tests, centres_mm, strict=True):
+        tests.append(replace(test, centre_x_mm=x_mm, centre_y_mm=-50.0))
+    campaign = simulated(replace(planned, tests=tuple(tests)))
+    table = make_table(lb.sample(lb.HybridModel.first(0), campaign, seed=1, sampler="independent"))
+    columns = ["plane", "radius_mm", "centre_x_mm", "centre_y_mm", "centre_z_mm", "force_N"]
+    assert list(table.columns[: len(columns)]) == columns
+    assert set(table["centre_x_mm"]) == {200.0}
+    assert set(table["centre_y_mm"]) == {-50.0}
+    assert set(table["centre_z_mm"]) == {0.0}
