@@ -450,6 +450,19 @@ class Campaign(CampaignFields):
                 return False
         return True
 
+    @property
+    def uses_force_law(self) -> bool:
+        """Whether the force or the pressure of at least one test was computed by the force law.
+
+        If every test states both, the law is not used. A test that states the very numbers that the
+        law gives cannot be distinguished from one that states only one of them.
+        """
+        for test in self.tests:
+            by_law_N = self.force_law.force_N(float(test.pressure_bar or 0.0))
+            if np.isclose(float(test.force_N or 0.0), by_law_N, rtol=_SAME_FORCE):
+                return True
+        return False
+
     @cached_property
     def circles_sha256(self) -> str | None:
         """SHA-256 digest of the angles and readings alone; None for a plan.

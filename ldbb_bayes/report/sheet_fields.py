@@ -193,7 +193,8 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     is_stated = campaign.topology != CampaignFields.topology
     yield words("fields.machine"), _marked(machine, is_stated, words)
     yield words("assumptions.readings"), _mount_text(campaign, words)
-    yield words("assumptions.force_law"), _force_law_text(campaign, words)
+    if campaign.uses_force_law:
+        yield words("assumptions.force_law"), _force_law_text(campaign, words)
     terms_of_pieces = set()
     for piece in instrument_pieces(numbers.findings, words):
         text = f"{piece.size}{piece.certificate}"

@@ -700,6 +700,26 @@ def test_a_value_that_is_not_the_default_is_stated() -> None:
     assert text == "not compensated: 2.33 µm/bar subtracted (stated)"
 
 
+def test_a_force_law_that_no_test_needs_is_left_out() -> None:
+    """Every test states its force, as a load cell measured it, and its pressure."""
+    planned = plan()
+    measured = tuple(replace(test, force_N=0.99 * float(test.force_N)) for test in planned.tests)
+    campaign = simulated(replace(planned, tests=measured))
+    fields = dict(assumption_fields(SheetNumbers(findings_of(campaign), EN, 389.0)))
+    assert "Force of a pressure P" not in fields
+    assert "Readings, work ball's mount" in fields
+
+
+def test_a_force_law_that_one_test_needs_is_stated() -> None:
+    """Three tests state force and pressure, the last one its force alone."""
+    planned = plan()
+    *first, last = planned.tests
+    measured = [replace(test, force_N=0.99 * float(test.force_N)) for test in first]
+    campaign = simulated(replace(planned, tests=(*measured, last)))
+    fields = dict(assumption_fields(SheetNumbers(findings_of(campaign), EN, 389.0)))
+    assert "Force of a pressure P" in fields
+
+
 def test_what_a_compliance_contains_is_said(english: Sheets) -> None:
     _, second = english
     notes = [block for block in second.blocks if isinstance(block, str)]
