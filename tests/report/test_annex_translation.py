@@ -123,6 +123,7 @@ def test_the_size_expected_of_slopes_is_translated(
         f" C/(F_max − F_min), C being the {size} of the compliance, ln B lies between −0.1 and"
         f" +12.6{zeros}."
     )
+    translation.text("Slope scale: sd(slope) (largest − smallest force) / prior sd of C")
     assert not translation.missing
 
 

@@ -337,6 +337,14 @@ def test_comparisons(compared: Comparison) -> None:
         texts_of(draw(bare))
 
 
+@pytest.mark.parametrize(("of_estimate", "size"), [(True, "/ C"), (False, "/ prior sd of C")])
+def test_the_title_says_of_what_a_slope_scale_is_a_multiple(
+    compared: Comparison, of_estimate: bool, size: str
+) -> None:
+    figure = figures.evidence(replace(compared, slopes_of_estimate=of_estimate))
+    assert figure._suptitle.get_text().splitlines()[0].endswith(size)
+
+
 def test_the_title_of_local_fits_fits_the_figure(compared: Comparison) -> None:
     figure = figures.geometry_with_local_fits(compared)
     canvas = FigureCanvasAgg(figure)

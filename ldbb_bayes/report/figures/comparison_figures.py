@@ -104,12 +104,19 @@ def evidence(comparison: Comparison) -> Figure:
     style.right_labels(
         all_axes[-1], rows, [_gain_words(assumption.gain) for assumption in assumptions]
     )
-    size = "C" if comparison.slopes_of_estimate else "prior sd of C"
-    figure.suptitle(
+    figure.suptitle(_title_of_evidence(comparison))
+    return figure
+
+
+def _title_of_evidence(comparison: Comparison) -> str:
+    """Return the title of the figure `evidence`, which explains its rows and its right labels."""
+    size = "C"
+    if not comparison.slopes_of_estimate:
+        size = "prior sd of C"
+    return (
         f"Slope scale: sd(slope) (largest − smallest force) / {size}\n"
         "Right: evidence for the assumption (nat); open dots: below −5, the readings reject it"
     )
-    return figure
 
 
 def _assumptions(comparison: Comparison) -> list[_Assumption]:
