@@ -176,6 +176,7 @@ def test_a_goal_that_circles_cannot_reach_names_what_holds_it_and_the_certificat
     assert "no number of circles brings U below" in text_of(found)
 
 
+@pytest.mark.slow
 def test_what_to_ask_for_instead_of_a_goal_out_of_reach_is_in_reach():
     found = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"}, directions=("CW", "CCW"))
     asked = re.search(r"Ask for ([0-9.]+ nm/N) or more", text_of(found)).group(1)
