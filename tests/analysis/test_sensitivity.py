@@ -179,8 +179,8 @@ def test_a_curve_in_the_force_axis_explains_the_experiment_better_than_slopes(
     assert comparison.sign is Sign.HELD
     text = " ".join(comparison_sentences(comparison))
     alone = rf"{explanations.alone.log_bayes_factor:.2f} (error 0.0"
-    assert f"over curved mount and curved force law, each in the model or not; +{alone}" in text
-    assert "with none of them: strong" in text
+    assert "Strong evidence in favour of constant: averaged over curved mount and curved" in text
+    assert f"; with none of them it is +{alone}" in text
     assert "Slopes are not needed: curved mount explains the readings as well." in text
     record = json.loads(json_text(with_words(comparison)))
     assert Comparison.from_dict(record).explanations == explanations

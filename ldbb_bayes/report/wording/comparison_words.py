@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from ldbb_bayes.analysis.comparison import Sign
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.wording.effect_names import joined
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
@@ -26,9 +25,7 @@ _STRENGTHS = (
     (5.0, "strong evidence"),
 )
 
-_TEMPLATES = SentenceFile(
-    "comparison", BARE=_STRENGTHS[0][0], OPEN=Sign.OPEN, SIGNS=SENTENCES["signs"], SURE=SURE
-)
+_TEMPLATES = SentenceFile("comparison", BARE=_STRENGTHS[0][0], SIGNS=SENTENCES["signs"], SURE=SURE)
 
 
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
