@@ -49,6 +49,7 @@ from ldbb_bayes.analysis.design.present_estimates import (
     FittedSds,
     sds_of_fit,
 )
+from ldbb_bayes.analysis.design.shares import largest_positions
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.rival_explanations import average_explanations
 from ldbb_bayes.analysis.tolerances import Tolerance
@@ -318,7 +319,7 @@ def next_circle(
     distance_now = float(total_distance(aims, circles.before))
     covariances = circles.after()
     distances = total_distance(aims, covariances)
-    order = np.argsort(distances, kind="stable")
+    order = largest_positions(-distances, len(distances))
     after = covariances[:, order[0]]
     after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
@@ -591,7 +592,7 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> _
         return _CirclesToGo(None, floor)
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
-        circles.run(int(np.argmin(total_distance(aims, circles.after()))))
+        circles.run(int(largest_positions(-total_distance(aims, circles.after()))[0]))
         if all(aim.is_reached or aim.is_expected(circles.before) for aim in aims):
             return _CirclesToGo(number, circles.before)
     return _CirclesToGo(None, circles.before)

@@ -26,6 +26,7 @@ from scipy.special import logsumexp
 from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.states import States
+from ldbb_bayes.analysis.design.ties import ascending_order
 from ldbb_bayes.results import Array
 
 __all__ = ["QuickForecast", "limits_of_goals"]
@@ -39,8 +40,9 @@ _SHARPNESS = 16.0
 # candidate test are run. In each pass, the search goes through the candidates that are run, and
 # tries to replace one circle of each by a circle of a better candidate.
 _MOST_PASSES = 4
-# An exchange of circles must reduce the distance from the goals by more than this number. Rounding
-# errors alone therefore do not cause an exchange.
+# Rounding errors must not decide which circle is the best. Distances from the goals that differ by
+# at most this number are treated as equal, and the first of the candidates is chosen. An exchange
+# of circles must reduce the distance by more than this number.
 _LEAST_GAIN = 1e-9
 # The uncertainties that would remain after very many circles are computed as if every candidate
 # test were run this number of times.
@@ -58,6 +60,11 @@ def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[s
     for name, goal in goals.items():
         columns.append(goal.limit_u(states.beta[:, list(names).index(name)]))
     return np.stack(columns, axis=1)
+
+
+def _smallest(distances: Array) -> int:
+    """Return the index of the smallest distance, the first if several distances are equal."""
+    return int(ascending_order(distances, _LEAST_GAIN)[0])
 
 
 class QuickForecast:
@@ -147,7 +154,7 @@ class QuickForecast:
         counts = start.copy()
         covariance = self._covariance(counts)
         while counts.sum() < circles:
-            best = int(np.argmin(self._distances_after(covariance)))
+            best = _smallest(self._distances_after(covariance))
             counts[best] += 1
             covariance = self._covariance(counts)
         distance = float(self._distance(self._variances_of_goals(covariance)))
@@ -156,7 +163,7 @@ class QuickForecast:
             for candidate in np.flatnonzero(counts).tolist():
                 counts[candidate] -= 1
                 after = self._distances_after(self._covariance(counts))
-                best = int(np.argmin(after))
+                best = _smallest(after)
                 if best != candidate and after[best] < distance - _LEAST_GAIN:
                     distance = float(after[best])
                     changed = True

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.ties import ascending_order
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array, Shown
 
@@ -71,10 +72,9 @@ def largest_positions(values: Array, number: int = 1) -> NDArray[np.intp]:
 
     Values that differ only by rounding errors keep their order.
     """
-    finite = np.isfinite(values)
-    unit = _EQUALITY_TOLERANCE * max(float(np.abs(values[finite]).max(initial=0.0)), 1e-300)
-    rounded = np.where(finite, np.rint(values / unit), -np.inf)
-    return np.argsort(-rounded, kind="stable")[:number]
+    finite = values[np.isfinite(values)]
+    tolerance = _EQUALITY_TOLERANCE * float(np.abs(finite).max(initial=0.0))
+    return ascending_order(-values, tolerance)[:number]
 
 
 def is_better(value: float, reference: float) -> bool:
