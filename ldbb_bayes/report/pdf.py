@@ -64,6 +64,9 @@ _MOST_ATTEMPTS = 8
 # The height of a text is proportional to this power of the font size. With a larger font, each line
 # is higher, and the text has more lines.
 _POWER_OF_TEXT = 2.0
+# The height of a usual sheet, with texts and figures, is proportional to this power of the font
+# size.
+_POWER_OF_SHEET = 1.5
 # The height of a figure is proportional to this power of the font size.
 _POWER_OF_FIGURES = 1.0
 # Whenever the font size of a sheet of the test certificate is reduced, the new size is chosen to
@@ -119,7 +122,7 @@ def fit_to_pages(sheets: Sequence[ReportSheet]) -> tuple[ReportSheet, ...]:
 def _fit_to_page(pdf: FPDF, sheet: ReportSheet) -> ReportSheet:
     """Return a sheet with a font so small that it fits on one page. ``pdf`` is used for trials."""
     height = _draw_sheet(pdf, sheet, pictures=False) - _TOP
-    power = _POWER_OF_TEXT
+    power = _POWER_OF_SHEET
     for _ in range(_MOST_ATTEMPTS):
         if height <= _BOTTOM - _TOP:
             break
