@@ -79,13 +79,14 @@ def plain_words(numbers: SheetNumbers) -> Items:
     Returns
     -------
     Items
-        Heading and sentences.
+        Heading and sentences. If the results cannot be used, as the banner of the sheet says, a
+        single sentence says that they do not describe the machine.
     """
     words = numbers.words
+    if numbers.are_unusable:
+        return Items(words("sheet.plain"), (words("sheet.plain_unusable"),))
     items = [*_sentences_under_load(numbers), *_findings_in_words(numbers)]
-    # Results that cannot be used determine nothing, as the banner of the sheet says.
-    if not numbers.are_unusable:
-        items.append(_undetermined_sentence(numbers))
+    items.append(_undetermined_sentence(numbers))
     return Items(words("sheet.plain"), tuple(items))
 
 
