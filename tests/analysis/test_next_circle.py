@@ -12,7 +12,12 @@ from scipy.special import ndtri
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
-from ldbb_bayes.analysis.design.candidate_covariances import CandidateCovariances
+from ldbb_bayes.analysis.design.campaign_objective import objective_of
+from ldbb_bayes.analysis.design.candidate_covariances import (
+    CandidateCovariances,
+    covariances_with_scatter,
+)
+from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.next_circle import NextCircle, _circles_to_go, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
@@ -78,6 +83,21 @@ def test_circles_run_one_after_another_add_up(objective: Objective) -> None:
     circles = CandidateCovariances(objective)
     circles.run(0)
     assert np.allclose(circles.after()[0, 1], _dense(objective, 0, [0, 1]), rtol=1e-9)
+
+
+def test_where_circles_scatter_alike_the_covariances_are_those_of_any_circle(
+    recovered: Campaign,
+) -> None:
+    model = MODEL.without("circle-scale")
+    run = len(recovered.tests)
+    possible = [replace(test, name="") for test in recovered.plan().tests[:2]]
+    bound = bind_tests(model, recovered, possible, keep_pilot_tests=True)
+    prior = bound.hyper_prior
+    phi = prior.quantile(np.full((1, len(prior.names)), 0.5))
+    objective = objective_of(bound, run, phi, bound.names, Determinant(len(bound.names)))
+    expected = CandidateCovariances(objective).after()[0, 1]
+    found = covariances_with_scatter(bound, run, 1, phi)
+    assert found == pytest.approx(np.broadcast_to(expected, found.shape), rel=1e-6, abs=1e-9)
 
 
 def test_the_distance_from_an_uncertainty_is_zero_at_the_target() -> None:
@@ -200,6 +220,21 @@ def test_the_best_circle_is_the_best_by_the_forecast_too(recovered: Campaign) ->
 
 def test_the_balls_are_turned_for_squareness(step: NextCircle) -> None:
     assert step.chosen.test.work_ball_deg > 0.0
+
+
+def test_a_goal_that_hangs_on_one_circle_is_less_sure_because_the_circle_may_scatter(
+    recovered: Campaign,
+) -> None:
+    """One turned circle ends the confounding of squareness with the form of the balls. Of 24
+    simulated campaigns fits met 1.25 U_next on 62 %; 95 % were stated when λ of this circle was 1.
+    """
+    choice = {"clockings_deg": TURNED, "directions": ("CW", "CCW"), "forces_N": (36.0, 742.0)}
+    first = next_circle(MODEL, recovered, goals={"E_C0YX": "3 µrad"}, tolerances={}, **choice)
+    expanded = first.goals["E_C0YX"].U_next
+    goal = f"{1.25e6 * expanded:.6g} µrad"
+    step = next_circle(MODEL, recovered, goals={"E_C0YX": goal}, tolerances={}, **choice)
+    assert step.goals["E_C0YX"].U_next == pytest.approx(expanded, rel=0.1)
+    assert 0.5 < step.goals["E_C0YX"].probability_next < 0.85
 
 
 def test_the_floor_is_below_what_is_expected_next(step: NextCircle) -> None:

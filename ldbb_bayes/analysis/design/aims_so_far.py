@@ -74,7 +74,8 @@ class GoalSoFar(Result):
     #: therefore the limit, is not known exactly.
     probability: float
     U_next: float  #: expanded uncertainty U of the goal's parameter after the best next circle
-    #: probability that the goal for the parameter's uncertainty is met after the best next circle
+    #: probability that the goal for the parameter's uncertainty is met after the best next circle,
+    #: which may scatter more or less than other circles
     probability_next: float
     #: expanded uncertainty U of the goal's parameter that would remain if the best possible circles
     #: were repeated very many times. If it is above ``limit``, the largest U that the goal permits,
@@ -216,7 +217,7 @@ class GoalState:
         limits = self.goal.limit_U(self.draws)
         return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
 
-    def so_far(self, after: Array, floor: Array) -> GoalSoFar:
+    def so_far(self, after: Array, floor: Array, scattering: Array) -> GoalSoFar:
         """Return U and the probability that the goal is met: now, and after further circles.
 
         U is the expanded uncertainty (k = 2) of the goal's parameter. The result states U and the
@@ -226,7 +227,8 @@ class GoalState:
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, in units of their prior standard deviations, at K values of the hyper-parameters.
         ``floor``, of the same shape and in the same units, are the covariances after very many
-        circles.
+        circles. ``scattering``, shape (n, p, p), are n equally likely covariances after the best
+        next circle, which may scatter more or less than other circles.
         """
         sd_next = self.aim.sd(after)
         expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
@@ -240,7 +242,7 @@ class GoalState:
             limit=float(self.goal.limit_U(np.array(self.mean))),
             probability=self.probability(np.array([self.sd_of_fit])),
             U_next=COVERAGE_FACTOR * expected_sd,
-            probability_next=max(self.probability(sd_next), probability_at_least),
+            probability_next=max(self.probability(self.aim.sd(scattering)), probability_at_least),
             U_floor=COVERAGE_FACTOR
             * min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), expected_sd),
             share=self.goal.share,

@@ -7,6 +7,9 @@ these values with respect to the coefficients, divided by the standard deviation
 these parameters. After the circle, the covariance of the parameters of interest is
 
     Σ_ss − Σ_s Gᵀ (1 + G Σ Gᵀ)⁻¹ G Σ_sᵀ.
+
+For the comparison of possible circles, all of them scatter alike: each noise factor λ is 1. The
+circle that is then run may scatter more or less (`covariances_with_scatter`).
 """
 
 from __future__ import annotations
@@ -14,9 +17,16 @@ from __future__ import annotations
 import numpy as np
 
 from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.states import extend_hyper_parameters
+from ldbb_bayes.model.bound_information import informations_of
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
-__all__ = ["CandidateCovariances"]
+__all__ = ["CandidateCovariances", "covariances_with_scatter"]
+
+# Number of noise factors λ of a possible circle that are combined with each value of the
+# hyper-parameters.
+_SCATTERS = 4
 
 
 class CandidateCovariances:
@@ -74,3 +84,44 @@ class CandidateCovariances:
         readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])
         weighted = np.linalg.solve(readings, spread)
         self._covariance = self._covariance - np.swapaxes(spread, -1, -2) @ weighted
+
+
+def covariances_with_scatter(bound: BoundModel, run: int, candidate: int, phi: Array) -> Array:
+    """Return covariances of the parameters after one more circle whose scatter is not known yet.
+
+    An uncertainty that depends mostly on a single new circle is proportional to the scatter of this
+    circle. Its noise factor λ, by which the scatter is multiplied, therefore takes values that are
+    spread evenly over its prior.
+
+    Parameters
+    ----------
+    bound
+        Model applied to the circles run so far, followed by all circles that could be run.
+    run
+        Number of circles run so far.
+    candidate
+        Index of the new circle among the circles that could be run.
+    phi
+        K equally likely values of the h hyper-parameters given the circles run so far, shape (K,
+        h); lengths in mm.
+
+    Returns
+    -------
+    Array
+        Covariances of the p parameters, in units of their prior standard deviations, shape (4 K, p,
+        p): one for each value of the hyper-parameters and each of four values of λ.
+    """
+    repeated = np.tile(phi, (_SCATTERS, 1))
+    extended = extend_hyper_parameters(bound, repeated, run)
+    scattering = extend_hyper_parameters(bound, repeated, run, scattering=True)
+    new_circle = run + candidate
+    noise_factor = np.array(bound.hyper_prior.names) == bound.setting.circle[new_circle]
+    extended[:, noise_factor] = scattering[:, noise_factor]
+    covariances = []
+    for information in informations_of(bound, extended):
+        blocks = information.blocks()
+        rows = np.concatenate([*blocks[:run], blocks[new_circle]])
+        covariance = np.linalg.inv(np.eye(rows.shape[1]) + rows.T @ rows)
+        interest = information.interest
+        covariances.append(covariance[np.ix_(interest, interest)])
+    return np.array(covariances)

@@ -38,7 +38,10 @@ from ldbb_bayes.analysis.design.aims_so_far import (
     tolerance_states,
 )
 from ldbb_bayes.analysis.design.campaign_objective import objective_of
-from ldbb_bayes.analysis.design.candidate_covariances import CandidateCovariances
+from ldbb_bayes.analysis.design.candidate_covariances import (
+    CandidateCovariances,
+    covariances_with_scatter,
+)
 from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
 from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
@@ -59,7 +62,7 @@ from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.fit import Concern, contradicted_priors
 from ldbb_bayes.inference.sample import sample
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.hybrid import HybridModel, require_model
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Records, Result
 
@@ -321,6 +324,7 @@ def next_circle(
     distances = total_distance(aims, covariances)
     order = largest_positions(-distances, len(distances))
     after = covariances[:, order[0]]
+    scattering = _covariances_if_it_scatters(space, known, int(order[0]))
     after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
@@ -330,7 +334,7 @@ def next_circle(
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
-        goals=_goals_so_far(of_goals, after, after_very_many),
+        goals=_goals_so_far(of_goals, after, after_very_many, scattering),
         goals_probability=goals_probability,
         model=None if odds is None else odds.so_far(after, after_very_many),
         model_is_aim=model_is_aim,
@@ -436,15 +440,17 @@ def _with_other_uncertainties(
 
 
 def _goals_so_far(
-    goals: Mapping[str, GoalState], after: Array, floor: Array
+    goals: Mapping[str, GoalState], after: Array, floor: Array, scattering: Array
 ) -> dict[str, GoalSoFar]:
     """Return a comparison of each goal with the uncertainty of the goal's parameter.
 
     The keys of the result are the names of the parameters. ``after``, shape (K, p, p), are the
     covariances of the p parameters after the best next circle, at K values of the hyper-parameters.
-    ``floor``, of the same shape, are the covariances after very many circles.
+    ``floor``, of the same shape, are the covariances after very many circles. ``scattering``, shape
+    (n, p, p), are n equally likely covariances after the best next circle, which may scatter more
+    or less than other circles.
     """
-    return {name: state.so_far(after, floor) for name, state in goals.items()}
+    return {name: state.so_far(after, floor, scattering) for name, state in goals.items()}
 
 
 def _tolerances_so_far(
@@ -522,10 +528,23 @@ def _objective(space: Space, known: Known) -> Objective:
     of interest. ``space`` holds the possible circles, and ``known`` holds equally likely values of
     the hyper-parameters.
     """
-    bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     names = known.bound.names
     run = len(space.pilot.tests)
-    return objective_of(bound, run, known.phi, names, Determinant(len(names)))
+    return objective_of(_bound(space), run, known.phi, names, Determinant(len(names)))
+
+
+def _bound(space: Space) -> BoundModel:
+    """Return the model applied to the circles run so far, followed by all possible circles."""
+    return bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
+
+
+def _covariances_if_it_scatters(space: Space, known: Known, candidate: int) -> Array:
+    """Return equally likely covariances of the p parameters after a possible circle, (n, p, p).
+
+    The scatter of the circle is not known yet. ``candidate`` is its index in ``space``, and
+    ``known`` holds equally likely values of the hyper-parameters.
+    """
+    return covariances_with_scatter(_bound(space), len(space.pilot.tests), candidate, known.phi)
 
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
