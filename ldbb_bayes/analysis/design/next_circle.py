@@ -305,7 +305,9 @@ def next_circle(
     evidences = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE)
     nodes = evidences.of(model)[0]
     known = known_from(nodes, seed)
-    objective = _objective(space, known)
+    # The model is applied to the circles run so far, followed by all possible circles.
+    bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
+    objective = _objective(bound, space, known)
     circles = CandidateCovariances(objective)
     of_goals = goal_states(read_goals, known, circles.before, confidence)
     if of_goals:
@@ -324,7 +326,8 @@ def next_circle(
     distances = total_distance(aims, covariances)
     order = largest_positions(-distances, len(distances))
     after = covariances[:, order[0]]
-    scattering = _covariances_if_it_scatters(space, known, int(order[0]))
+    run = len(space.pilot.tests)
+    scattering = covariances_with_scatter(bound, run, int(order[0]), known.phi)
     after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
@@ -520,31 +523,18 @@ def _clockings_of(campaign: Campaign) -> list[Clocking]:
     return list(dict.fromkeys(pairs))
 
 
-def _objective(space: Space, known: Known) -> Objective:
+def _objective(bound: BoundModel, space: Space, known: Known) -> Objective:
     """Return the information from the circles run so far, and from each possible next circle.
 
     The result holds the information as matrices. It is an ``Objective``, the object that a search
     for a design maximises; here, only its matrices are used, not its criterion. All parameters are
-    of interest. ``space`` holds the possible circles, and ``known`` holds equally likely values of
-    the hyper-parameters.
+    of interest. ``space`` holds the possible circles, and ``bound`` is the model applied to the
+    circles run so far and to the possible circles. ``known`` holds equally likely values of the
+    hyper-parameters.
     """
     names = known.bound.names
     run = len(space.pilot.tests)
-    return objective_of(_bound(space), run, known.phi, names, Determinant(len(names)))
-
-
-def _bound(space: Space) -> BoundModel:
-    """Return the model applied to the circles run so far, followed by all possible circles."""
-    return bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
-
-
-def _covariances_if_it_scatters(space: Space, known: Known, candidate: int) -> Array:
-    """Return equally likely covariances of the p parameters after a possible circle, (n, p, p).
-
-    The scatter of the circle is not known yet. ``candidate`` is its index in ``space``, and
-    ``known`` holds equally likely values of the hyper-parameters.
-    """
-    return covariances_with_scatter(_bound(space), len(space.pilot.tests), candidate, known.phi)
+    return objective_of(bound, run, known.phi, names, Determinant(len(names)))
 
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
