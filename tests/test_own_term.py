@@ -22,6 +22,7 @@ from ldbb_bayes.model.bound_information import _Noise, _noise_covariances
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.report.wording import cure_words, remedy_words
+from ldbb_bayes.report.wording.effect_names import nuisance_words, unit_words
 
 
 @dataclass(frozen=True)
@@ -283,3 +284,42 @@ def test_a_prior_mean_of_its_columns_counts_in_simulated_readings() -> None:
     simulation = model.simulate(plan(), seed=1, parameters={}, hyper_um=silent)
     for test in simulation.campaign.tests:
         np.testing.assert_allclose(test.reading_um, lobe_um(test), atol=1e-3)
+
+
+@dataclass(frozen=True)
+class AngleEncoder(lb.terms.Term):
+    """cos 2θ, sin 2θ in mm: its name begins with that of `Angle`, whose unit is rad."""
+
+    sd_um: float = 4.0
+
+    def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
+        names = ("angle_encoder_cos2", "angle_encoder_sin2")
+        return (lb.terms.Columns(names, setting.harmonics([2]), self.sd_um * 1e-3),)
+
+
+def test_a_coefficient_belongs_to_the_term_with_the_longest_stem() -> None:
+    for name in ("angle_encoder_cos2", "angle_encoder_sin2"):
+        assert lb.terms.Term.owner(name) is AngleEncoder
+        assert unit_words(name) == (1e-3, "µm")
+    assert nuisance_words("angle_encoder_cos2") == "angle encoder (cos 2θ)"
+    assert lb.terms.Term.owner("angle_lag") is lb.terms.Angle
+    assert lb.terms.Term.owner("mount_curvature") is lb.terms.Mount
+
+
+@dataclass(frozen=True)
+class Nameless(lb.terms.Term):
+    """cos 5θ, under a name of another term."""
+
+    name: str = "lobe"
+
+    def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
+        return (lb.terms.Columns((self.name,), setting.harmonics([5])[:, :, :1], 1e-3),)
+
+
+@pytest.mark.parametrize("name", ["lobe", "mount_lobe"])
+def test_a_name_that_is_not_of_the_term_is_refused(name: str) -> None:
+    bound = lb.HybridModel.default(0).with_term(Nameless(name)).bind(plan())
+    refuses(
+        rf"the coefficients of Nameless must have names that begin with its stem.*got '{name}'",
+        lambda: bound.nuisance_columns,
+    )

@@ -307,15 +307,18 @@ def _common_coefficients(
 ) -> list[str]:
     """Return the names of the coefficients that have the same value in both campaigns.
 
-    They are the nuisance coefficients of the instrument. A coefficient of which a part is another
-    in every campaign is among them only if a certificate of one of the campaigns states it. The
-    list is empty if the campaigns have different instruments. ``bounds`` are the models.
+    They are the nuisance coefficients of the instrument, and those of the machine that do not
+    change from campaign to campaign, as far as instrument and machine are the same. A coefficient
+    of which a part is another in every campaign is among them only if a certificate of one of the
+    campaigns states it. ``bounds`` are the models.
     """
-    if not shared.instrument:
-        return []
-    of_instrument = [name for name, kind in Term.kinds.items() if kind.instrument]
+    terms: set[str] = set()
+    if shared.instrument:
+        terms |= {name for name, kind in Term.kinds.items() if kind.instrument}
+    if shared.machine:
+        terms |= machine_terms(bounds)
     names = []
-    for name in _coefficients_in_both(first, second, of_instrument):
+    for name in _coefficients_in_both(first, second, terms):
         is_constant = Term.owner(name).campaign_correlation == 1.0
         if is_constant or any(_is_stated(name, bound) for bound in bounds):
             names.append(name)

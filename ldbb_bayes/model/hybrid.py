@@ -957,7 +957,10 @@ class BoundModel(Shown):
         of the reading per unit of one coefficient. For a term that has no effect on the tests of
         this campaign, the dict holds an empty tuple.
         """
-        return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
+        columns = {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
+        for kind, columns_of_term in columns.items():
+            _check_names(kind, columns_of_term)
+        return columns
 
     @property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
@@ -1222,6 +1225,21 @@ def require_model(model: object) -> None:
         f"model must be a HybridModel, got {type(model).__name__}. Make one with"
         " lb.HybridModel.default(degree=1); the model comes first, then the campaign.",
     )
+
+
+def _check_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> None:
+    """Raise an `InputError` unless the names of a term's coefficients show whose they are.
+
+    Results find the unit and the words of a coefficient by its name. ``kind`` is the class of the
+    nuisance term (an effect that is modelled but not of interest), and ``columns`` are its columns.
+    """
+    for block in columns:
+        for name in block.names if isinstance(block, Columns) else ():
+            require(
+                Term.owner(name) is kind,
+                f"the coefficients of {kind.__name__} must have names that begin with its stem"
+                f" ({kind.stem!r}), got {name!r}. Rename them, or set another stem.",
+            )
 
 
 def _indices_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:

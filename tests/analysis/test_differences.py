@@ -3,7 +3,8 @@ dense model of both at once."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from ldbb_bayes.inference.posterior import campaign_of as campaign_of_posterior
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.terms import BasisNoise
 from ldbb_bayes.model.terms.columns import NOISE, OWN
 
@@ -745,3 +747,33 @@ def test_refused(two: tuple[Any, Any]) -> None:
         "one model each", lb.analysis.compare_posteriors, two[1], averaged, same_instrument=True
     )
     lb.analysis.compare_posteriors(two[1], averaged)
+
+
+@pytest.fixture
+def guide_waves() -> Iterator[lb.terms.Term]:
+    """A term of one's own, cos 2θ and sin 2θ of the machine, the same in every campaign."""
+
+    @dataclass(frozen=True)
+    class GuideWaves(lb.terms.Term):
+        machine = True
+
+        def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
+            names = ("guide_waves_cos2", "guide_waves_sin2")
+            return (lb.terms.Columns(names, setting.harmonics([2]), 4e-3),)
+
+    yield GuideWaves()
+    lb.terms.Term.kinds.pop("GuideWaves")
+
+
+def test_a_term_of_the_machine_that_does_not_change_cancels(guide_waves: lb.terms.Term) -> None:
+    """It moves the squareness of both campaigns by as much."""
+    sd = {}
+    for model in (MODEL, MODEL.with_term(guide_waves)):
+        bounds = [model.bind(campaign_of(seed)) for seed in (1, 2)]
+        rows = [_rows_at_force(bound, ["E_C0YX"], 389.0) for bound in bounds]
+        for same_machine in (True, False):
+            shared = Shared(instrument=True, machine=same_machine)
+            difference = joint_difference(bounds, [PHI.copy(), PHI.copy()], rows, shared)
+            sd[model is MODEL, same_machine] = difference.sd[0]
+    assert sd[False, True] == pytest.approx(sd[True, True], rel=1e-3)
+    assert sd[False, False] > 2.0 * sd[True, False]

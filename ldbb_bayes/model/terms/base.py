@@ -380,14 +380,20 @@ class Term(Shown):
         """Return the class of the nuisance term to which the named ``coefficient`` belongs.
 
         Nuisances are effects that are modelled but not of interest. Return `Term` if no term has a
-        coefficient with this name.
+        coefficient with this name. If the name begins with the stems of several terms, it belongs
+        to the term with the longest of these stems: ``angle_encoder_cos2`` belongs to a term of
+        yours with the stem ``angle_encoder``, not to `Angle`.
         """
+        owner = Term
+        longest = 0
         for kind in Term.kinds.values():
             stems = (kind.stem,) if isinstance(kind.stem, str) else kind.stem
             for stem in stems:
-                if coefficient == stem or coefficient.startswith(f"{stem}_"):
-                    return kind
-        return Term
+                is_of_stem = coefficient == stem or coefficient.startswith(f"{stem}_")
+                if is_of_stem and len(stem) > longest:
+                    owner = kind
+                    longest = len(stem)
+        return owner
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
