@@ -57,7 +57,9 @@ class DecidingAssumption(Result):
     sizes: tuple[AssumedSize, ...]
 
 
-def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
+def deciding_assumptions(
+    budgets: Mapping[str, Budget], origin: Origin = Origin.ASSUMED
+) -> tuple[DecidingAssumption, ...]:
     """Return the effects that matter for a parameter although their size is only assumed.
 
     An effect is a model term, such as the deflection of the mount. The standard uncertainty of its
@@ -69,6 +71,9 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
     ----------
     budgets
         Uncertainty budgets by parameter, from `budget_uncertainty`.
+    origin
+        If ``stated``, return the effects whose size a certificate or the user states, by the same
+        rule.
 
     Returns
     -------
@@ -80,7 +85,7 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
     shares: dict[str, dict[str, float]] = {}
     for name, budget in budgets.items():
         for line in budget.contributions:
-            if line.origin == Origin.ASSUMED and line.term != OWN:
+            if line.origin == origin and line.term != OWN:
                 lines_by_term.setdefault(line.term, []).append(line)
                 of_term = shares.setdefault(line.term, {})
                 of_term[name] = of_term.get(name, 0.0) + line.share

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
 
 from ldbb_bayes.analysis.assumed_sizes import AssumedSize, deciding_assumptions
+from ldbb_bayes.analysis.origins import Origin, is_prior_stated, is_size_stated, term_named
 from ldbb_bayes.campaign.campaign import Campaign, CampaignFields
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
 from ldbb_bayes.campaign.run_times import TimeSource, time_source
 from ldbb_bayes.inference.posterior import bound_of
-from ldbb_bayes.model.terms import Angle, BallForm, BarLength, ForceError, Mount
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms import Angle, BallForm, BarLength, Columns, ForceError, Mount
 from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.sheet_instrument import instrument_pieces
@@ -46,6 +49,16 @@ _TERM_OF_PIECE = {
     "mount": Mount.__name__,
     "force": ForceError.__name__,
     "angle": Angle.__name__,
+}
+# Regular expressions for the beginnings of the names of those coefficients whose uncertainty the
+# form field of a part states. The keys are the parts.
+_COEFFICIENTS_OF_PIECE = {
+    "bar": "bar_length",
+    "work": "(work_)?form_",
+    "tool": "(tool_)?form_",
+    "mount": "mount$",
+    "force": "force_gain",
+    "angle": "angle_reference",
 }
 
 
@@ -188,7 +201,8 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
         *assumed*.
     """
     words = numbers.words
-    campaign = bound_of(numbers.findings.posterior).campaign
+    bound = bound_of(numbers.findings.posterior)
+    campaign = bound.campaign
     machine = _machine_text(campaign, words)
     is_stated = campaign.topology != CampaignFields.topology
     yield words("fields.machine"), _marked(machine, is_stated, words)
@@ -199,18 +213,40 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     for piece in instrument_pieces(numbers.findings, words):
         text = f"{piece.size}{piece.certificate}"
         terms_of_pieces.add(_TERM_OF_PIECE[piece.key])
-        yield words(f"assumptions.{piece.key}"), _marked(text, piece.is_stated, words)
+        is_stated = piece.is_stated or _is_size_edited(bound, piece.key)
+        yield words(f"assumptions.{piece.key}"), _marked(text, is_stated, words)
     budgets = numbers.findings.budgets
     stated = {name: budgets[name] for name in (*numbers.parameters, *numbers.slopes)}
-    for assumption in deciding_assumptions(stated):
-        if assumption.term in terms_of_pieces:
-            continue
-        sizes = [_assumed_size(assumption.term, size, words) for size in assumption.sizes]
-        name = words.term(assumption.term)
-        yield name[:1].upper() + name[1:], _marked(words.joined(sizes), False, words)
-    priors = _deciding_priors(numbers)
+    for origin in (Origin.STATED, Origin.ASSUMED):
+        for effect in deciding_assumptions(stated, origin):
+            if effect.term in terms_of_pieces:
+                continue
+            sizes = [_assumed_size(effect.term, size, words) for size in effect.sizes]
+            name = words.term(effect.term)
+            text = _marked(words.joined(sizes), origin == Origin.STATED, words)
+            yield name[:1].upper() + name[1:], text
+    priors = []
+    for is_stated in (True, False):
+        texts = _deciding_priors(numbers, bound, is_stated=is_stated)
+        if texts:
+            priors.append(_marked("; ".join(texts), is_stated, words))
     if priors:
-        yield words("assumptions.before"), _marked("; ".join(priors), False, words)
+        yield words("assumptions.before"), "; ".join(priors)
+
+
+def _is_size_edited(bound: BoundModel, key: str) -> bool:
+    """Return whether the user, not the package, states the uncertainty of a part of the instrument.
+
+    ``key`` names the part, such as ``bar``. The user states its uncertainty by a model term such as
+    ``BarLength(sd_um=3.0)``.
+    """
+    term = term_named(bound, _TERM_OF_PIECE[key])
+    for columns in bound.columns_of.get(type(term), ()):
+        for name in columns.names if isinstance(columns, Columns) else ():
+            is_of_piece = re.match(_COEFFICIENTS_OF_PIECE[key], name) is not None
+            if is_of_piece and is_size_stated(bound, name, term):
+                return True
+    return False
 
 
 def _marked(text: str, is_stated: bool, words: Words) -> str:
@@ -263,16 +299,23 @@ def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
     return text
 
 
-def _deciding_priors(numbers: SheetNumbers) -> list[str]:
+def _deciding_priors(numbers: SheetNumbers, bound: BoundModel, *, is_stated: bool) -> list[str]:
     """Return one string, such as "E_XX1 ± 50 µm/m", for each quantity that depends on its prior.
 
     A quantity depends on its prior if the prior is the largest source of the quantity's posterior
-    variance. The number after ± is twice the prior standard deviation.
+    variance. The number after ± is twice the prior standard deviation. Only quantities are returned
+    whose prior the user gave in the model ``bound`` or, if ``is_stated`` is false, whose prior is
+    that of the package.
     """
     words = numbers.words
+    quantities = dict(numbers.parameters)
+    for name, change in numbers.changes.items():
+        quantities[f"{name}_1"] = change
     priors = []
-    for quantity in (*numbers.parameters.values(), *numbers.changes.values()):
+    for name, quantity in quantities.items():
         entry = quantity.entry or quantity.change_entry
+        if is_prior_stated(bound, name) != is_stated:
+            continue
         if entry is not None and entry.held_by.name == OWN and np.isfinite(entry.prior_sd):
             factor, label = display_unit(entry.unit)
             size = words.number(two_digits(2.0 * entry.prior_sd, factor))

@@ -64,6 +64,16 @@ def test_what_is_measured_or_stated_is_not_assumed(origin: Origin) -> None:
     assert not named(entry)
 
 
+def test_what_is_stated_is_named_where_it_is_asked_for() -> None:
+    entry = budget(
+        "C_XXX",
+        line("mount", "Mount", 0.5, 0.2, origin=Origin.STATED),
+        line("drift_bar", "Drift", 0.5, 1e-3),
+    )
+    (mount,) = deciding_assumptions({"C_XXX": entry}, Origin.STATED)
+    assert (mount.term, mount.share, mount.sizes[0].sd) == ("Mount", 0.5, 0.2)
+
+
 def test_noise_that_is_measured_and_priors_are_no_effects() -> None:
     entry = budget(
         "C_XXX", line(NOISE, NOISE, 0.5, 1e-3, origin=Origin.MEASURED), line(OWN, OWN, 0.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
@@ -708,6 +709,23 @@ def test_a_value_that_is_not_the_default_is_stated() -> None:
     numbers = SheetNumbers(findings_of(campaign), words_of("en"), 389.0)
     text = dict(assumption_fields(numbers))["Readings, work ball's mount"]
     assert text == "not compensated: 2.33 µm/bar subtracted (stated)"
+
+
+def test_what_the_user_states_of_effects_and_priors_is_marked_as_in_verdicts() -> None:
+    """Bar length and joint load by their terms, squareness by its prior: no certificate is stated,
+    and none of them is the package's own."""
+    model = lb.HybridModel.default(1).with_prior(E_C0YX=(0, "10 µrad"))
+    model = model.with_term(lb.terms.BarLength(sd_um=3.0), lb.terms.JointLoad(relative_sd=0.3))
+    findings = findings_of_fit(fitted(model, simulated(plan())), sheets_only=True)
+    numbers = SheetNumbers(findings, words_of("en"), 389.0)
+    fields = dict(assumption_fields(numbers))
+    assert fields["Bar length"] == "U = 6.0 µm (stated)"
+    assert fields["Deflection of the mount"] == "U = 20 % (assumed)"
+    assert re.fullmatch(r"up to ±\s[\d.]+\snm/N \(stated\)", fields["Joint load"])
+    stated, assumed = fields["Machine, before the test"].split(" (stated); ")
+    assert stated == "E_C(0Y)X ±\u00a020\u00a0µrad"
+    assert assumed.startswith("ΔC_")
+    assert assumed.endswith(" (assumed)")
 
 
 def test_a_force_law_that_no_test_needs_is_left_out() -> None:
