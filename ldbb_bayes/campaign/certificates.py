@@ -200,7 +200,8 @@ class CalibrationCertificate(Shown):
 
         If the certificate describes several bars, the bar of the nominal length ``length_mm`` is
         used. Raise an `InputError` if no uncertainty is stated, or if the certificate still states
-        several errors after the bar has been chosen.
+        several errors after the bar has been chosen, or if it states that its only bar has another
+        nominal length.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths, length_mm)
@@ -239,6 +240,8 @@ class CalibrationCertificate(Shown):
             candidates = of_length or candidates
         if len(candidates) > 1:
             raise _several_errors(candidates, lengths)
+        if length_mm is not None:
+            _check_nominal_length(candidates[0], lengths.get("nominal", []), length_mm)
         return candidates[0]
 
     def force(self) -> dict[str, Any]:
@@ -248,7 +251,8 @@ class CalibrationCertificate(Shown):
 
         - U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain. If the
           certificate states no gain, U_percent is the expanded uncertainty of the largest certified
-          force, in percent of this force.
+          force, in percent of this force. If it states a larger expanded uncertainty of an
+          indicated force or of a deviation, as beside a reference force, that one is used.
         - linearity_percent is the largest deviation from a straight line, in percent of the largest
           force.
         - certificate is the name of the certificate.
@@ -259,10 +263,16 @@ class CalibrationCertificate(Shown):
         stated: dict[str, Any] = {}
         sources = []
         scale = self._force_scale()
-        if scale is not None and scale.U and scale.value:
+        if scale is not None and scale.value:
             value, U = scale.numbers()
-            stated["U_percent"] = _without_rounding(100.0 * U / abs(value))
-            sources.append(scale)
+            source = scale
+            for error in self._force_errors() if scale.dimension == "N" else ():
+                if error.numbers()[1] > U:
+                    _, U = error.numbers()
+                    source = error
+            if U:
+                stated["U_percent"] = _without_rounding(100.0 * U / abs(value))
+                sources.append(source)
         linearity = self._linearity()
         if linearity is not None:
             percent = 100.0 * self._linearity_ratio(linearity)
@@ -289,6 +299,16 @@ class CalibrationCertificate(Shown):
     def _forces(self) -> list[CertifiedQuantity]:
         """Return the forces that the calibration certificate states, in the order of the file."""
         return self._quantities_by_role("N").get("force", [])
+
+    def _force_errors(self) -> list[CertifiedQuantity]:
+        """Return what the certificate states of a force device beside forces, such as deviations.
+
+        A certificate that compares the device with a reference states the uncertainty of the device
+        with these quantities; the uncertainty of the reference force is smaller.
+        """
+        by_role = self._quantities_by_role("N")
+        errors = [*by_role.get("indication", []), *by_role.get("deviation", [])]
+        return [error for error in errors if error.dimension == "N"]
 
     def _linearity(self) -> CertifiedQuantity | None:
         """Return the largest linearity error of a force device that the certificate states.
@@ -430,6 +450,28 @@ def _is_of_length(
     return False
 
 
+def _check_nominal_length(
+    quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity], length_mm: float
+) -> None:
+    """Raise an `InputError` if a certified error belongs to a bar of another nominal length.
+
+    This is so if the XML element that contains the ``quantity`` also contains certified nominal
+    lengths, and none of them equals ``length_mm``. ``nominals`` are all nominal lengths.
+    """
+    beside = [
+        nominal
+        for nominal in nominals
+        if nominal.holders == quantity.holders and nominal.dimension == "m"
+    ]
+    if not beside or _is_of_length(quantity, nominals, length_mm):
+        return
+    lengths_mm = " and ".join(f"{1e3 * nominal.magnitude():g}" for nominal in beside)
+    raise InputError(
+        f"the DCC must be of a bar of radius_mm = {length_mm:g}, got {lengths_mm} mm beside"
+        f" {quantity.title!r}. Give the DCC of the bar that was used, or its numbers by hand."
+    )
+
+
 def _is_close(length_mm: float, nominal_mm: float) -> bool:
     """Return whether a certified length equals a bar's nominal length to within 0.1 %."""
     return abs(length_mm - nominal_mm) <= _NOMINAL_TOLERANCE * nominal_mm
@@ -455,7 +497,7 @@ def _several_errors(
     return InputError(
         f"the DCC must state the error of the bar's length once, got {', '.join(texts)}. Give these"
         " two numbers of the right one by hand instead of the DCC; of bars of several lengths"
-        " radius_mm chooses."
+        " radius_mm chooses where campaign.toml names the DCC."
     )
 
 

@@ -46,9 +46,11 @@ class Ball(Shown):
     """Form deviation of a ball, as stated by a certificate or by a grade of ISO 3290.
 
     A certificate states the deviation from sphericity, peak to valley. It may also state harmonics
-    a cos n(θ − phase) of the form deviation, where θ is the angle on the ball. Each harmonic is
-    given as (n, a [µm], phase [deg]); ``U_um`` is the expanded uncertainty (k = 2) of its cosine
-    and sine coefficients.
+    of the form deviation. Each harmonic a cos n(θ − phase) is given as (n, a [µm], phase [deg]),
+    where θ is the angle on the ball; ``U_um`` is the expanded uncertainty (k = 2) of its cosine and
+    sine coefficients. A harmonic is the amount by which readings are too large, like the length
+    error of a bar. Where the surface stands out, readings are too small. To state the height of the
+    surface, as roundness certificates give it, add 180°/n to its phase.
 
     Raises
     ------
@@ -68,7 +70,9 @@ class Ball(Shown):
     sphericity_um: Certified | None = None
     #: grade of the ball in ISO 3290, from G3 to G200, given instead of ``sphericity_um``
     grade: str | None = None
-    #: harmonics of the ball's form deviation, each as (order, amplitude [µm], phase [deg])
+    #: harmonics of the ball's form deviation, each as (order, amplitude [µm], phase [deg]): the
+    #: amount by which readings are too large. The phase is that of the height of the ball's surface
+    #: plus 180°/order
     harmonics_um: Annotated[Sequence[Harmonic], AfterValidator(tuple)] = ()
     #: expanded uncertainty (k = 2) of each cosine and sine coefficient of ``harmonics_um`` [µm]
     U_um: Certified | None = None

@@ -241,7 +241,9 @@ def _is_size_edited(bound: BoundModel, key: str) -> bool:
     ``BarLength(sd_um=3.0)``.
     """
     term = term_named(bound, _TERM_OF_PIECE[key])
-    for columns in bound.columns_of.get(type(term), ()):
+    if term is None:
+        return False
+    for columns in bound.columns_of[type(term)]:
         for name in columns.names if isinstance(columns, Columns) else ():
             is_of_piece = re.match(_COEFFICIENTS_OF_PIECE[key], name) is not None
             if is_of_piece and is_size_stated(bound, name, term):

@@ -60,6 +60,46 @@ def test_a_german_certificate(tmp_path: Path) -> None:
     )
 
 
+def test_a_bar_of_another_nominal_length_is_refused() -> None:
+    """The certificate is of a bar of 150 mm."""
+    certificate = lb.campaign.read_dcc(SCHEIN)
+    assert certificate.fields("bar", bar_length_mm=150.0)["length_error_um"] == -0.8
+    named = "must be of a bar of radius_mm = 100, got 150 mm beside 'Messwert'"
+    refuses(named, certificate.fields, "bar", bar_length_mm=100.0)
+
+
+@pytest.mark.parametrize("name", ["Längenkorrektion", "Length correction", "Berichtigung (Länge)"])
+def test_a_correction_of_the_length_is_no_length(tmp_path: Path, name: str) -> None:
+    """0.8 µm less the nominal 150 mm would be an error of 15 cm, and of the wrong sign."""
+    certificate = lb.campaign.read_dcc(changed(tmp_path, ("Längenabweichung vom Nennmaß", name)))
+    refuses("must state the error of a bar's length", certificate.fields, "bar")
+
+
+def test_a_diameter_is_no_form(tmp_path: Path) -> None:
+    """A diameter of 0.00011 mm stands below the title Roundness."""
+    certificate = lb.campaign.read_dcc(changed(tmp_path, ("Ebene 2", "Durchmesser")))
+    assert certificate.fields("ball")["sphericity_um"] < 0.15
+
+
+FORCE_NUMBER = (
+    "<dcc:quantity><dcc:name><dcc:content>{name}</dcc:content></dcc:name><si:real><si:value>{value}"
+    r"</si:value><si:unit>\newton</si:unit><si:measurementUncertaintyUnivariate><si:expandedMU>"
+    "<si:valueExpandedMU>{U}</si:valueExpandedMU><si:coverageFactor>2</si:coverageFactor>"
+    "</si:expandedMU></si:measurementUncertaintyUnivariate></si:real></dcc:quantity>"
+)
+
+
+@pytest.mark.parametrize("name", ["Anzeigeabweichung der Kraft", "Force deviation"])
+def test_the_U_of_a_force_is_not_that_of_the_reference(tmp_path: Path, name: str) -> None:
+    """Beside a force of 800 N known to 4 N stands how far the device deviates, known to 8 N."""
+    deviation = FORCE_NUMBER.format(name=name, value=5.0, U=8.0)
+    linearity = '<dcc:quantity><dcc:name><dcc:content lang="de">Linearitätsabweichung'
+    certificate = lb.campaign.read_dcc(changed(tmp_path, (linearity, deviation + linearity)))
+    stated = certificate.fields("force")
+    assert stated["U_percent"] == 1.0
+    assert f"{name}," in stated["certificate"]
+
+
 def test_of_two_linearities_the_larger_share_of_the_force_counts(tmp_path: Path) -> None:
     """A ratio of 1 % is more than 4.8 N of 800 N."""
     end = "</si:unit></si:real></dcc:quantity>"
