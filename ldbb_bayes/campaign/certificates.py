@@ -250,9 +250,8 @@ class CalibrationCertificate(Shown):
         The result has these keys:
 
         - U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain. If the
-          certificate states no gain, U_percent is the expanded uncertainty of the largest certified
-          force, in percent of this force. If it states a larger expanded uncertainty of an
-          indicated force or of a deviation, as beside a reference force, that one is used.
+          certificate states no gain, U_percent is the amount by which the largest certified force
+          may be wrong, in percent of this force (`_largest_force_error`).
         - linearity_percent is the largest deviation from a straight line, in percent of the largest
           force.
         - certificate is the name of the certificate.
@@ -266,10 +265,8 @@ class CalibrationCertificate(Shown):
         if scale is not None and scale.value:
             value, U = scale.numbers()
             source = scale
-            for error in self._force_errors() if scale.dimension == "N" else ():
-                if error.numbers()[1] > U:
-                    _, U = error.numbers()
-                    source = error
+            if scale.dimension == "N":
+                U, source = self._largest_force_error(scale)
             if U:
                 stated["U_percent"] = _without_rounding(100.0 * U / abs(value))
                 sources.append(source)
@@ -300,15 +297,28 @@ class CalibrationCertificate(Shown):
         """Return the forces that the calibration certificate states, in the order of the file."""
         return self._quantities_by_role("N").get("force", [])
 
-    def _force_errors(self) -> list[CertifiedQuantity]:
-        """Return what the certificate states of a force device beside forces, such as deviations.
+    def _largest_force_error(self, force: CertifiedQuantity) -> tuple[float, CertifiedQuantity]:
+        """Return by how much a certified force may be wrong [N], and the quantity that states it.
 
-        A certificate that compares the device with a reference states the uncertainty of the device
-        with these quantities; the uncertainty of the reference force is smaller.
+        A certificate that compares the device with a reference states indications or deviations,
+        too. Their expanded uncertainty is that of the device; that of the reference force is
+        smaller. The force may be wrong by the absolute deviation plus its expanded uncertainty,
+        because the forces of the campaign are not corrected for it. The deviation of an indicated
+        force is its difference from ``force``. The largest of these amounts is returned.
         """
+        reference_N, largest_N = force.numbers()
+        source = force
         by_role = self._quantities_by_role("N")
-        errors = [*by_role.get("indication", []), *by_role.get("deviation", [])]
-        return [error for error in errors if error.dimension == "N"]
+        for quantity in (*by_role.get("indication", []), *by_role.get("deviation", [])):
+            if quantity.dimension != "N":
+                continue
+            deviation_N, U_N = quantity.numbers()
+            if abs(deviation_N - reference_N) < abs(deviation_N):
+                deviation_N -= reference_N
+            if abs(deviation_N) + U_N > largest_N:
+                largest_N = abs(deviation_N) + U_N
+                source = quantity
+        return largest_N, source
 
     def _linearity(self) -> CertifiedQuantity | None:
         """Return the largest linearity error of a force device that the certificate states.

@@ -89,14 +89,24 @@ FORCE_NUMBER = (
 )
 
 
-@pytest.mark.parametrize("name", ["Anzeigeabweichung der Kraft", "Force deviation"])
-def test_the_U_of_a_force_is_not_that_of_the_reference(tmp_path: Path, name: str) -> None:
-    """Beside a force of 800 N known to 4 N stands how far the device deviates, known to 8 N."""
-    deviation = FORCE_NUMBER.format(name=name, value=5.0, U=8.0)
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("Anzeigeabweichung der Kraft", 5.0),
+        ("Force deviation", -5.0),
+        ("Indication of force", 805.0),
+    ],
+)
+def test_the_U_of_a_force_is_not_that_of_the_reference(
+    tmp_path: Path, name: str, value: float
+) -> None:
+    """Beside a force of 800 N known to 4 N stands how far the device deviates, known to 8 N. The
+    forces of a campaign are not corrected for these 5 N."""
+    deviation = FORCE_NUMBER.format(name=name, value=value, U=8.0)
     linearity = '<dcc:quantity><dcc:name><dcc:content lang="de">Linearitätsabweichung'
     certificate = lb.campaign.read_dcc(changed(tmp_path, (linearity, deviation + linearity)))
     stated = certificate.fields("force")
-    assert stated["U_percent"] == 1.0
+    assert stated["U_percent"] == pytest.approx(100.0 * (5.0 + 8.0) / 800.0, rel=1e-9)
     assert f"{name}," in stated["certificate"]
 
 
