@@ -11,7 +11,9 @@ from reports import plan_of_three_planes
 from scipy.special import ndtri
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.conformity import Conformity, Decision
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
+from ldbb_bayes.analysis.design.aims_so_far import ToleranceState
 from ldbb_bayes.analysis.design.campaign_objective import objective_of
 from ldbb_bayes.analysis.design.candidate_covariances import (
     CandidateCovariances,
@@ -235,6 +237,40 @@ def test_a_goal_that_hangs_on_one_circle_is_less_sure_because_the_circle_may_sca
     step = next_circle(MODEL, recovered, goals={"E_C0YX": goal}, tolerances={}, **choice)
     assert step.goals["E_C0YX"].U_next == pytest.approx(expanded, rel=0.1)
     assert 0.5 < step.goals["E_C0YX"].probability_next < 0.85
+
+
+@pytest.mark.parametrize("upper", [None, 2.5])
+def test_the_probability_of_a_decision_on_a_tolerance_is_that_of_simulated_estimates(
+    upper: float | None,
+) -> None:
+    """The next circle leaves u = 0.2 or 0.6, each as likely. 200 000 estimates after it."""
+    now = Conformity(
+        unit="1",
+        force_N=None,
+        lower=0.0,
+        upper=upper,
+        mean=0.8,
+        sd=1.0,
+        probability=0.79,
+        guard_band=1.64,
+        confidence=0.95,
+        decision=Decision.NOT_DECIDED,
+    )
+    aim = UncertaintyAim(np.array([1.0]), target=0.5, inflation=1.0, is_reached=False)
+    left_u = np.array([0.2, 0.6])
+    scattering = (left_u**2).reshape(2, 1, 1)
+    found = ToleranceState(now, aim).so_far(scattering[:1], scattering[:1], scattering)
+
+    rng = np.random.default_rng(3)
+    u = rng.choice(left_u, 200_000)
+    estimate = 0.8 + np.sqrt(1.0 - u**2) * rng.standard_normal(u.size)
+    guard_band = float(ndtri(0.95)) * u
+    conforms = estimate >= guard_band
+    fails = estimate <= -guard_band
+    if upper is not None:
+        conforms &= estimate <= upper - guard_band
+        fails |= estimate >= upper + guard_band
+    assert found.decided_next == pytest.approx(float((conforms | fails).mean()), abs=4e-3)
 
 
 def test_the_floor_is_below_what_is_expected_next(step: NextCircle) -> None:

@@ -293,32 +293,42 @@ class ToleranceState:
     now: Conformity
     aim: UncertaintyAim
 
-    def so_far(self, after: Array, floor: Array) -> ToleranceSoFar:
+    def so_far(self, after: Array, floor: Array, scattering: Array) -> ToleranceSoFar:
         """Return the present decision, and the probability that one more circle allows a decision.
 
-        The decision is whether a quantity conforms with its tolerance. The estimate after the next
-        circle is not known yet. It is taken to be normally distributed about the present estimate.
-        A decision is made if the new estimate is at least a guard band away from each limit.
-        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
-        circle, in units of their prior standard deviations, at K values of the hyper-parameters.
-        ``floor``, of the same shape and in the same units, are the covariances after very many
-        circles.
+        The decision is whether a quantity conforms with its tolerance. ``after``, shape (K, p, p),
+        are the covariances of the p parameters after the best next circle, in units of their prior
+        standard deviations, at K values of the hyper-parameters. ``floor``, of the same shape and
+        in the same units, are the covariances after very many circles. ``scattering``, shape (n, p,
+        p), are n equally likely covariances after the best next circle, which may scatter more or
+        less than other circles.
+        """
+        sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), self.now.sd)
+        sd_floor = min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), sd_next)
+        return ToleranceSoFar(
+            now=self.now,
+            decided_next=float(self._probability_decided(self.aim.sd(scattering)).mean()),
+            U_needed=COVERAGE_FACTOR * self.aim.target,
+            U_floor=COVERAGE_FACTOR * sd_floor,
+        )
+
+    def _probability_decided(self, sd_next: Array) -> Array:
+        """Return probabilities that the next circle allows a decision, shape (n,).
+
+        The estimate after the next circle is not known yet. It is taken to be normally distributed
+        about the present estimate. A decision is made if the new estimate is at least a guard band
+        away from each limit. ``sd_next``, shape (n,), are possible standard uncertainties of the
+        quantity after the next circle.
         """
         sd = self.now.sd
-        sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)
-        shift_sd = max(float(np.sqrt(sd**2 - sd_next**2)), _LEAST_TARGET * sd)
+        sd_next = np.minimum(sd_next, sd)
+        shift_sd = np.maximum(np.sqrt(sd**2 - sd_next**2), _LEAST_TARGET * sd)
         guard_band = float(ndtri(self.now.confidence)) * sd_next
         low, high = self.now.limits
         edges = np.array([low - guard_band, low + guard_band, high - guard_band, high + guard_band])
         below_low, inside_low, inside_high, above_high = ndtr((edges - self.now.mean) / shift_sd)
-        conforms = max(float(inside_high - inside_low), 0.0)
-        sd_floor = min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), sd_next)
-        return ToleranceSoFar(
-            now=self.now,
-            decided_next=float(below_low) + conforms + float(1.0 - above_high),
-            U_needed=COVERAGE_FACTOR * self.aim.target,
-            U_floor=COVERAGE_FACTOR * sd_floor,
-        )
+        conforms = np.maximum(inside_high - inside_low, 0.0)
+        return np.asarray(below_low + conforms + (1.0 - above_high))
 
 
 def tolerance_states(

@@ -341,7 +341,7 @@ def next_circle(
         goals_probability=goals_probability,
         model=None if odds is None else odds.so_far(after, after_very_many),
         model_is_aim=model_is_aim,
-        tolerances=_tolerances_so_far(of_tolerances, after, after_very_many),
+        tolerances=_tolerances_so_far(of_tolerances, after, after_very_many, scattering),
         finished=finished,
         more_circles=to_go.number,
         other_kinds=_kinds_not_allowed(space),
@@ -457,16 +457,17 @@ def _goals_so_far(
 
 
 def _tolerances_so_far(
-    tolerances: Mapping[str, ToleranceState], after: Array, floor: Array
+    tolerances: Mapping[str, ToleranceState], after: Array, floor: Array, scattering: Array
 ) -> dict[str, ToleranceSoFar]:
     """Return, for each tolerance, the present decision and what the best next circle may decide.
 
     The present decision states whether the quantity conforms with its tolerance. For the best next
     circle, the probability is given that a decision is then possible. ``after`` are the covariances
-    of the parameters after this circle, and ``floor`` those after very many circles. The result is
-    a dict; its keys are the names of the quantities with tolerances.
+    of the parameters after this circle, and ``floor`` those after very many circles. ``scattering``
+    are equally likely covariances after this circle, which may scatter more or less than other
+    circles. The result is a dict; its keys are the names of the quantities with tolerances.
     """
-    return {name: state.so_far(after, floor) for name, state in tolerances.items()}
+    return {name: state.so_far(after, floor, scattering) for name, state in tolerances.items()}
 
 
 def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
