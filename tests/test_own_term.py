@@ -316,10 +316,11 @@ class Nameless(lb.terms.Term):
         return (lb.terms.Columns((self.name,), setting.harmonics([5])[:, :, :1], 1e-3),)
 
 
-@pytest.mark.parametrize("name", ["lobe", "mount_lobe"])
-def test_a_name_that_is_not_of_the_term_is_refused(name: str) -> None:
-    bound = lb.HybridModel.default(0).with_term(Nameless(name)).bind(plan())
+def test_a_name_of_another_term_is_refused() -> None:
+    bound = lb.HybridModel.default(0).with_term(Nameless("mount_lobe")).bind(plan())
     refuses(
-        rf"the coefficients of Nameless must have names that begin with its stem.*got '{name}'",
+        "the coefficients of Nameless must have names that begin with its stem.*got 'mount_lobe',"
+        " a name of Mount",
         lambda: bound.nuisance_columns,
     )
+    assert lb.HybridModel.default(0).with_term(Nameless("lobe")).bind(plan()).nuisance_columns

@@ -1228,17 +1228,19 @@ def require_model(model: object) -> None:
 
 
 def _check_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> None:
-    """Raise an `InputError` unless the names of a term's coefficients show whose they are.
+    """Raise an `InputError` if a coefficient of a term has a name that belongs to another term.
 
     Results find the unit and the words of a coefficient by its name. ``kind`` is the class of the
     nuisance term (an effect that is modelled but not of interest), and ``columns`` are its columns.
     """
     for block in columns:
         for name in block.names if isinstance(block, Columns) else ():
+            owner = Term.owner(name)
             require(
-                Term.owner(name) is kind,
+                owner in (kind, Term),
                 f"the coefficients of {kind.__name__} must have names that begin with its stem"
-                f" ({kind.stem!r}), got {name!r}. Rename them, or set another stem.",
+                f" ({kind.stem!r}), got {name!r}, a name of {owner.__name__}. Rename them, or set"
+                " another stem.",
             )
 
 
