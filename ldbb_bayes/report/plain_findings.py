@@ -315,8 +315,9 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
     """Yield one sentence for each thing on the machine that should be inspected or repaired.
 
     If there is nothing to inspect, a sentence says so. Another sentence follows if the readings do
-    not show that the stiffness changes with force. If no plane has circles in both directions, the
-    last sentence says that the readings cannot show backlash or servo mismatch.
+    not show that the stiffness changes with force. If no plane has circles in both directions, or
+    no circle states its direction, the last sentence says that the readings cannot show backlash or
+    servo mismatch.
     """
     words = numbers.words
     findings = findings_of(numbers)
@@ -336,7 +337,9 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
             probability=probability,
         )
     if not numbers.reversal_coefficients:
-        yield words("plain.one_way")
+        tests = bound_of(numbers.findings.posterior).campaign.tests
+        is_any_stated = any(test.direction for test in tests)
+        yield words("plain.one_way" if is_any_stated else "plain.directions_not_stated")
 
 
 # ---- parameters that the readings do not determine, and the step that would help most
@@ -378,8 +381,9 @@ def _undetermined_sentence(numbers: SheetNumbers) -> str:
     """Return a string that names the undetermined parameters and the step that would help most.
 
     A step, such as a calibration, reduces the uncertainty that is due to one effect. If the
-    readings determine all parameters, the string says so. It then names the parameters whose
-    uncertainty is mostly that of effects which nobody measured.
+    readings determine all parameters, the string says so. If the uncertainty of some parameters is
+    mostly that of effects which nobody measured, the string does not say that these parameters are
+    determined: it says how much the readings narrow all parameters, and names these parameters.
     """
     words = numbers.words
     step = best_step(numbers)
@@ -389,10 +393,10 @@ def _undetermined_sentence(numbers: SheetNumbers) -> str:
             for quantity in numbers.parameters.values()
             if quantity.entry is not None and quantity.entry.partners
         ]
-        sentence = words("plain.all_determined")
         if assumed:
-            sentence += words("plain.by_assumption", names=words.joined(assumed))
-        return sentence
+            by_assumption = words("plain.by_assumption", names=words.joined(assumed))
+            return words("plain.narrowed") + by_assumption
+        return words("plain.all_determined")
     undetermined = []
     helped_by_step: dict[str, list[str]] = {step: []}
     for quantity in numbers.parameters.values():

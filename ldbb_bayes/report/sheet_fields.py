@@ -169,6 +169,8 @@ def _path_text(campaign: Campaign, words: Words) -> str:
     directions = dict.fromkeys(str(test.direction) for test in campaign.tests if test.direction)
     if directions:
         path.append("/".join(words(f"entries.{direction}") for direction in directions))
+    else:
+        path.append(words("entries.no_direction"))
     if len(campaign.tests) > 1:
         path.append(words(_ORDER_ENTRIES[time_source(campaign)]))
     return ", ".join(path)

@@ -848,6 +848,19 @@ def test_one_direction_cannot_show_backlash(english: Sheets) -> None:
     )
 
 
+def test_directions_that_are_not_stated_are_not_taken_for_one() -> None:
+    base = simulated(plan())
+    one_way = replace(base, tests=tuple(replace(test, direction="CCW") for test in base.tests))
+    for campaign, said, field in (
+        (base, "no circle states its direction", "direction not stated"),
+        (one_way, "the circles were run in one direction", "counterclockwise"),
+    ):
+        first, _ = sheets(findings_of(campaign))
+        assert any(said in item for item in plain_of(first).items)
+        (fields, *_) = [block for block in first.blocks if isinstance(block, Fields)]
+        assert field in dict(fields.entries)["Feed, direction, order"]
+
+
 def undetermined(*partners: str) -> StatedQuantity:
     """A quantity that the readings do not determine, confounded with these effects."""
     entry = judged("confounded", *partners)
@@ -902,6 +915,8 @@ def test_where_all_is_determined_what_rests_on_assumptions_is_named(language: st
     text = plain_findings._undetermined_sentence(numbers)
     assert "U of E_YX2 is mostly" in text or "U von E_YX2 ist" in text
     assert "C_XXX" not in text
+    # Beside it stands a list of what is not determined, with E_YX2 on it.
+    assert words_of(language)("plain.all_determined") not in text
 
 
 def test_the_one_step_is_about_what_holds_most_of_what_is_not_determined() -> None:
