@@ -16,6 +16,10 @@ NOTHING_STATED = "nothing says otherwise"
 # Reason for an assumed value if some texts in the files were not understood. No other text states
 # the value, but one of these texts may state it.
 _NOTHING_UNDERSTOOD = "no text that is understood says otherwise"
+# Subjects of assumptions whose places are listed, because their number alone does not tell which
+# files or sheets are lost.
+_SUBJECTS_WITH_PLACES = ("left out", "list of tests")
+_PLACES_SHOWN = 300  # longest list of such places [characters]
 
 
 def shown_list(texts: Iterable[str], longest: int) -> str:
@@ -39,7 +43,7 @@ class Assumption:
     """Assumption made when files are imported, such as the unit of the readings."""
 
     #: file, sheet or test for which the assumption was made, or a text such as "3 places" if there
-    #: are several; empty if the assumption concerns all files
+    #: are several (what is left out is listed); empty if the assumption concerns all files
     place: str
     what: str  #: subject of the assumption, such as "separator"
     value: str  #: value that was assumed, as text
@@ -138,6 +142,8 @@ class AssumptionLog:
             place = places[0]
             if place and len(places) > 1:
                 place = f"{len(places)} places"
+                if entry.subject in _SUBJECTS_WITH_PLACES:
+                    place = shown_list(places, _PLACES_SHOWN)
             assumptions.append(Assumption(place, *entry))
         return tuple(assumptions)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from openpyxl import Workbook
+from openpyxl import Workbook, load_workbook
 
 import ldbb_bayes as lb
 
@@ -43,3 +43,15 @@ def test_a_file_that_does_not_exist_is_not_advised_to_be_left_out(tmp_path: Path
     path = workbook_with(tmp_path, [["Test", "Force [N]"], ["A", 36], ["B", 490]])
     with pytest.raises(lb.InputError, match=r"must be a file, found none\. Check the path\.$"):
         lb.import_campaign([path, tmp_path / "nothing.csv"])
+
+
+def test_all_sheets_that_are_left_out_are_named(tmp_path: Path) -> None:
+    """A number of places would not tell which circle is lost."""
+    path = workbook_with(tmp_path, [["Remark"], ["warm day"]])
+    book = load_workbook(path)
+    book.create_sheet("C").append(["Angle [deg]", "Reading [um]"])
+    book.save(path)
+    imported = lb.import_campaign(path, layout=lb.reading.Layout(forces_N=[36.0, 490.0]))
+    (note,) = [note for note in imported.assumptions if note.what == "left out"]
+    assert "'runs'" in note.place
+    assert "'C'" in note.place
