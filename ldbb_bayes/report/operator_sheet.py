@@ -30,6 +30,10 @@ _AFTER_ONE_CIRCLE = (
     " of this circle from the campaign.toml beside this sheet into that of the campaign, and enter"
     " the name there as file."
 )
+_TIME_OF_ONE_CIRCLE = (
+    "Enter its time there as time_s, in seconds on the scale of the other circles: times count only"
+    " if every circle states one."
+)
 
 
 def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
@@ -68,7 +72,7 @@ def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
         mountings=in_language(*mounting_sentences(plan, step.circles + 1)),
         settings=zip(in_language(*names), in_language(*values), strict=True),
         passages=in_language(*aims_passages(step)),
-        advice=in_language(*_advice(plan), _AFTER_ONE_CIRCLE),
+        advice=in_language(*_advice(plan), *_after_one_circle(plan)),
     )
 
 
@@ -165,6 +169,18 @@ def _advice(plan: Campaign) -> tuple[str, ...]:
             " such circles, mark it when the bar is mounted."
         )
     return tuple(sentences)
+
+
+def _after_one_circle(plan: Campaign) -> tuple[str, ...]:
+    """Return sentences on what to do with the readings of the next circle.
+
+    If all circles run so far, which are those of the pilot of ``plan``, state their times, a
+    sentence asks for the time of the next circle: the times of the others would be lost without it.
+    """
+    run = plan.pilot.tests if plan.pilot is not None else ()
+    if run and all(test.time_s is not None for test in run):
+        return _AFTER_ONE_CIRCLE, _TIME_OF_ONE_CIRCLE
+    return (_AFTER_ONE_CIRCLE,)
 
 
 def _machine_of(plan: Campaign) -> str:

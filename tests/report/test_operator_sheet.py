@@ -112,6 +112,19 @@ def test_the_sheet_is_english_if_nothing_is_said(step: NextCircle) -> None:
     assert page == operator_sheet.page(step, step.plan(), "en")
 
 
+@pytest.mark.parametrize(("language", "said"), [("en", "as time_s, in seconds"), ("de", "Skala")])
+def test_the_sheet_asks_for_the_time_where_all_circles_state_theirs(
+    language: str, said: str, step: NextCircle
+) -> None:
+    """Of a campaign in which one circle states no time, none counts."""
+    next_plan = step.plan()
+    assert next_plan.pilot is not None
+    tests = [replace(test, time_s=360.0 * k) for k, test in enumerate(next_plan.pilot.tests)]
+    timed = replace(next_plan, pilot=replace(next_plan.pilot, tests=tuple(tests)))
+    assert said in words_of(operator_sheet.page(step, timed, language))
+    assert said not in words_of(operator_sheet.page(step, next_plan, language))
+
+
 def test_models_are_equally_probable_where_numbers_cannot_tell(step: NextCircle) -> None:
     def sentence(log_bayes_factor: float, error: float) -> str:
         probability = float(expit(log_bayes_factor))
