@@ -128,7 +128,7 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
 
     The segment is divided at dashes and slashes. In ``Force 36 N - gauge turned over``, the last
     part is unused. A part counts as used if the segment without it states fewer fields, such as the
-    force, or if the part is about the sign of readings. ``quoted`` holds those parts of the line
+    force, or another time, or if the part is about the sign of readings. ``quoted`` holds those parts of the line
     that notes already quote; they are left out. An equation with an unused part is returned as a
     whole, because its parts do not show what it means.
     """
@@ -137,6 +137,8 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
     for k, part in enumerate(parts):
         others = " - ".join(parts[:k] + parts[k + 1 :])
         is_needed = _stated_facts(segment) != _stated_facts(others) or is_about_sign(part)
+        # A label such as "Start time" tells what the time behind it is of.
+        is_needed = is_needed or stamps_in(segment) != stamps_in(others)
         is_needed = is_needed or _is_label_of_next(parts, k, segment)
         if len(parts) > 1 and _may_matter(part) and not (is_needed or part.strip() in quoted):
             unused.append(part.strip())

@@ -9,6 +9,7 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.reading.unit_lines import units_stated
+from ldbb_bayes.reading.unused_segments import unused_segments
 
 
 def notes_of(folder: Path, lines: list[str], **layout: Any) -> dict[str, str]:
@@ -64,6 +65,13 @@ def test_a_convention_that_the_user_states_is_not(
 )
 def test_a_line_that_is_not_used_is_told(tmp_path: Path, line: str) -> None:
     assert notes_of(tmp_path, [line])["texts not used"] == f"{line!r} (line 1)"
+
+
+@pytest.mark.parametrize("label", ["Startzeit", "Start time"])
+def test_the_label_of_a_time_in_a_cell_of_its_own_is_used(label: str) -> None:
+    line = f"{label};20.11.2026 09:11"
+    assert unused_segments(line, [""]) == ""
+    assert unused_segments(f"{line};gauge turned over", [""]) == "gauge turned over"
 
 
 def test_a_line_that_is_used_is_not_told(tmp_path: Path) -> None:
