@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_fit
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.preview import RemarkKind, check_campaign
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.machine.chain import PLANES
@@ -57,6 +58,11 @@ def banner(numbers: SheetNumbers) -> Banner:
         # caution that the banner states. Only a reason why the numbers cannot be used at all comes
         # before it.
         reasons.insert(1 if is_unusable else 0, outside)
+    copies = _copied_tests(campaign_of(findings.posterior))
+    if copies:
+        # A file that was read twice makes U too small, without any sign of it in the fit.
+        text = words("state.copies", names=words.joined(copies))
+        reasons.insert(1 if is_unusable else 0, text)
 
     kind = "usable"
     if is_unusable:
@@ -156,6 +162,15 @@ def _unit_texts(fit: Fit, campaign: Campaign, words: Words) -> Iterator[str]:
             span=words.number(spans.span),
             limit=words.number(spans.limit),
         )
+
+
+def _copied_tests(campaign: Campaign) -> list[str]:
+    """Return the names of the tests of a campaign that have the readings of another test."""
+    names: dict[str, None] = {}
+    for remark in check_campaign(campaign).remarks:
+        if remark.kind is RemarkKind.COPY:
+            names |= dict.fromkeys((remark.values["first"], remark.values["second"]))
+    return list(names)
 
 
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:

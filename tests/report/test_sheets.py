@@ -848,6 +848,23 @@ def test_one_direction_cannot_show_backlash(english: Sheets) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("language", "said"),
+    [
+        ("en", "The tests f036 and again hold the same readings"),
+        ("de", "Die Messungen f036 und again haben dieselben Messwerte"),
+    ],
+)
+def test_the_box_names_a_circle_that_was_read_twice(language: str, said: str) -> None:
+    """Nothing in the fit shows it, and U is too small."""
+    campaign = simulated(plan())
+    again = replace(campaign.tests[0], name="again")
+    findings = findings_of(replace(campaign, tests=(*campaign.tests, again)))
+    banner = sheets(findings, language=language)[0].blocks[0]
+    assert isinstance(banner, Banner)
+    assert said in banner.sentence
+
+
 def test_directions_that_are_not_stated_are_not_taken_for_one() -> None:
     base = simulated(plan())
     one_way = replace(base, tests=tuple(replace(test, direction="CCW") for test in base.tests))
