@@ -24,6 +24,9 @@ __all__ = [
 # Largest length of an error message [characters]. The middle of a longer message is left out.
 # Messages may be long because they quote files.
 LONGEST_MESSAGE = 1200
+# A name is suggested instead of a misspelt name only if at least this fraction of the letters of
+# the two names match.
+_LEAST_SIMILARITY = 0.4
 
 
 class InputError(ValueError):
@@ -174,10 +177,10 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
     """Return a question for the user, such as "Did you mean 'mount'?", or an empty text.
 
     The question suggests the known name that is most similar to ``name``. The text is empty if the
-    two names have no letter in common.
+    two names have little in common, because the user then means something else.
     """
     candidate = nearest(name, known)
-    if not set(name.casefold()) & set(candidate.casefold()):
+    if SequenceMatcher(None, candidate.lower(), name.lower()).ratio() < _LEAST_SIMILARITY:
         return ""
     return f" Did you mean {candidate!r}?"
 
