@@ -128,9 +128,9 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
 
     The segment is divided at dashes and slashes. In ``Force 36 N - gauge turned over``, the last
     part is unused. A part counts as used if the segment without it states fewer fields, such as the
-    force, or another time, or if the part is about the sign of readings. ``quoted`` holds those parts of the line
-    that notes already quote; they are left out. An equation with an unused part is returned as a
-    whole, because its parts do not show what it means.
+    force, or another time, or if the part is about the sign of readings. ``quoted`` holds those
+    parts of the line that notes already quote; they are left out. An equation with an unused part
+    is returned as a whole, because its parts do not show what it means.
     """
     parts = next(finer_divisions(segment))
     unused = []

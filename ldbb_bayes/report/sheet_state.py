@@ -167,9 +167,9 @@ def _unit_texts(fit: Fit, campaign: Campaign, words: Words) -> Iterator[str]:
 def _copied_tests(campaign: Campaign) -> list[str]:
     """Return the names of the tests of a campaign that have the readings of another test."""
     names: dict[str, None] = {}
-    for remark in check_campaign(campaign).remarks:
-        if remark.kind is RemarkKind.COPY:
-            names |= dict.fromkeys((remark.values["first"], remark.values["second"]))
+    for odd in check_campaign(campaign).remarks:
+        if odd.kind is RemarkKind.COPY:
+            names |= dict.fromkeys((odd.values["first"], odd.values["second"]))
     return list(names)
 
 
