@@ -190,6 +190,7 @@ def test_a_goal_that_the_pilot_meets_needs_nothing():
     assert found.all_reached
     assert found.plans == ()
     assert "nothing is needed: C_XXX" in text_of(found)
+    assert "U now is not above what is wanted" in " ".join(text_of(found).split())
 
 
 def test_a_campaign_that_takes_too_long_is_not_offered():

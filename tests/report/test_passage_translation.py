@@ -28,8 +28,8 @@ SENTENCES = [
     "Averaged over constant and linear compliance and what else may explain a change with force, as"
     " the sheets of report state it, it is after"
     " the cheapest campaign C_XXX 5.1 nm/N, C_YYY 4.9 nm/N, C_XYX 0.9 nm/N (medians).",
-    "Met already by 'a pilot' (with probability 90 % or more), so that nothing is needed: C_XXX and"
-    " E_XX1.",
+    "Met already by 'a pilot' (U now is not above what is wanted; next states how probable that"
+    " is), so that nothing is needed: C_XXX and E_XX1.",
     "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",
     "The other goals are met on 98 % of the machines that the prior allows (90 % were asked for).",
     "Out of reach, for the reasons below: C_XXX and E_XX1.",
