@@ -300,13 +300,17 @@ def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each squareness error, with the probability of the error's sign.
 
     Errors that the readings do not determine are left out: the machine must not be corrected by
-    them.
+    them. Of a confounded error, the sentence asks for a confirmation before it is corrected.
     """
     words = numbers.words
     for quantity in numbers.squareness_errors.values():
         if quantity.is_undetermined:
             continue
-        values = {"name": quantity.words, "value": _with_U(quantity, words)}
+        advice = words("plain.align")
+        if quantity.entry is not None and quantity.entry.partners:
+            partners = words.joined([words.term(name) for name in quantity.entry.partners])
+            advice = words("plain.confirm", partners=partners)
+        values = {"name": quantity.words, "value": _with_U(quantity, words), "advice": advice}
         probability = _probability_of_sign(quantity.estimate, quantity.sd)
         yield Finding(FindingKind.SQUARENESS, probability, values)
 

@@ -897,6 +897,24 @@ def test_no_squareness_that_is_not_determined_is_to_be_corrected(
     assert [str(finding.kind) for finding in found] == kinds
 
 
+@pytest.mark.parametrize(
+    ("partners", "advice"),
+    [
+        ((), "Check the alignment of the axes."),
+        (("BallForm",), "More than half of U² is assumed, not measured (ball form): confirm it"),
+    ],
+)
+def test_a_confounded_squareness_is_to_be_confirmed_first(
+    partners: tuple[str, ...], advice: str
+) -> None:
+    """The same sheet says: do not correct the machine by it."""
+    entry = judged("confounded" if partners else "identified", *partners)
+    error = StatedQuantity("Squareness", "E", 5e-5, 1e-5, (3e-5, 7e-5), "rad", entry)
+    numbers: Any = SimpleNamespace(words=words_of("en"), squareness_errors={"E": error})
+    (found,) = plain_findings._squareness_findings(numbers)
+    assert found.values["advice"].startswith(advice)
+
+
 def gum_sentence(findings: Findings, force_N: float, entries: dict[str, Any]) -> str:
     """The sentence on intervals of the GUM, for results of the comparison that are made up."""
     validation = SimpleNamespace(parameters=entries, digits=2)
