@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ldbb_bayes.campaign.dsi_units import DCC_WORDS, parse_unit
+from ldbb_bayes.campaign.dsi_units import DCC_WORDS, is_angle, parse_unit
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.results import Shown
 
@@ -303,22 +303,57 @@ class CalibrationCertificate(Shown):
         A certificate that compares the device with a reference states indications or deviations,
         too. Their expanded uncertainty is that of the device; that of the reference force is
         smaller. The force may be wrong by the absolute deviation plus its expanded uncertainty,
-        because the forces of the campaign are not corrected for it. The deviation of an indicated
-        force is its difference from ``force``. The largest of these amounts is returned.
+        because the forces of the campaign are not corrected for it. The largest of these amounts is
+        returned. ``force`` is the largest certified force.
         """
-        reference_N, largest_N = force.numbers()
+        _, largest_N = force.numbers()
         source = force
-        by_role = self._quantities_by_role("N")
-        for quantity in (*by_role.get("indication", []), *by_role.get("deviation", [])):
-            if quantity.dimension != "N":
-                continue
-            deviation_N, U_N = quantity.numbers()
-            if abs(deviation_N - reference_N) < abs(deviation_N):
-                deviation_N -= reference_N
-            if abs(deviation_N) + U_N > largest_N:
-                largest_N = abs(deviation_N) + U_N
-                source = quantity
+        for deviations in self._deviations_by_name():
+            for deviation, reference in self._with_references(deviations, force):
+                error_N = _force_error_N(deviation, reference)
+                if error_N > largest_N:
+                    largest_N = error_N
+                    source = deviation
         return largest_N, source
+
+    def _deviations_by_name(self) -> list[list[CertifiedQuantity]]:
+        """Return the indications and deviations of a force device, in newtons or as ratios.
+
+        Those of one name, such as those at several forces, are in one list, in the order of the
+        file.
+        """
+        by_name: dict[tuple[str, ...], list[CertifiedQuantity]] = {}
+        for dimension in ("N", ""):
+            by_role = self._quantities_by_role(dimension)
+            for quantity in (*by_role.get("indication", []), *by_role.get("deviation", [])):
+                if quantity.dimension == dimension and not is_angle(quantity.unit):
+                    names = (*quantity.holders, quantity.name, quantity.ref_type)
+                    by_name.setdefault(names, []).append(quantity)
+        return list(by_name.values())
+
+    def _with_references(
+        self, deviations: Sequence[CertifiedQuantity], largest: CertifiedQuantity
+    ) -> list[tuple[CertifiedQuantity, CertifiedQuantity]]:
+        """Return pairs of an indication or deviation and the force to which it belongs.
+
+        If the certificate states as many forces as ``deviations``, beside them or altogether, both
+        are in the same order. Otherwise, an indication belongs to the force that it is nearest to,
+        and a ratio to ``largest``, the largest force.
+        """
+        forces = self._forces()
+        beside = [force for force in forces if force.holders == deviations[0].holders]
+        for references in (beside, forces):
+            if len(references) == len(deviations):
+                return list(zip(deviations, references, strict=True))
+        pairs = []
+        for deviation in deviations:
+            reference = largest
+            if deviation.dimension == "N":
+                value_N, _ = deviation.numbers()
+                distances = [abs(value_N - force.numbers()[0]) for force in forces]
+                reference = forces[distances.index(min(distances))]
+            pairs.append((deviation, reference))
+        return pairs
 
     def _linearity(self) -> CertifiedQuantity | None:
         """Return the largest linearity error of a force device that the certificate states.
@@ -405,6 +440,23 @@ class CalibrationCertificate(Shown):
     def _quantities_in_words(self) -> str:
         """Return the names and units of the certificate's quantities as text, for messages."""
         return _listed(self.quantities) or "no number at all"
+
+
+def _force_error_N(deviation: CertifiedQuantity, reference: CertifiedQuantity) -> float:
+    """Return the absolute deviation of a force device plus its expanded uncertainty, in newtons.
+
+    ``deviation`` is a deviation in newtons, a ratio to the force ``reference``, or an indicated
+    force, which is closer to ``reference`` than to zero. If it has no uncertainty, that of
+    ``reference`` is used.
+    """
+    deviation_N, U_N = deviation.numbers()
+    reference_N, reference_U_N = reference.numbers()
+    if deviation.dimension == "":
+        deviation_N *= reference_N
+        U_N *= abs(reference_N)
+    elif abs(deviation_N - reference_N) < abs(deviation_N):
+        deviation_N -= reference_N
+    return abs(deviation_N) + (U_N or reference_U_N)
 
 
 def _error_of_length(

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-__all__ = ["DCC_WORDS", "UnitSize", "parse_unit"]
+__all__ = ["DCC_WORDS", "UnitSize", "is_angle", "parse_unit"]
 
 # Content of the file ``dcc.toml`` of the package: prefixes and units of the D-SI (Digital SI), and
 # the words by which the quantities of digital calibration certificates are recognised.
@@ -22,6 +22,8 @@ DCC_WORDS: Mapping[str, Any] = tomllib.loads(
 _PREFIXES: Mapping[str, float] = DCC_WORDS["prefixes"]
 _UNITS: Mapping[str, tuple[float, str]] = DCC_WORDS["units"]
 _WHOLE_UNIT = re.compile(r"(\\[a-zA-Z]+(\{[-+]?\d\})?)+")
+# Units of an angle, the dimension of which is that of a ratio.
+_ANGLES = re.compile(r"\\(radian|degree)\b")
 _FACTOR = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?")
 
 
@@ -68,6 +70,11 @@ def parse_unit(unit: str | None) -> UnitSize | None:
         else:
             return None
     return UnitSize(factor, _dimension_text(powers))
+
+
+def is_angle(unit: str | None) -> bool:
+    r"""Return whether a unit, such as ``\micro\radian``, is one of an angle and not of a ratio."""
+    return unit is not None and _ANGLES.search(unit) is not None
 
 
 def _dimension_text(powers: Mapping[str, int]) -> str:

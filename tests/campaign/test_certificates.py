@@ -110,6 +110,42 @@ def test_the_U_of_a_force_is_not_that_of_the_reference(
     assert f"{name}," in stated["certificate"]
 
 
+FORCE_NUMBERS = (
+    "<dcc:quantity><dcc:name><dcc:content>{name}</dcc:content></dcc:name><si:realListXMLList>"
+    r"<si:valueXMLList>{values}</si:valueXMLList><si:unitXMLList>{unit}</si:unitXMLList>{U}"
+    "</si:realListXMLList></dcc:quantity>"
+)
+U_NUMBERS = (
+    "<si:measurementUncertaintyUnivariateXMLList><si:expandedMUXMLList><si:valueExpandedMUXMLList>"
+    "{U}</si:valueExpandedMUXMLList><si:coverageFactorXMLList>2</si:coverageFactorXMLList>"
+    "</si:expandedMUXMLList></si:measurementUncertaintyUnivariateXMLList>"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "unit", "U", "largest_N"),
+    [
+        ("Indication of force", "101 403 805", r"\newton", "2 4 8", 5.0 + 8.0),
+        ("Indication of force", "101 101 403 403 805 805", r"\newton", "8", 5.0 + 8.0),
+        ("Force deviation", "45 3 5", r"\newton", "2 4 8", 45.0 + 2.0),
+        ("Relative deviation", "1.0 3.0 0.6", r"\percent", "2 1.5 1", 4.0 * (3.0 + 1.5)),
+        ("Relative deviation", "1.0", r"\percent", "2", 8.0 * (1.0 + 2.0)),
+        ("Force deviation", "1 3 5", r"\newton", "", 5.0 + 4.0),
+        ("Angle deviation", "1 1 1", r"\degree", "1", 4.0),
+    ],
+)
+def test_each_deviation_is_that_of_its_force(
+    tmp_path: Path, name: str, values: str, unit: str, U: str, largest_N: float
+) -> None:
+    """The device is compared with 100 N, 400 N and 800 N, the last known to 4 N."""
+    uncertainty = U_NUMBERS.format(U=U) if U else ""
+    deviation = FORCE_NUMBERS.format(name=name, values=values, unit=unit, U=uncertainty)
+    linearity = '<dcc:quantity><dcc:name><dcc:content lang="de">Linearitätsabweichung'
+    certificate = lb.campaign.read_dcc(changed(tmp_path, (linearity, deviation + linearity)))
+    stated = certificate.fields("force")
+    assert stated["U_percent"] == pytest.approx(100.0 * largest_N / 800.0, rel=1e-9)
+
+
 def test_of_two_linearities_the_larger_share_of_the_force_counts(tmp_path: Path) -> None:
     """A ratio of 1 % is more than 4.8 N of 800 N."""
     end = "</si:unit></si:real></dcc:quantity>"
