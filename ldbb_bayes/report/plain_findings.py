@@ -320,8 +320,8 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 
     If there is nothing to inspect, a sentence says so. Another sentence follows if the readings do
     not show that the stiffness changes with force. If no plane has circles in both directions, or
-    no circle states its direction, the last sentence says that the readings cannot show backlash or
-    servo mismatch.
+    no circle states its direction, or the model has no hysteresis, the last sentence says that
+    backlash and servo mismatch were not tested.
     """
     words = numbers.words
     findings = findings_of(numbers)
@@ -341,9 +341,24 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
             probability=probability,
         )
     if not numbers.reversal_coefficients:
-        tests = bound_of(numbers.findings.posterior).campaign.tests
-        is_any_stated = any(test.direction for test in tests)
-        yield words("plain.one_way" if is_any_stated else "plain.directions_not_stated")
+        yield words(f"plain.{_why_not_reversed(numbers)}")
+
+
+def _why_not_reversed(numbers: SheetNumbers) -> str:
+    """Return the name of the sentence on why the readings cannot show backlash or servo mismatch.
+
+    ``numbers`` has no plane whose circles in both directions are compared.
+    """
+    tests = bound_of(numbers.findings.posterior).campaign.tests
+    directions = {test.direction for test in tests}
+    if directions == {None}:
+        return "directions_not_stated"
+    if len(directions) == 1:
+        return "one_way"
+    for plane in numbers.planes:
+        if {"CW", "CCW"} <= {test.direction for test in tests if test.plane == plane}:
+            return "no_hysteresis"
+    return "no_plane_both_ways"
 
 
 # ---- parameters that the readings do not determine, and the step that would help most

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import plan, refuses, simulated
-from reports import NOT_COMPARED, awkward, fitted, undrawn
+from reports import NOT_COMPARED, awkward, fitted, plan_of_three_planes, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.directional_stiffness import AxialDirection
@@ -876,6 +876,29 @@ def test_directions_that_are_not_stated_are_not_taken_for_one() -> None:
         assert any(said in item for item in plain_of(first).items)
         (fields, *_) = [block for block in first.blocks if isinstance(block, Fields)]
         assert field in dict(fields.entries)["Feed, direction, order"]
+
+
+@pytest.mark.parametrize(
+    ("directions", "without", "said"),
+    [
+        ({"XY": ("CW",), "YZ": ("CCW",), "ZX": ("CW",)}, (), "of no plane are circles in both"),
+        ({"XY": ("CW",), "YZ": ("CW",), "ZX": (None,)}, (), "of no plane are circles in both"),
+        ({"XY": ("CW", "CCW")}, ("hysteresis",), "the model has no hysteresis"),
+    ],
+)
+def test_circles_of_several_directions_are_not_said_to_have_one(
+    directions: dict[str, tuple[str | None, ...]], without: tuple[str, ...], said: str
+) -> None:
+    planned = plan() if len(directions) == 1 else plan_of_three_planes()
+    tests = []
+    for k, test in enumerate(planned.tests):
+        of_plane = directions[test.plane]
+        tests.append(replace(test, direction=of_plane[k % len(of_plane)]))
+    campaign = simulated(replace(planned, tests=tuple(tests)))
+    model = lb.HybridModel.default(1).without(*without)
+    findings = findings_of_fit(fitted(model, campaign), sheets_only=True)
+    plain = plain_findings.plain_words(SheetNumbers(findings, words_of("en"), 389.0))
+    assert any(said in item for item in plain.items)
 
 
 def undetermined(*partners: str) -> StatedQuantity:
