@@ -851,15 +851,16 @@ def test_one_direction_cannot_show_backlash(english: Sheets) -> None:
 @pytest.mark.parametrize(
     ("language", "said"),
     [
-        ("en", "The tests f036 and again hold the same readings"),
-        ("de", "Die Messungen f036 und again haben dieselben Messwerte"),
+        ("en", "Of the tests f036, again, f300 and f300b, each holds the same readings as another"),
+        ("de", "Von den Messungen f036, again, f300 und f300b hat jede dieselben Messwerte wie"),
     ],
 )
-def test_the_box_names_a_circle_that_was_read_twice(language: str, said: str) -> None:
+def test_the_box_names_circles_that_were_read_twice(language: str, said: str) -> None:
     """Nothing in the fit shows it, and U is too small."""
     campaign = simulated(plan())
     again = replace(campaign.tests[0], name="again")
-    findings = findings_of(replace(campaign, tests=(*campaign.tests, again)))
+    other = replace(campaign.tests[1], name="f300b")
+    findings = findings_of(replace(campaign, tests=(*campaign.tests, again, other)))
     banner = sheets(findings, language=language)[0].blocks[0]
     assert isinstance(banner, Banner)
     assert said in banner.sentence
