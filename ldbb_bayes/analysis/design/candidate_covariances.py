@@ -112,11 +112,8 @@ def covariances_with_scatter(bound: BoundModel, run: int, candidate: int, phi: A
         p): one for each value of the hyper-parameters and each of four values of λ.
     """
     repeated = np.tile(phi, (_SCATTERS, 1))
-    extended = extend_hyper_parameters(bound, repeated, run)
-    scattering = extend_hyper_parameters(bound, repeated, run, scattering=True)
+    extended = extend_hyper_parameters(bound, repeated, run, scattering=True)
     new_circle = run + candidate
-    noise_factor = np.array(bound.hyper_prior.names) == bound.setting.circle[new_circle]
-    extended[:, noise_factor] = scattering[:, noise_factor]
     covariances = []
     for information in informations_of(bound, extended):
         blocks = information.blocks()
