@@ -324,3 +324,24 @@ def test_a_name_of_another_term_is_refused() -> None:
         lambda: bound.nuisance_columns,
     )
     assert lb.HybridModel.default(0).with_term(Nameless("lobe")).bind(plan()).nuisance_columns
+
+
+@dataclass(frozen=True)
+class AxisRoll(lb.terms.Term):
+    """cos 5θ, in rad for each mm, under a name that shows no unit."""
+
+    unit = lb.terms.Unit("rad", 1e-6, "µrad")
+
+    def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
+        return (lb.terms.Columns(("roll",), setting.harmonics([5])[:, :, :1], 1e-5),)
+
+
+def test_a_name_without_a_stem_is_refused_where_its_unit_would_be_wrong() -> None:
+    """Results would state 10 µrad as 0.01 µm."""
+    assert unit_words("roll") == (1e-3, "µm")
+    bound = lb.HybridModel.default(0).with_term(AxisRoll()).bind(plan())
+    refuses(
+        r"the coefficients of AxisRoll must have names that begin with its stem \('axis_roll'\),"
+        r" got 'roll'\. Rename",
+        lambda: bound.nuisance_columns,
+    )

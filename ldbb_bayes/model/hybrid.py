@@ -1230,17 +1230,22 @@ def require_model(model: object) -> None:
 def _check_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> None:
     """Raise an `InputError` if a coefficient of a term has a name that belongs to another term.
 
-    Results find the unit and the words of a coefficient by its name. ``kind`` is the class of the
-    nuisance term (an effect that is modelled but not of interest), and ``columns`` are its columns.
+    Results find the unit and the words of a coefficient, and its correlation between campaigns, by
+    its name. A name that belongs to no term is allowed if the unit and the correlation that it then
+    gets, those of `Term`, are those of the term. ``kind`` is the class of the nuisance term (an
+    effect that is modelled but not of interest), and ``columns`` are its columns.
     """
+    owners: list[type[Term]] = [kind]
+    if kind.unit == Term.unit and kind.campaign_correlation == Term.campaign_correlation:
+        owners.append(Term)
     for block in columns:
         for name in block.names if isinstance(block, Columns) else ():
             owner = Term.owner(name)
+            of_owner = "" if owner is Term else f", a name of {owner.__name__}"
             require(
-                owner in (kind, Term),
+                owner in owners,
                 f"the coefficients of {kind.__name__} must have names that begin with its stem"
-                f" ({kind.stem!r}), got {name!r}, a name of {owner.__name__}. Rename them, or set"
-                " another stem.",
+                f" ({kind.stem!r}), got {name!r}{of_owner}. Rename them, or set another stem.",
             )
 
 
