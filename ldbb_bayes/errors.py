@@ -19,6 +19,7 @@ __all__ = [
     "renamed",
     "require",
     "require_whole",
+    "suggestion",
 ]
 
 # Largest length of an error message [characters]. The middle of a longer message is left out.
@@ -169,15 +170,26 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
         if name not in known_names:
             raise InputError(
                 f"{kind} must be one of {', '.join(known_names)}, got {name!r}."
-                f"{_suggestion(str(name), known_names)}{more}"
+                f"{suggestion(str(name), known_names)}{more}"
             )
 
 
-def _suggestion(name: str, known: Iterable[str]) -> str:
-    """Return a question for the user, such as "Did you mean 'mount'?", or an empty text.
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return a question for the user, such as " Did you mean 'mount'?", or an empty text.
 
-    The question suggests the known name that is most similar to ``name``. The text is empty if the
-    two names have little in common, because the user then means something else.
+    Parameters
+    ----------
+    name
+        Name that a user gave, and that is not known.
+    known
+        All valid names.
+
+    Returns
+    -------
+    str
+        Question that suggests the known name that is most similar to ``name``; it begins with a
+        blank. The text is empty if the two names have little in common, because the user then means
+        something else.
     """
     candidate = nearest(name, known)
     if SequenceMatcher(None, candidate.lower(), name.lower()).ratio() < _LEAST_SIMILARITY:

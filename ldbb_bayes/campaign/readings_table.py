@@ -13,7 +13,7 @@ import numpy as np
 
 from ldbb_bayes.campaign.circular_test import PER_TEST, CircularTest
 from ldbb_bayes.campaign.text_table import Row, columns_of, read_strict_table, strict_numbers
-from ldbb_bayes.errors import InputError, nearest, placed, require
+from ldbb_bayes.errors import InputError, placed, require, suggestion
 from ldbb_bayes.results import Array
 
 __all__ = ["is_tidy_table", "read_readings", "tests_of_table"]
@@ -153,9 +153,9 @@ def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None
         if name not in known:
             shown = name[:_SHOWN_NAME]
             raise InputError(
-                f"{path}, line 1: columns must be among {', '.join(known)}, got {shown!r}. Did you"
-                f" mean {nearest(shown, known)!r}? Rename or remove the column, or let ldbb-bayes"
-                " import read the file."
+                f"{path}, line 1: columns must be among {', '.join(known)}, got {shown!r}."
+                f"{suggestion(shown, known)} Rename or remove the column, or let ldbb-bayes import"
+                " read the file."
             )
         require(
             names.count(name) == 1,

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple, TypeVar, cast, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
 
-from ldbb_bayes.errors import InputError, nearest, require
+from ldbb_bayes.errors import InputError, require, suggestion
 
 __all__ = ["raises_input_error", "validated"]
 
@@ -84,8 +84,8 @@ def validated(
         model_fields = location.owner.__pydantic_fields__
         known = [field.alias or name for name, field in model_fields.items()]
         raise InputError(
-            f"{place}: keys{table} must be among {', '.join(known)}, got {key!r}. Did you mean"
-            f" {nearest(key, known)!r}?"
+            f"{place}: keys{table} must be among {', '.join(known)}, got {key!r}."
+            f"{suggestion(key, known)}"
         )
     require(
         first["type"] != "missing",
@@ -247,8 +247,8 @@ def _input_error(
     if first["type"] in _UNKNOWN_KEY:
         known = [name for name, field in dataclass_fields.items() if field.init]
         return InputError(
-            f"{place}: arguments must be among {', '.join(known)}, got {key!r}. Did you mean"
-            f" {nearest(str(key), known)!r}?"
+            f"{place}: arguments must be among {', '.join(known)}, got {key!r}."
+            f"{suggestion(str(key), known)}"
         )
     if isinstance(key, int):
         positional = [

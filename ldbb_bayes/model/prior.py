@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.errors import InputError, nearest, require
+from ldbb_bayes.errors import InputError, require, suggestion
 from ldbb_bayes.machine.parameters import (
     ComplianceKind,
     ComplianceName,
@@ -142,7 +142,7 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
     if kind is None:
         raise InputError(
             f"{words} {parameter} must be of a parameter to have a unit, got {value!r}."
-            f" Did you mean {nearest(parameter, EXAMPLES)!r}? Else correct the name."
+            f"{suggestion(parameter, EXAMPLES)} Correct the name."
         )
     return to_inside(value, kind.unit, f"{words} {parameter}")
 

@@ -12,7 +12,7 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
-from ldbb_bayes.errors import InputError, nearest, require
+from ldbb_bayes.errors import InputError, require, suggestion
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
@@ -846,9 +846,7 @@ def _unknown_column(place: str, role: str, reference: str, headers: Sequence[str
     the headers of the table.
     """
     candidates = ", ".join(repr(header[:LONGEST_NAME]) for header in headers if header)
-    hint = ""
-    if any(headers):
-        hint = f" Did you mean {nearest(reference, headers)!r}?"
+    hint = suggestion(reference, headers) if any(headers) else ""
     return InputError(
         f"{place}: column of the {role} must be one of {candidates or 'no header'}, got"
         f" {reference!r} (none such).{hint}"
