@@ -43,7 +43,7 @@ class Assumption:
     """Assumption made when files are imported, such as the unit of the readings."""
 
     #: file, sheet or test for which the assumption was made, or a text such as "3 places" if there
-    #: are several (what is left out is listed); empty if the assumption concerns all files
+    #: are several (what is left out is listed, too); empty if the assumption concerns all files
     place: str
     what: str  #: subject of the assumption, such as "separator"
     value: str  #: value that was assumed, as text
@@ -143,7 +143,8 @@ class AssumptionLog:
             if place and len(places) > 1:
                 place = f"{len(places)} places"
                 if entry.subject in _SUBJECTS_WITH_PLACES:
-                    place = shown_list(places, _PLACES_SHOWN)
+                    listed = shown_list(places, _PLACES_SHOWN)
+                    place = f"{place}: {listed}" if listed.endswith("…") else listed
             assumptions.append(Assumption(place, *entry))
         return tuple(assumptions)
 

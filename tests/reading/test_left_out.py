@@ -55,3 +55,15 @@ def test_all_sheets_that_are_left_out_are_named(tmp_path: Path) -> None:
     (note,) = [note for note in imported.assumptions if note.what == "left out"]
     assert "'runs'" in note.place
     assert "'C'" in note.place
+
+
+def test_the_number_of_sheets_is_stated_where_not_all_are_named(tmp_path: Path) -> None:
+    path = workbook_with(tmp_path, [["Remark"], ["warm day"]])
+    book = load_workbook(path)
+    for number in range(25):
+        book.create_sheet(f"Circle number {number}").append(["Angle [deg]", "Reading [um]"])
+    book.save(path)
+    imported = lb.import_campaign(path, layout=lb.reading.Layout(forces_N=[36.0, 490.0]))
+    (note,) = [note for note in imported.assumptions if note.what == "left out"]
+    assert note.place.startswith("26 places: ")
+    assert note.place.endswith(", …")
