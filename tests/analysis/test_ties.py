@@ -18,6 +18,7 @@ from ldbb_bayes.analysis.design.ties import ascending_order
         ([3.0, 1.0, 2.0], [1, 2, 0]),
         ([1.0 + 1e-12, 2.0, 1.0], [0, 2, 1]),
         ([2.0, np.inf, 1.0, np.inf], [2, 0, 1, 3]),
+        ([np.nan, np.inf, 1.0, -np.inf], [3, 2, 0, 1]),
         ([], []),
     ],
 )

@@ -19,10 +19,13 @@ def ascending_order(values: Array, tolerance: float) -> NDArray[np.intp]:
     """Return the indices that sort values, the smallest first.
 
     Values that are neighbours in this order and differ by at most ``tolerance`` are treated as
-    equal; the indices of equal values are in ascending order.
+    equal; the indices of equal values are in ascending order. Values that are not a number count as
+    infinite.
     """
+    values = np.where(np.isnan(values), np.inf, values)
     order = np.argsort(values, kind="stable")
-    finite = np.nan_to_num(values[order])
-    is_larger = np.diff(finite, prepend=finite[:1]) > tolerance
+    ordered = values[order]
+    is_larger = np.zeros(len(values), dtype=bool)
+    is_larger[1:] = ordered[1:] > ordered[:-1] + tolerance
     rank = np.cumsum(is_larger)
     return np.asarray(order[np.lexsort((order, rank))])
