@@ -86,7 +86,10 @@ def plain_words(numbers: SheetNumbers) -> Items:
     if numbers.are_unusable:
         return Items(words("sheet.plain"), (words("sheet.plain_unusable"),))
     items = [*_sentences_under_load(numbers), *_findings_in_words(numbers)]
-    items.append(_undetermined_sentence(numbers))
+    if numbers.findings.has_flat_priors:
+        items.append(words("sheet.not_examined"))
+    else:
+        items.append(_undetermined_sentence(numbers))
     return Items(words("sheet.plain"), tuple(items))
 
 

@@ -214,7 +214,8 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     force whose signs are uncertain, and the confounded circular deviations. If it is uncertain
     whether compliance changes with force, one text states the probability of a change. If the
     readings determine all quantities, a single text says so. If the results cannot be used, the
-    only text says that they determine nothing.
+    only text says that they determine nothing. Of a fit by least squares, the only text says that
+    this was not examined.
     """
     words = numbers.words
     if numbers.are_unusable:
@@ -234,6 +235,8 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     if _CHANGE_IS_EXCLUDED < probability_of_change < _CHANGE_IS_CERTAIN:
         probability = words.percent(probability_of_change)
         items.append(words("notes.varying", probability=probability))
+    if not items and numbers.findings.has_flat_priors:
+        return [words("sheet.not_examined")]
     if not items:
         return [words("sheet.all_determined")]
     excess = len(items) - _MOST_UNDETERMINED

@@ -160,6 +160,26 @@ def test_of_results_that_cannot_be_used_nothing_is_called_determined(
     assert not any(character.isdigit() for character in sentence)
 
 
+@pytest.mark.parametrize(
+    ("has_flat_priors", "beginning"), [(False, "None: the test narrowed"), (True, "Not examined")]
+)
+def test_least_squares_narrows_nothing_that_was_assumed(
+    has_flat_priors: bool, beginning: str
+) -> None:
+    """Flat priors assume nothing beforehand."""
+    numbers: Any = SimpleNamespace(
+        words=words_of("en"),
+        are_unusable=False,
+        parameters={},
+        changes={},
+        path={},
+        unloaded_path={},
+        findings=SimpleNamespace(probability_of_change=0.0, has_flat_priors=has_flat_priors),
+    )
+    (text,) = undetermined_texts(numbers)
+    assert text.startswith(beginning)
+
+
 def test_the_certificate_names_the_circle_whose_unit_is_in_doubt() -> None:
     campaign = simulated(plan())
     tests = [
