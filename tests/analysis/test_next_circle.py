@@ -13,7 +13,7 @@ from scipy.special import ndtri
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.conformity import Conformity, Decision
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
-from ldbb_bayes.analysis.design.aims_so_far import ToleranceState
+from ldbb_bayes.analysis.design.aims_so_far import Known, ToleranceState
 from ldbb_bayes.analysis.design.campaign_objective import objective_of
 from ldbb_bayes.analysis.design.candidate_covariances import (
     CandidateCovariances,
@@ -21,13 +21,19 @@ from ldbb_bayes.analysis.design.candidate_covariances import (
 )
 from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.analysis.design.criteria import Determinant
-from ldbb_bayes.analysis.design.next_circle import NextCircle, _circles_to_go, next_circle
+from ldbb_bayes.analysis.design.next_circle import (
+    NextCircle,
+    _circles_to_go,
+    _ModelOdds,
+    next_circle,
+)
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.rival_explanations import compare_explanations
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.posterior import draws_of
+from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.report.next_circle_text import parts_of
 
 MODEL = lb.HybridModel.default(degree=1)
@@ -491,3 +497,51 @@ def test_planes_that_are_foreseen_are_weighed_too() -> None:
     assert len(test.angle_deg) == len(run.tests[0].angle_deg)
     assert step.more_circles is not None
     assert set(step.table["plane"]) <= {"XY", "YZ"}
+
+
+# ---- the choice between constant and linear compliance
+
+
+def _odds(step: NextCircle, log_bayes_factor: float) -> _ModelOdds:
+    """The choice between the models as if the readings so far spoke for one of them by so much."""
+    bound = step.chosen.space.model.bind(step.chosen.space.pilot)
+    columns = [k for k, parameter in enumerate(bound.parameters) if parameter.group == "slope"]
+    phi = bound.hyper_prior.quantile(np.full((2, len(bound.hyper_prior.names)), 0.5))
+    nothing = np.zeros((0, len(bound.names)))
+    known = Known(bound, nothing, nothing, nothing, phi, phi)
+    return _ModelOdds(known, columns, log_bayes_factor, 0.1, threshold=float(np.log(19.0)))
+
+
+def _covariances(odds: _ModelOdds, share: float) -> np.ndarray:
+    """Covariances of the parameters of which circles leave this share."""
+    bound = odds.known.bound
+    posterior = bound.given(odds.known.phi)[1]
+    covariance = Gaussian.factored(posterior.mean, posterior.root, posterior.scale).covariance
+    return share * covariance / np.outer(bound.scale, bound.scale)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_circle_probably_decides_what_is_nearly_decided(step: NextCircle, sign: float) -> None:
+    """The log Bayes factor moves by some tenths: enough for 2.9 to become 2.94, not for 0."""
+    near = _odds(step, sign * 2.9)
+    even = _odds(step, 0.0)
+    assert near.probability_decided(_covariances(near, 0.95)) > 0.2
+    assert even.probability_decided(_covariances(even, 0.95)) < 0.02
+
+
+@pytest.mark.parametrize(("log_bayes_factor", "decided"), [(-3.0, 1.0), (-2.9, 0.0), (2.9, 0.0)])
+def test_a_circle_that_shows_nothing_leaves_the_decision(
+    step: NextCircle, log_bayes_factor: float, decided: float
+) -> None:
+    odds = _odds(step, log_bayes_factor)
+    probability = odds.probability_decided(_covariances(odds, 1.0))
+    assert probability == pytest.approx(decided, abs=1e-3)
+
+
+def test_how_many_circles_are_enough_to_decide_does_not_count_what_readings_say(
+    step: NextCircle,
+) -> None:
+    sentence = "not counted here; it is in the probability below"
+    deciding = replace(step, model_is_aim=True, finished=False, more_circles=3)
+    assert sentence in " ".join(map(str, parts_of(deciding)))
+    assert sentence not in " ".join(map(str, parts_of(replace(deciding, model_is_aim=False))))

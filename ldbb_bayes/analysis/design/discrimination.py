@@ -81,6 +81,7 @@ def discrimination_of(
     size: float,
     before: Gaussian | None = None,
     threshold: float = DECISIVE,
+    present: float | None = None,
     seed: int = 1,
 ) -> Discrimination:
     """Return the expected log Bayes factor for slopes, and the probabilities of decisive evidence.
@@ -111,6 +112,11 @@ def discrimination_of(
         prior standard deviations. Default: no tests have been run.
     threshold
         Minimum absolute value of ln B at which evidence is decisive [nat].
+    present
+        ln B of the tests that have already been run, if it is known better than from ``before``,
+        as with other models in it [nat]. ln B after the tests is then this value and the change of
+        ln B that the tests cause. Default: as ``before`` gives it, for each value of the
+        hyper-parameters.
     seed
         Seed of the quasi-random numbers.
 
@@ -135,7 +141,12 @@ def discrimination_of(
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
     mean = np.einsum("kij,kj->ki", to_components, start.mean)
     log_volume = np.linalg.slogdet(covariance)[1]
-    evidence = _LogBayesFactorDistribution(log_volume, _normal_points(nodes, s - 1, seed))
+    correction = np.zeros(nodes)
+    if present is not None:
+        correction = present - _log_bayes_factor(start)
+    evidence = _LogBayesFactorDistribution(
+        log_volume, _normal_points(nodes, s - 1, seed), correction
+    )
 
     mean_with = mean[:, None]
     variance_with = learnt * (1.0 + learnt * slope_variance / remaining)
@@ -162,9 +173,19 @@ def discrimination_of(
     )
 
 
+def _log_bayes_factor(slopes: Gaussian) -> Array:
+    """Return ln B in favour of slopes, ½ (ln det C + mᵀ C⁻¹ m), of every posterior of the slopes.
+
+    ``slopes`` holds the means m and the covariances C of K posterior distributions, in units of the
+    slopes' prior standard deviations. The result has the shape (K,) [nat].
+    """
+    squares = np.einsum("ki,kij,kj->k", slopes.mean, slopes.precision, slopes.mean)
+    return np.asarray(0.5 * (squares - np.linalg.slogdet(slopes.precision)[1]))
+
+
 @dataclass(frozen=True, eq=False)
 class _LogBayesFactorDistribution:
-    """Distribution of the log Bayes factor in favour of slopes, ½ (ln det C + Σ z²).
+    """Distribution of the log Bayes factor in favour of slopes, ½ (ln det C + Σ z²) + correction.
 
     Slopes are changes of compliance with force. C is the posterior covariance of the s slopes, for
     each of K values of the hyper-parameters, in units of the slopes' prior standard deviations. The
@@ -180,6 +201,8 @@ class _LogBayesFactorDistribution:
     # probabilities are computed from the normal distribution. The numbers are samples of the other
     # components, scaled to mean 0 and variance 1.
     points: Array
+    # what is added to the log Bayes factor at each value of the hyper-parameters, shape (K,) [nat]
+    correction: Array
 
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the expected log Bayes factor in favour of slopes [nat].
@@ -190,7 +213,7 @@ class _LogBayesFactorDistribution:
         are the means and variances of these components, for K values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
-        return float(0.5 * (self.log_volume + squares).mean())
+        return float((0.5 * (self.log_volume + squares) + self.correction).mean())
 
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds ``level`` [nat].
@@ -214,7 +237,8 @@ class _LogBayesFactorDistribution:
         # largest variance. If the other components are known, the probability that the log Bayes
         # factor exceeds ``level`` follows from the normal distribution of the first component. This
         # probability is averaged over quasi-random samples of the other components.
-        needed_square = 2.0 * level - self.log_volume[:, None] - squares
+        needed = 2.0 * (level - self.correction) - self.log_volume
+        needed_square = needed[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]
         both_tails = ndtr(-edge - middle) + ndtr(middle - edge)

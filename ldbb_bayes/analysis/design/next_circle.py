@@ -339,7 +339,7 @@ def next_circle(
         confidence=confidence,
         goals=_goals_so_far(of_goals, after, after_very_many, scattering),
         goals_probability=goals_probability,
-        model=None if odds is None else odds.so_far(after, after_very_many),
+        model=None if odds is None else odds.so_far(scattering, after_very_many),
         model_is_aim=model_is_aim,
         tolerances=_tolerances_so_far(of_tolerances, after, after_very_many, scattering),
         finished=finished,
@@ -682,39 +682,51 @@ class _ModelOdds:
         """The aim to decide between constant and linear compliance."""
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
-    def so_far(self, after: Array, floor: Array) -> ModelSoFar:
-        """Return the present and the expected decision between constant and linear compliance.
+    def probability_decided(self, covariance: Array) -> float:
+        """Return the probability that a decision is possible after one more circle.
 
-        The result states the odds of linear over constant compliance, given the circles run so far,
-        and the probability that a decision between the two is possible after the best next circle.
-        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
-        circle, in units of their prior standard deviations, at K values of the hyper-parameters.
-        ``floor``, of the same shape and in the same units, are the covariances after very many
-        circles.
+        The log Bayes factor after this circle is the present one, which is averaged over
+        alternative explanations, plus the change that the circle causes in the model with all of
+        them. ``covariance``, shape (n K, p, p), are covariances of the p parameters after the
+        circle, in units of their prior standard deviations: n times one for each of the K values of
+        the hyper-parameters.
         """
         scale = self.known.bound.scale[self.columns]
-        _, present = self.known.bound.given(self.known.phi)
+        repeated = np.tile(self.known.phi, (len(covariance) // len(self.known.phi), 1))
+        _, present = self.known.bound.given(repeated)
         slopes = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
         # ``slopes`` is the posterior of the slopes (changes of compliance with force) before the
         # next circle. Its mean and standard deviations are divided by ``scale``. They are then in
-        # units of the prior standard deviations, as ``after`` is. ``size`` has no effect on the
-        # fields of ``expected`` that are used here.
+        # units of the prior standard deviations, as ``covariance`` is. ``size`` has no effect on
+        # the fields of ``expected`` that are used here.
         expected = discrimination_of(
-            after[:, self.columns][:, :, self.columns],
+            covariance[:, self.columns][:, :, self.columns],
             tuple(self.known.bound.names[k] for k in self.columns),
             size=1.0,
             before=Gaussian.factored(slopes.mean / scale, slopes.root, slopes.scale / scale),
             threshold=self.threshold,
+            present=self.log_bayes_factor,
         )
+        with_slopes = expected.decisive_with + expected.misleading_with
+        without_slopes = expected.decisive_without + expected.misleading_without
         probability = float(expit(self.log_bayes_factor))
-        decided_next = (
-            probability * expected.decisive_with + (1.0 - probability) * expected.decisive_without
-        )
+        return probability * with_slopes + (1.0 - probability) * without_slopes
+
+    def so_far(self, scattering: Array, floor: Array) -> ModelSoFar:
+        """Return the present and the expected decision between constant and linear compliance.
+
+        The result states the odds of linear over constant compliance, given the circles run so far,
+        and the probability that a decision between the two is possible after the best next circle.
+        ``scattering``, shape (n, p, p), are equally likely covariances of the p parameters after
+        the best next circle, which may scatter more or less than other circles, in units of their
+        prior standard deviations. ``floor``, shape (K, p, p), in the same units, are the
+        covariances after very many circles, at K values of the hyper-parameters.
+        """
         return ModelSoFar(
             log_bayes_factor=self.log_bayes_factor,
             log_bayes_factor_error=self.error,
-            probability_linear=probability,
+            probability_linear=float(expit(self.log_bayes_factor)),
             decided=self.is_decided,
-            decided_next=decided_next,
+            decided_next=self.probability_decided(scattering),
             decidable=self.is_decided or self.aim.is_expected(floor),
         )
