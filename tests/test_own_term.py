@@ -345,3 +345,17 @@ def test_a_name_without_a_stem_is_refused_where_its_unit_would_be_wrong() -> Non
         r" got 'roll'\. Rename",
         lambda: bound.nuisance_columns,
     )
+
+
+@dataclass(frozen=True)
+class StifferMount(lb.terms.Mount):
+    """The mount of the package with half its prior sd."""
+
+    relative_sd: float = 0.05
+
+
+def test_a_derived_term_keeps_the_names_of_its_base() -> None:
+    model = lb.HybridModel.default(0).without("mount").with_term(StifferMount())
+    names = [name for c in model.bind(plan()).columns_of[StifferMount] for name in c.names]
+    assert names
+    assert {lb.terms.Term.owner(name) for name in names} == {lb.terms.Mount}

@@ -1232,10 +1232,11 @@ def _check_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> N
 
     Results find the unit and the words of a coefficient, and its correlation between campaigns, by
     its name. A name that belongs to no term is allowed if the unit and the correlation that it then
-    gets, those of `Term`, are those of the term. ``kind`` is the class of the nuisance term (an
-    effect that is modelled but not of interest), and ``columns`` are its columns.
+    gets, those of `Term`, are those of the term. A term that is derived from another one may keep
+    its names. ``kind`` is the class of the nuisance term (an effect that is modelled but not of
+    interest), and ``columns`` are its columns.
     """
-    owners: list[type[Term]] = [kind]
+    owners = [base for base in kind.__mro__ if base is not Term]
     if kind.unit == Term.unit and kind.campaign_correlation == Term.campaign_correlation:
         owners.append(Term)
     for block in columns:
