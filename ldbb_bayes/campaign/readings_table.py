@@ -152,10 +152,10 @@ def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None
     for name in names:
         if name not in known:
             shown = name[:_SHOWN_NAME]
+            hint = suggestion(shown, known)
             raise InputError(
-                f"{path}, line 1: columns must be among {', '.join(known)}, got {shown!r}."
-                f"{suggestion(shown, known)} Rename or remove the column, or let ldbb-bayes import"
-                " read the file."
+                f"{path}, line 1: columns must be among {', '.join(known)}, got {shown!r}.{hint}"
+                " Rename or remove the column, or let ldbb-bayes import read the file."
             )
         require(
             names.count(name) == 1,

@@ -769,7 +769,7 @@ def test_identify_speaks_of_negative_compliances_where_the_model_excludes_them(
     assert speaks == truncated
     assert ("without the condition" in sentences) == (truncated and measured)
     # A plan can be put in another order; of circles that were run, each is repeated.
-    assert ("Shuffle (another order), both ways" in sentences) == measured
+    assert ("Shuffle, both ways" in sentences) == measured
 
 
 def judged(verdict: str, held_by: VarianceSource, **partner_shares: float) -> Any:
