@@ -250,8 +250,9 @@ class CalibrationCertificate(Shown):
         The result has these keys:
 
         - U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain. If the
-          certificate states no gain, U_percent is the amount by which the largest certified force
-          may be wrong, in percent of this force (`_largest_force_error`).
+          certificate states no gain, U_percent is the largest amount by which a force may be wrong,
+          in percent of the largest certified force: its expanded uncertainty or, if the certificate
+          states deviations, the absolute deviation plus the expanded uncertainty of the deviation.
         - linearity_percent is the largest deviation from a straight line, in percent of the largest
           force.
         - certificate is the name of the certificate.
