@@ -326,6 +326,16 @@ def test_a_name_of_another_term_is_refused() -> None:
     assert lb.HybridModel.default(0).with_term(Nameless("lobe")).bind(plan()).nuisance_columns
 
 
+@pytest.mark.parametrize("name", ["C_XXX", "C_XXX_1", "E_C0YX", "E_Xt0_2"])
+def test_a_name_of_a_parameter_is_refused(name: str) -> None:
+    """Results would hold two quantities of one name."""
+    bound = lb.HybridModel.default(0).with_term(Nameless(name)).bind(plan())
+    refuses(
+        f"a coefficient of Nameless must not be named like a parameter, got '{name}'",
+        lambda: bound.nuisance_columns,
+    )
+
+
 @dataclass(frozen=True)
 class AxisRoll(lb.terms.Term):
     """cos 5θ, in rad for each mm, under a name that shows no unit."""

@@ -11,6 +11,7 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.prior import hint_on_kind
 from ldbb_bayes.results import Shown
 from ldbb_bayes.units import inside_name, is_direct, to_inside
 
@@ -191,7 +192,7 @@ def tolerances_in(
     tolerances = {}
     for stated_name, stated in given.items():
         name = inside_name(stated_name)
-        check_known("tolerance", [name], known)
+        check_known("tolerance", [name], known, hint_on_kind(name, known))
         if isinstance(stated, Tolerance):
             tolerance = stated
         else:

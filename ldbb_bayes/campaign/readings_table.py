@@ -122,7 +122,7 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
     names = [""]
     if rows[0].line == 1:
         names = [name.strip() for name in rows[0].cells]
-    _check_names(path, names, known)
+    _check_header(path, names, known)
     filled = [row for row in rows[1:] if any(row.cells)]
     _check_rows(path, filled, len(names))
     lines, cells = columns_of(str(path), filled, len(names))
@@ -139,7 +139,7 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
     return columns
 
 
-def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None:
+def _check_header(path: Path, names: Sequence[str], known: Sequence[str]) -> None:
     """Raise an `InputError` for a header with too many, unknown or repeated names.
 
     ``known`` are the permitted names.

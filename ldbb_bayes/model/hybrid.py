@@ -50,7 +50,13 @@ from ldbb_bayes.model.linearisation import (
     planned_compliances,
 )
 from ldbb_bayes.model.orthant import Orthant
-from ldbb_bayes.model.prior import EXAMPLES, Prior, degree_of, parameter_to_inside
+from ldbb_bayes.model.prior import (
+    EXAMPLES,
+    Prior,
+    degree_of,
+    parameter_to_inside,
+    settings_of_sd,
+)
 from ldbb_bayes.model.reduced_readings import reduced_readings
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.reference_posterior import ReferencePosterior, fixed_point
@@ -959,7 +965,7 @@ class BoundModel(Shown):
         """
         columns = {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
         for kind, columns_of_term in columns.items():
-            _check_names(kind, columns_of_term)
+            _check_coefficient_names(kind, columns_of_term)
         return columns
 
     @property
@@ -1227,8 +1233,8 @@ def require_model(model: object) -> None:
     )
 
 
-def _check_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> None:
-    """Raise an `InputError` if a coefficient of a term has a name that belongs to another term.
+def _check_coefficient_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> None:
+    """Raise an `InputError` if a coefficient has a name of a parameter or of another term.
 
     Results find the unit and the words of a coefficient, and its correlation between campaigns, by
     its name. A name that belongs to no term is allowed if the unit and the correlation that it then
@@ -1241,6 +1247,11 @@ def _check_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> N
         owners.append(Term)
     for block in columns:
         for name in block.names if isinstance(block, Columns) else ():
+            require(
+                not settings_of_sd(name),
+                f"a coefficient of {kind.__name__} must not be named like a parameter, got"
+                f" {name!r}. Let its name begin with the term's stem ({kind.stem!r}).",
+            )
             owner = Term.owner(name)
             of_owner = "" if owner is Term else f", a name of {owner.__name__}"
             require(

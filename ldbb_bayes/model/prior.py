@@ -9,7 +9,7 @@ the circle is proportional to n^(−p).
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
@@ -35,6 +35,7 @@ __all__ = [
     "compliance_unit",
     "degree_of",
     "geometric_unit",
+    "hint_on_kind",
     "settings_of_sd",
 ]
 
@@ -113,6 +114,26 @@ def geometric_unit(kind: GeometricKind) -> str:
     Units are made of mm, N and rad.
     """
     return _GEOMETRIC[kind].unit
+
+
+def hint_on_kind(kind: str, names: Iterable[str]) -> str:
+    """Return a sentence with the names of the geometric errors of a kind, or an empty string.
+
+    It is appended to the error message for a user who stated the kind in place of a name.
+
+    Parameters
+    ----------
+    kind
+        What the user stated; ``squareness``, for example, is a kind of geometric errors.
+    names
+        Names that the user may state.
+    """
+    for known_kind, pattern in _GEOMETRIC_NAMES.items():
+        if kind.lower() == known_kind:
+            of_kind = [name for name in names if pattern.fullmatch(name)]
+            if of_kind:
+                return f" Errors of {known_kind} are {', '.join(of_kind)}."
+    return ""
 
 
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:

@@ -215,7 +215,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     for piece in instrument_pieces(numbers.findings, words):
         text = f"{piece.size}{piece.certificate}"
         terms_of_pieces.add(_TERM_OF_PIECE[piece.key])
-        is_stated = piece.is_stated or _is_size_edited(bound, piece.key)
+        is_stated = piece.is_stated or _is_piece_edited(bound, piece.key)
         yield words(f"assumptions.{piece.key}"), _marked(text, is_stated, words)
     budgets = numbers.findings.budgets
     stated = {name: budgets[name] for name in (*numbers.parameters, *numbers.slopes)}
@@ -236,7 +236,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
         yield words("assumptions.before"), "; ".join(priors)
 
 
-def _is_size_edited(bound: BoundModel, key: str) -> bool:
+def _is_piece_edited(bound: BoundModel, key: str) -> bool:
     """Return whether the user, not the package, states the uncertainty of a part of the instrument.
 
     ``key`` names the part, such as ``bar``. The user states its uncertainty by a model term such as

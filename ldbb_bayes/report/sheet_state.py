@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_fit
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.campaign.preview import RemarkKind, check_campaign
+from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.machine.chain import PLANES
@@ -58,7 +58,7 @@ def banner(numbers: SheetNumbers) -> Banner:
         # caution that the banner states. Only a reason why the numbers cannot be used at all comes
         # before it.
         reasons.insert(1 if is_unusable else 0, outside)
-    copies = _copied_tests(campaign_of(findings.posterior))
+    copies = _copied_tests(findings.preview)
     if copies:
         # A file that was read twice makes U too small, without any sign of it in the fit.
         text = words("state.copies", names=words.joined(copies))
@@ -164,10 +164,10 @@ def _unit_texts(fit: Fit, campaign: Campaign, words: Words) -> Iterator[str]:
         )
 
 
-def _copied_tests(campaign: Campaign) -> list[str]:
+def _copied_tests(preview: CampaignPreview) -> list[str]:
     """Return the names of the tests of a campaign that have the readings of another test."""
     names: dict[str, None] = {}
-    for odd in check_campaign(campaign).remarks:
+    for odd in preview.remarks:
         if odd.kind is RemarkKind.COPY:
             names |= dict.fromkeys((odd.values["first"], odd.values["second"]))
     return list(names)

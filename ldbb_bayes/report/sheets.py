@@ -10,7 +10,7 @@ from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
-from ldbb_bayes.report.figure_translation import translate_ticks
+from ldbb_bayes.report.figure_translation import translate_figure
 from ldbb_bayes.report.figures.circle_figures import MOST_BANDS
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.pictures import Picture, picture
@@ -137,7 +137,7 @@ def _picture(key: str, subject: Any, caption: str, words: Words, **options: Any)
     draws the figure.
     """
     drawn = picture(key, subject, caption, words=words.table["figures"], **options)
-    translate_ticks(drawn.figure, words.number)
+    translate_figure(drawn.figure, words.number)
     return drawn
 
 

@@ -75,7 +75,8 @@ def test_a_goal_survives_json():
     ("goals", "message"),
     [
         ({"C_XXY": "5%"}, "goal must be one of .* Did you mean"),
-        ({"squareness": "5 µrad"}, r"goal must be one of .*, got 'squareness'\.$"),
+        ({"squareness": "5 µrad"}, r"got 'squareness'\. Errors of squareness are E_C0YX\.$"),
+        ({"Offset": "5 µm"}, r"got 'Offset'\. Errors of offset are E_Xt0, E_Yt0\.$"),
         ({"stiffness_X": "1 N/µm"}, r"goal must be one of .*, got 'stiffness_X'\.$"),
         ({"C_XXX": "10 µrad"}, "goal of C_XXX must be a number with its unit.*in nm/N"),
         (

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.interest import Parameter
+from ldbb_bayes.model.prior import hint_on_kind
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import inside_name, to_inside
 
@@ -144,7 +145,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
             f"a goal must be of a parameter, got the change {name}. State it of the slope"
             f" {name[1:]}_1, which is the change by newton.",
         )
-        check_known("goal", [name], parameters)
+        check_known("goal", [name], parameters, hint_on_kind(name, parameters))
         require(
             name not in goals,
             f"a goal must be stated once, got two of {name}. Leave out one of them.",
