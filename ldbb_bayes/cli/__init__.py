@@ -17,6 +17,7 @@ from ldbb_bayes.cli.atlases import machine
 from ldbb_bayes.cli.campaigns import check, import_, simulate
 from ldbb_bayes.cli.fits import demo, fit, summarize
 from ldbb_bayes.cli.fleets import batch, population, trend
+from ldbb_bayes.cli.missing_characters import replace_missing_characters
 from ldbb_bayes.cli.next_circles import next_
 from ldbb_bayes.cli.options import EXIT_BAD_INPUT, EXIT_INTERRUPTED, command, fail, option
 from ldbb_bayes.cli.reporting import report
@@ -166,10 +167,11 @@ def _warning_line(message: Warning | str, *_: Any, **__: Any) -> str:
 def main() -> None:
     """Run the command of ``ldbb-bayes`` that the user typed.
 
-    Characters that the terminal cannot show are replaced. A warning is printed as one line.
+    Characters that the terminal cannot show are replaced by similar ones. A warning is printed as
+    one line.
     """
     warnings.formatwarning = _warning_line
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            replace_missing_characters(stream)
     app()

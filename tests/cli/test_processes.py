@@ -99,6 +99,7 @@ def test_a_terminal_that_cannot_show_every_sign(folder: Path) -> None:
     )
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == b""
+    assert b"?" not in ended.stdout
 
 
 @pytest.mark.slow
