@@ -209,6 +209,9 @@ def _times_from_stamps(stamps: Sequence[Timestamp]) -> _Times:
     ``stamps`` holds one timestamp with a time of day for each test. If the timestamps do not
     determine the times, the result states the reason instead.
     """
+    zones = {stamp.zone_s for stamp in stamps}
+    if None in zones and len(zones) > 2:
+        return _Times(None, "some tests state no time zone, and the others several")
     seconds = _seconds_of_day(stamps)
     dated = [stamp for stamp in stamps if stamp.has_date]
     if len(dated) == len(stamps):
