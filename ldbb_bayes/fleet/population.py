@@ -246,18 +246,19 @@ def _population_parts(result: Population) -> tuple[Table | str, ...]:
 
     The table has one row for each parameter. The sentences state the findings and the limitations.
     """
+    percent = f"{100 * result.prob:g} %"
     heads = (
         "parameter",
         "unit",
         "mean",
         "U of the bar",
         "spread",
-        f"spread, {100 * result.prob:g} %",
+        f"spread, {percent}",
         "next machine",
     )
     rows = [_table_row(name, parameter) for name, parameter in result.parameters.items()]
     table = Table.of("Population", heads, rows, text=("unit",))
-    passages: list[Table | str] = [table, PAGE["population"], ""]
+    passages: list[Table | str] = [table, PAGE["population"].format(percent=percent), ""]
     passages += population_sentences(result)
     passages += population_doubts(result)
     return tuple(passages)

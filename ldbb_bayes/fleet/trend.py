@@ -234,7 +234,11 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     machine = f"{trend.machine}, " if trend.machine else ""
     force = f"compliances at {trend.reference_force_N:g} N"
     table = Table.of(f"{machine}{len(trend.campaigns)} campaigns, {force}", heads, rows)
-    legend = "± U = 2u. U, common: what instrument and machine add to all campaigns alike."
+    percent = f"{100.0 * trend.assumptions['ci']:g} %"
+    legend = (
+        f"± U = 2u; [low, high]: {percent} interval, where ± U does not describe it. U, common:"
+        " what instrument and machine add to all campaigns alike."
+    )
     passages: list[Table | str] = [table, legend, ""]
     newest_decisions = {}
     for name, decision_by_campaign in trend.conformity.items():

@@ -390,6 +390,7 @@ def test_the_record(eight_machines: Population) -> None:
     machines = eight_machines.machines_table()
     assert machines.loc["M02", "C_YYY.mean"] == eight_machines.machine["M02"].estimate["C_YYY"].mean
     assert machines["flag"].sum() == 1
+    assert "or the 50 % interval where ± U" in str(replace(eight_machines, prob=0.5))
     for text in (str(eight_machines), eight_machines._repr_html_()):
         for phrase in (
             "8 machines, 8 campaigns; compliances at 389 N, tested from 36 to 742 N.",

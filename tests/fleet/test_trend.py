@@ -428,6 +428,17 @@ def test_conformity_of_every_campaign(rows: pd.DataFrame, stepped: Trend) -> Non
     assert stepped.conformity == {}
 
 
+def test_the_probability_of_printed_intervals_is_named(rows: pd.DataFrame) -> None:
+    """U = 2u is three times half the interval of 50 %, so that the interval is printed."""
+    trend = lb.fleet.find_trend(rows, prob=0.5)
+    level = trend.parameters["C_XXX"].level_now
+    low, high = level.interval
+    assert high - low == pytest.approx(2.0 * 0.6745 * level.sd, rel=0.05)
+    printed = str(trend)
+    assert f"[{low * 1e6:.1f}, {high * 1e6:.1f}] nm/N" in printed
+    assert "[low, high]: 50 % interval" in printed
+
+
 def test_a_machine_at_rest() -> None:
     quiet = lb.fleet.find_trend(drawn_rows(9, np.random.default_rng(5)))
     assert not quiet.changed

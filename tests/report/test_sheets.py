@@ -834,6 +834,21 @@ def test_one_axis_is_named_to_begin_with_where_planes_share_an_axis() -> None:
 
 
 @pytest.mark.parametrize(
+    ("language", "text"),
+    [
+        ("en", "+a / −b: distances to the ends of the 50 % interval, where ± U does not"),
+        ("de", "+a / −b: Abstände zu den Enden des 50-%-Intervalls, wo ± U es nicht"),
+    ],
+)
+def test_what_is_stated_by_its_interval_is_not_called_skewed(language: str, text: str) -> None:
+    """A normal distribution, too, is stated by its interval of 50 %: ± U is much wider."""
+    half_width = 0.6745
+    quantity = StatedQuantity("C", "C_XXX", 10.0, 1.0, (10.0 - half_width, 10.0 + half_width), "um")
+    assert quantity.value_and_U().expanded == "+0.7 / −0.7"
+    assert text in words_of(language)("notes.U", percent="50").replace("\u00a0", " ")
+
+
+@pytest.mark.parametrize(
     ("probability", "text"), [(0.9496, "94.9 %"), (0.94, "94 %"), (0.9451, "94.5 %")]
 )
 def test_a_probability_below_a_limit_is_not_rounded_to_it(probability: float, text: str) -> None:
