@@ -16,6 +16,7 @@ from ldbb_bayes.errors import InputError, require, suggestion
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
+from ldbb_bayes.reading.travel_direction import direction_named, senses_in
 from ldbb_bayes.reading.unit_lines import COUNT, partner_of_units
 from ldbb_bayes.reading.words import (
     LONGEST_NAME,
@@ -713,8 +714,9 @@ def _several_readings(
 
     The header of such a column states the load of the test (``36 N [mm]``), names a run
     (``Run 1``), or is only a number. An ambiguous load such as ``1 238 N`` also counts; it may mean
-    1238 N, or 238 N after another number. Return an empty list if the table does not have several
-    such columns.
+    1238 N, or 238 N after another number. Two columns also count if their headers name the two
+    directions of travel, as in ``CCW [mm]`` and ``CW [mm]``. Return an empty list if the table does
+    not have several such columns.
 
     Parameters
     ----------
@@ -734,9 +736,34 @@ def _several_readings(
             loaded.append(column)
     if len(loaded) > 1 and set(candidates) <= set(loaded):
         return loaded
+    directed = _named_after_directions(free, headers)
+    if directed and set(candidates) <= set(directed):
+        return directed
     if len(candidates) > 1 and _numbered(candidates, headers):
         return list(candidates)
     return []
+
+
+def _named_after_directions(free: Sequence[int], headers: Sequence[str]) -> list[int]:
+    """Return the indices of two columns of readings, one for each direction of travel.
+
+    Their headers are directions, as in ``CW [mm]``, or name a direction beside readings, as in
+    ``Deviation CW [mm]``. Return an empty list if there is not exactly one column for each
+    direction. ``free`` are the indices of the columns without a role, and ``headers`` the headers
+    of all columns.
+    """
+    directed = []
+    directions: list[str] = []
+    for column in free:
+        name, unit = unit_of(headers[column])[:2]
+        senses = senses_in(name)
+        may_be_readings = direction_named(name) in senses or has_role(name, "reading")
+        if len(senses) == 1 and may_be_readings and (not unit or unit in UNITS["reading"]):
+            directed.append(column)
+            directions += senses
+    if sorted(directions) != ["CCW", "CW"]:
+        return []
+    return directed
 
 
 def _check_are_no_angles(place: str, headers: Sequence[str]) -> None:

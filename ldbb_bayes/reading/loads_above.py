@@ -12,10 +12,11 @@ from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.column_roles import count_numbers, has_role, unit_of
 from ldbb_bayes.reading.merged_cells import with_merged_cells_filled
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
@@ -43,13 +44,14 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
     text in merged cells applies to all columns below. The headers of columns of angles are not
     changed. A sheet without a line of loads is returned unchanged.
     """
-    header = first_header(sheet.rows)
-    if not header or len(sheet.rows[header].cells) < _FEWEST_COLUMNS:
+    rows = _with_angles_named_below(sheet.rows)
+    header = first_header(rows)
+    if not header or len(rows[header].cells) < _FEWEST_COLUMNS:
         return sheet
-    names = sheet.rows[header]
+    names = rows[header]
     rows_above = []
     merged_lines = set()  # line numbers of the rows above the header that have merged cells
-    for row in sheet.rows[:header]:
+    for row in rows[:header]:
         filled = with_merged_cells_filled(row, names.cells)
         rows_above.append(filled)
         if filled is not row:
@@ -67,8 +69,51 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
         above = " ".join(_without_brackets(words[column]) for words in lines)
         unit_or_name = f"[{name}]" if unit_named(name) else name
         merged.append(f"{above} {unit_or_name}")
-    rows = [*sheet.rows[:first], Row(names.line, merged), *sheet.rows[header + 1 :]]
-    return replace(sheet, rows=rows)
+    joined = [*rows[:first], Row(names.line, merged), *rows[header + 1 :]]
+    return replace(sheet, rows=joined)
+
+
+def _with_angles_named_below(rows: Sequence[Row]) -> Sequence[Row]:
+    """Return rows in which the name of the angles stands in the header, not beside the loads.
+
+    In a header of two rows, the upper row may name the angles and the loads, as in ``Angle;100
+    N;;300 N;``, and the lower row the columns below each load, as in ``°;CCW [µm];CW [µm];CCW
+    [µm];CW [µm]``. The first cell of the lower row is empty or a unit of angles. The name of the
+    angles is moved down into this cell. Other rows are returned unchanged.
+    """
+    for k in range(min(len(rows) - 1, LONGEST_OVERVIEW)):
+        above = rows[k]
+        below = rows[k + 1]
+        if not _names_angles_and_loads(above.cells) or len(below.cells) != len(above.cells):
+            continue
+        name = _name_of_angles(above.cells[0], below.cells[0])
+        are_units = all(unit_named(cell.strip("[](){} ")) for cell in below.cells[1:])
+        if name and all(below.cells[1:]) and not are_units and not count_numbers(below.cells):
+            loads = Row(above.line, ["", *above.cells[1:]])
+            header = Row(below.line, [name, *below.cells[1:]])
+            return [*rows[:k], loads, header, *rows[k + 2 :]]
+    return rows
+
+
+def _names_angles_and_loads(cells: Sequence[str]) -> bool:
+    """Return whether the first cell of a row names angles, and the other filled cells are loads."""
+    if not cells or not has_role(unit_of(cells[0]).name, "angle"):
+        return False
+    loads = [cell for cell in cells[1:] if cell]
+    return bool(loads) and all(load_in_name([cell]) is not None for cell in loads)
+
+
+def _name_of_angles(name: str, below: str) -> str:
+    """Return the header of the column of angles from its name and the cell below the name.
+
+    The cell may be empty, or a unit such as °. The result is empty for any other cell.
+    """
+    if not below:
+        return name
+    unit = unit_named(below.strip("[](){} "))
+    if unit in UNITS["angle"]:
+        return f"{name} [{unit}]"
+    return ""
 
 
 def _without_brackets(text: str) -> str:

@@ -1,14 +1,17 @@
-"""Columns, such as ``run`` and ``pass``, that together say to which circle each row belongs."""
+"""Columns that together say to which circle each row belongs.
+
+Examples are ``run`` and ``pass``, or the force and the direction of travel.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, groupby
 
 from ldbb_bayes.reading.words import comparable
 
-__all__ = ["columns_that_number"]
+__all__ = ["columns_that_number", "conditions_that_number"]
 
 # Regular expression for the header of a column with the numbers of circles or of their repetitions.
 _NUMBERS_CIRCLES = re.compile(
@@ -16,6 +19,10 @@ _NUMBERS_CIRCLES = re.compile(
     r"|lauf|umlauf|durchgang|durchlauf|zyklus|wiederholung|messung|versuch|passage|essai|ciclo"
     r"|prova|prueba)(?:[ _.]?(?:no|nr|id|number|index))?\.?"
 )
+
+
+# Smallest number of rows of a circle.
+_FEWEST_ROWS = 9
 
 
 def columns_that_number(
@@ -62,3 +69,33 @@ def _determine_conditions(
         if conditions_by_label.setdefault(label, condition) != condition:
             return False
     return True
+
+
+def conditions_that_number(cells: Sequence[Sequence[str]], conditions: Sequence[int]) -> list[int]:
+    """Return the indices of conditions, such as force and direction, that identify the circles.
+
+    The list holds two or more columns. Rows with the same conditions must follow one another
+    without interruption, and there must be at least nine of them. Thus, a force that is measured
+    for each row identifies no circles. The list is empty if no such columns exist, or if a single
+    column identifies the circles.
+
+    Parameters
+    ----------
+    cells
+        Cells of each column.
+    conditions
+        Indices of the columns with the conditions of the circles.
+    """
+    changing = [column for column in conditions if len(set(cells[column])) > 1]
+    if len(changing) < 2:
+        return []
+    for column in changing:
+        if _determine_conditions(cells, [column], changing):
+            return []
+    labels = list(zip(*[cells[column] for column in changing], strict=True))
+    blocks = [len(list(block)) for _, block in groupby(labels)]
+    if len(blocks) != len(set(labels)) or min(blocks) < _FEWEST_ROWS:
+        return []
+    if any("" in label for label in labels):
+        return []
+    return changing

@@ -121,8 +121,8 @@ class Recording:
     #: columns without a role (angle, reading, …) whose cells are equal in all rows of the test;
     #: each item holds the place of a column, and its header and cell as text, as in "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
-    #: headers of two columns that together identify the tests, although neither column does so
-    #: alone; empty if there are none
+    #: headers of columns that together identify the tests, although none of them does so alone;
+    #: empty if there are none
     numbering_headers: Sequence[str] = ()
     #: headers of the columns of the sheet that are not used; start times of tests may be read from
     #: some of these columns later

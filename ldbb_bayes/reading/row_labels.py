@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.sheet_columns import SheetColumns
 from ldbb_bayes.reading.words import LONGEST_NAME
 
@@ -17,17 +18,27 @@ __all__ = ["labels_of"]
 _FEWEST_ROWS = 9
 
 
-def _labels_of_two_columns(columns: SheetColumns, log: AssumptionLog) -> list[str]:
-    """Return, for each row, the name of its test, made from the cells of two columns.
+def _labels_of_several_columns(columns: SheetColumns, log: AssumptionLog) -> list[str]:
+    """Return, for each row, the name of its test, made from the cells of several columns.
 
-    The use of these columns is noted. ``columns`` is the table of the sheet.
+    A name is ``run 1 pass 2`` for columns that number the tests, and ``100 N CW`` for conditions
+    that identify them. The use of these columns is noted. ``columns`` is the table of the sheet.
     """
-    names = columns.numbering_headers
+    headers = columns.numbering_headers
+    are_conditions = bool(set(columns.numbering) & set(columns.heading.roles.values()))
     reason = "only both together name tests of one force"
-    log.add(columns.sheet.place, "test of each row", ", ".join(names), reason, "--test-column")
+    if are_conditions:
+        reason = "the rows of each test have the same cells in these columns"
+    log.add(columns.sheet.place, "test of each row", ", ".join(headers), reason, "--test-column")
     labels = []
     for row in range(len(columns.lines)):
-        words = [f"{columns.heading.headers[k]} {columns.cells[k][row]}" for k in columns.numbering]
+        words = []
+        for header, column in zip(headers, columns.numbering, strict=True):
+            cell = columns.cells[column][row]
+            if are_conditions:
+                words.append(f"{cell} {unit_of(header).unit}".strip())
+            else:
+                words.append(f"{header} {cell}")
         labels.append(" ".join(words))
     return labels
 
@@ -35,13 +46,14 @@ def _labels_of_two_columns(columns: SheetColumns, log: AssumptionLog) -> list[st
 def labels_of(columns: SheetColumns, log: AssumptionLog) -> list[str]:
     """Return the name of the test to which each row of a table belongs.
 
-    If no single column names the tests, but two columns together do, the names are made from the
-    cells of both columns. If no columns name the tests, the names are empty. Raise an `InputError`
-    if a single column names the tests, but has an empty cell that cannot be filled from above.
+    If no single column names the tests, but several columns together do, the names are made from
+    the cells of these columns. If no columns name the tests, the names are empty. Raise an
+    `InputError` if a single column names the tests, but has an empty cell that cannot be filled
+    from above.
     ``columns`` is the table of the sheet.
     """
     if columns.numbering and "test" not in columns.heading.roles:
-        return _labels_of_two_columns(columns, log)
+        return _labels_of_several_columns(columns, log)
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     rows = range(len(columns.lines))

@@ -24,7 +24,7 @@ from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import LineStatement, statements_in
 from ldbb_bayes.reading.missing_readings import missing_in
-from ldbb_bayes.reading.numbering_columns import columns_that_number
+from ldbb_bayes.reading.numbering_columns import columns_that_number, conditions_that_number
 from ldbb_bayes.reading.numerals import constant_value, is_clock, is_missing, numbers_in
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import RowUnits
@@ -45,6 +45,8 @@ NOT_SHARED = ("test", "direction", "reading")
 # Fields of a test that a column of the table may also state, with the same value in all rows of the
 # test.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
+# Headers of columns that state conditions of a test without a role.
+_CONDITIONS = ("plane", "radius_mm")
 
 
 @dataclass(frozen=True)
@@ -60,13 +62,13 @@ class SheetColumns:
     # index of the column of units for each column of numbers that has one; the keys are the indices
     # of the columns of numbers
     unit_columns: Mapping[int, int]
-    # indices of two columns that together identify the tests, although neither column does so
-    # alone; empty if there are none
+    # indices of columns that together identify the tests, although none of them does so alone;
+    # empty if there are none
     numbering: Sequence[int]
 
     @property
     def numbering_headers(self) -> list[str]:
-        """Headers of the two columns that together identify the tests, but do not do so alone."""
+        """Headers of the columns that together identify the tests, but do not do so alone."""
         return [self.heading.headers[column] for column in self.numbering]
 
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
@@ -276,7 +278,7 @@ def read_columns(
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)
     _check_rows_hold_readings(sheet, heading, lines, cells)
-    numbering = _two_numbering_columns(heading, cells)
+    numbering = _numbering_columns(heading, cells, layout)
     if numbering and "test" not in layout.columns:
         heading = _without_test_column(heading)
     note_heading(sheet, heading, layout, log)
@@ -380,21 +382,31 @@ def _numeric_columns(heading: Heading) -> list[int]:
     return columns + heading.readings
 
 
-def _two_numbering_columns(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
-    """Return the indices of two columns that together identify the tests, but do not do so alone.
+def _numbering_columns(
+    heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
+) -> list[int]:
+    """Return the indices of columns that together identify the tests, but do not do so alone.
 
     Examples are the columns ``run`` and ``pass``. All rows with the same cells in both columns have
-    the same force, pressure and direction. This is not true of either column alone. Return an empty
-    list if there are no such columns. ``cells`` holds the cells of each column.
+    the same force, pressure and direction. This is not true of either column alone. If no column
+    numbers the tests, the conditions themselves may identify them, such as force, direction and
+    plane. Return an empty list if there are no such columns. ``cells`` holds the cells of each
+    column, and ``layout`` is the layout that the user states.
     """
     roles = heading.roles
     conditions = [roles[role] for role in ("force", "pressure", "direction") if role in roles]
-    if not conditions:
+    numbering: list[int] = []
+    if conditions:
+        numbering = columns_that_number(heading.headers, cells, conditions)
+    if len(numbering) > 1:
+        return numbering
+    is_named = "test" in roles and "test" not in layout.columns
+    if numbering or is_named or len(heading.readings) > 1:
         return []
-    numbering = columns_that_number(heading.headers, cells, conditions)
-    if len(numbering) < 2:
-        return []
-    return numbering
+    for field in _CONDITIONS:
+        if field in heading.headers:
+            conditions.append(heading.headers.index(field))
+    return conditions_that_number(cells, sorted(set(conditions)))
 
 
 def _without_test_column(heading: Heading) -> Heading:

@@ -1,0 +1,148 @@
+"""Tables whose circles are told apart by their conditions: force, direction and plane together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.layout import Layout
+
+ANGLES_DEG = range(0, 360, 10)
+FORCES_N = (100.0, 300.0)
+DIRECTIONS = ("CCW", "CW")
+
+
+def reading_um(angle_deg: float, force_N: float, direction: str) -> float:
+    """Return a reading that differs between forces and directions."""
+    shift_um = 0.5 if direction == "CW" else 0.0
+    return round(0.02 * force_N + np.cos(np.deg2rad(angle_deg)) + shift_um, 3)
+
+
+def long_table(path: Path, header: str, rows: Sequence[str]) -> Path:
+    path.write_text("\n".join([header, *rows, ""]))
+    return path
+
+
+def rows_of_circles(noise_N: Sequence[float] = (0.0,)) -> list[str]:
+    """Return rows of four circles below each other; ``noise_N`` is added to the forces in turn."""
+    rows = []
+    for force_N in FORCES_N:
+        for direction in DIRECTIONS:
+            for k, angle_deg in enumerate(ANGLES_DEG):
+                force = force_N + noise_N[k % len(noise_N)]
+                reading = reading_um(angle_deg, force_N, direction)
+                rows.append(f"{force:g},{direction},{angle_deg},{reading}")
+    return rows
+
+
+HEADER = "Force [N],Direction,Angle [deg],Reading [um]"
+
+
+def conditions(campaign: lb.Campaign) -> list[tuple[float | None, str | None]]:
+    return [(test.force_N, test.direction) for test in campaign.tests]
+
+
+def test_force_and_direction_together_are_a_circle(tmp_path: Path) -> None:
+    path = long_table(tmp_path / "all.csv", HEADER, rows_of_circles())
+    campaign = lb.import_campaign(path).campaign
+    assert conditions(campaign) == [(100, "CCW"), (100, "CW"), (300, "CCW"), (300, "CW")]
+    assert [test.name for test in campaign.tests][:2] == ["100 N CCW", "100 N CW"]
+    for test in campaign.tests:
+        expected = [reading_um(a, test.force_N, test.direction) for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
+
+
+def test_plane_and_force_together_are_a_circle(tmp_path: Path) -> None:
+    rows = []
+    for plane in ("XY", "ZX"):
+        for force_N in FORCES_N:
+            rows += [f"{plane},{force_N:g},{a},{reading_um(a, force_N, '')}" for a in ANGLES_DEG]
+    path = long_table(tmp_path / "all.csv", "plane,Force [N],Angle [deg],Reading [um]", rows)
+    tests = lb.import_campaign(path).campaign.tests
+    found = [(test.plane, test.force_N) for test in tests]
+    assert found == [("XY", 100), ("XY", 300), ("ZX", 100), ("ZX", 300)]
+
+
+def test_the_layout_reads_the_conditions_again(tmp_path: Path) -> None:
+    path = long_table(tmp_path / "all.csv", HEADER, rows_of_circles())
+    result = lb.import_campaign(path)
+    again = lb.import_campaign(path, layout=result.layout)
+    assert again.campaign.sha256 == result.campaign.sha256
+
+
+def test_a_force_that_changes_from_row_to_row_tells_no_circles_apart(tmp_path: Path) -> None:
+    rows = rows_of_circles(noise_N=(0.0, 1.0, -1.0))
+    with pytest.raises(lb.InputError, match="direction must be CW or CCW in all rows of a test"):
+        lb.import_campaign(long_table(tmp_path / "all.csv", HEADER, rows))
+
+
+def test_one_condition_alone_as_the_column_of_tests_is_refused(tmp_path: Path) -> None:
+    path = long_table(tmp_path / "all.csv", HEADER, rows_of_circles())
+    step = "Only 'Force \\[N\\]' and 'Direction' together name tests .* Leave --test-column out"
+    with pytest.raises(lb.InputError, match=step):
+        lb.import_campaign(path, layout=Layout(columns={"test": "Force [N]"}))
+
+
+# ---- a column of readings for each direction
+
+
+@pytest.mark.parametrize(
+    ("header", "directions"),
+    [
+        ("Angle [deg],CCW [um],CW [um]", ["CCW", "CW"]),
+        ("Angle [deg],Radial deviation CW [um],Radial deviation CCW [um]", ["CW", "CCW"]),
+        ("Angle [deg],Clockwise,Counter-clockwise", ["CW", "CCW"]),
+    ],
+)
+def test_a_column_for_each_direction_is_a_circle(
+    header: str, directions: list[str], tmp_path: Path
+) -> None:
+    rows = []
+    for angle_deg in ANGLES_DEG:
+        readings = [f"{reading_um(angle_deg, 300.0, direction)}" for direction in directions]
+        rows.append(",".join([f"{angle_deg}", *readings]))
+    path = long_table(tmp_path / "300N.csv", header, rows)
+    campaign = lb.import_campaign(path, layout=Layout(reading_unit="um")).campaign
+    assert conditions(campaign) == [(300, direction) for direction in directions]
+    for test in campaign.tests:
+        expected = [reading_um(a, 300.0, test.direction) for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
+
+
+def test_two_columns_of_one_direction_are_asked_for(tmp_path: Path) -> None:
+    rows = [f"{a},{reading_um(a, 300.0, 'CW')},{reading_um(a, 300.0, '')}" for a in ANGLES_DEG]
+    header = "Angle [deg],Deviation CW 1 [um],Deviation CW 2 [um]"
+    with pytest.raises(lb.InputError, match="one column must hold the reading"):
+        lb.import_campaign(long_table(tmp_path / "300N.csv", header, rows))
+
+
+# ---- a header of two rows whose upper row names angles and loads
+
+
+@pytest.mark.parametrize(
+    ("upper", "lower"),
+    [
+        ("Angle;100 N;;300 N;", "°;CCW [µm];CW [µm];CCW [µm];CW [µm]"),
+        ("Angle [°];100 N;;300 N;", ";CCW [µm];CW [µm];CCW [µm];CW [µm]"),
+        ("Angle [°];100 N;100 N;300 N;300 N", ";CCW [µm];CW [µm];CCW [µm];CW [µm]"),
+    ],
+)
+def test_loads_beside_the_name_of_the_angles_stand_above_directions(
+    upper: str, lower: str, tmp_path: Path
+) -> None:
+    rows = []
+    for angle_deg in ANGLES_DEG:
+        cells = [f"{angle_deg}"]
+        for force_N in FORCES_N:
+            cells += [f"{reading_um(angle_deg, force_N, sense)}" for sense in DIRECTIONS]
+        rows.append(";".join(cells))
+    path = long_table(tmp_path / "all.csv", upper, [lower, *rows])
+    campaign = lb.import_campaign(path).campaign
+    assert conditions(campaign) == [(100, "CCW"), (100, "CW"), (300, "CCW"), (300, "CW")]
+    for test in campaign.tests:
+        expected = [reading_um(a, test.force_N, test.direction) for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
