@@ -17,7 +17,7 @@ from ldbb_bayes.reading.reading_sign import is_about_sign
 from ldbb_bayes.reading.travel_direction import directions_stated, without_directions
 from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS
 
-__all__ = ["LoadInLine", "load_of_lines", "loads_in_lines"]
+__all__ = ["LoadInLine", "lines_with_unread_load", "load_of_lines", "loads_in_lines"]
 
 # Regular expression for words, such as "run", that may stand beside a load in a line. A line that
 # contains only a load and such words is taken to state the load of a test.
@@ -25,6 +25,12 @@ _BESIDE = re.compile(WORDS["loads"]["beside"], re.IGNORECASE)
 # Regular expression for a comma between a word and a number. Such a comma is not a decimal mark.
 _COMMA_BEFORE_NUMBER = re.compile(r"(?<=[^\W\d]),(?=\d)")
 _WORD = re.compile(r"[^\W\d_]+")
+# Regular expression for a word that means a force or a pressure, before a number and a unit.
+_NAMED_LOAD = re.compile(
+    rf"\b(?:{WORDS['numbers']['force_N']['words']}|{WORDS['numbers']['pressure_bar']['words']})"
+    r"(?!\w)[\s:=;,|]{1,4}\d[\d.,]*[\s;,|]?[^\W\d]+",
+    re.IGNORECASE,
+)
 
 
 class LoadInLine(NamedTuple):
@@ -70,6 +76,21 @@ def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
     if len(values) == 1 and all(load.is_clear for load in loads):
         return loads[0]
     return None
+
+
+def lines_with_unread_load(lines: Sequence[tuple[int | str, str]]) -> list[tuple[int | str, str]]:
+    """Return the number and text of the lines that name a load with a value that cannot be read.
+
+    An example is ``Load: 10 kg``, whose unit is not one of force. Lines about other loads, such as
+    a preload, are left out.
+    """
+    unread = []
+    for line, content in lines:
+        text = content[:LONGEST_TEXT].strip()
+        has_value = _NAMED_LOAD.search(text) is not None
+        if has_value and not OTHER_QUANTITY.search(text) and not statements_in([(line, text)]):
+            unread.append((line, text))
+    return unread
 
 
 def _is_clear(text: str) -> bool:

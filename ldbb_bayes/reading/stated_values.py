@@ -18,7 +18,12 @@ from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
 from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_name_tests
-from ldbb_bayes.reading.loads_in_lines import LoadInLine, load_of_lines, loads_in_lines
+from ldbb_bayes.reading.loads_in_lines import (
+    LoadInLine,
+    lines_with_unread_load,
+    load_of_lines,
+    loads_in_lines,
+)
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.recording import (
@@ -247,12 +252,7 @@ def loads_of(recording: Recording) -> dict[str, float]:
     in_lines = list(loads_in_lines(recording.heading.lines_above))
     if not loads and not recording.label:
         loads = _load_of_lines(recording, in_lines)
-    question = ""
-    if load_is_ambiguous(recording.names()):
-        question = f" (which number does {recording.title!r} mean?)"
-    elif in_lines:
-        shown = in_lines[0].text[:_TEXT_SHOWN]
-        question = f" (is {shown!r} in line {in_lines[0].line} the load?)"
+    question = _question_on_load(recording, in_lines)
     require(
         loads,
         f"{recording.place}: force or pressure must be known, got neither from a column, the lines"
@@ -260,6 +260,23 @@ def loads_of(recording: Recording) -> dict[str, float]:
         " test in the order of files and sheets, or a [[test]] in --layout.",
     )
     return loads
+
+
+def _question_on_load(recording: Recording, in_lines: Sequence[LoadInLine]) -> str:
+    """Return a question to the user on a name or line that may state the load of a test.
+
+    ``in_lines`` are the loads in the lines above the table. The question is empty if neither a name
+    nor a line may state the load.
+    """
+    if load_is_ambiguous(recording.names()):
+        return f" (which number does {recording.title!r} mean?)"
+    lines = [(load.line, load.text) for load in in_lines]
+    if not lines:
+        lines = lines_with_unread_load(recording.heading.lines_above)
+    if not lines:
+        return ""
+    line, text = lines[0]
+    return f" (is {text[:_TEXT_SHOWN]!r} in line {line} the load?)"
 
 
 def _check_force_is_positive(
