@@ -14,10 +14,17 @@ from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name
 from ldbb_bayes.reading.reading_sign import is_about_sign
+from ldbb_bayes.reading.recording import LOAD_ROLES
 from ldbb_bayes.reading.travel_direction import directions_stated, without_directions
-from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS
+from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, UNITS, WORDS, unit_named
 
-__all__ = ["LoadInLine", "lines_with_unread_load", "load_of_lines", "loads_in_lines"]
+__all__ = [
+    "LoadInLine",
+    "line_with_unit_of_loads",
+    "lines_with_unread_load",
+    "load_of_lines",
+    "loads_in_lines",
+]
 
 # Regular expression for words, such as "run", that may stand beside a load in a line. A line that
 # contains only a load and such words is taken to state the load of a test.
@@ -31,6 +38,17 @@ _NAMED_LOAD = re.compile(
     r"(?!\w)[\s:=;,|]{1,4}\d[\d.,]*[\s;,|]?[^\W\d]+",
     re.IGNORECASE,
 )
+
+
+# Regular expressions for a sentence such as "all forces in kN"; the keys are the fields of a load.
+_UNIT_OF_LOADS = {
+    key: re.compile(
+        rf"(?<!\w)(?:{WORDS['loads'][words]})(?: (?:are|is|sind|given|stated|angegeben))*"
+        r"\s*(?:(?:in|en)\s|[:=])\s*(?P<unit>[^\W\d]+)\W*(?:$|[;,|\t(])",
+        re.IGNORECASE,
+    )
+    for key, words in {"force_N": "forces", "pressure_bar": "pressures"}.items()
+}
 
 
 class LoadInLine(NamedTuple):
@@ -75,6 +93,25 @@ def load_of_lines(loads: Sequence[LoadInLine]) -> LoadInLine | None:
     values = {(load.key, load.value) for load in loads}
     if len(values) == 1 and all(load.is_clear for load in loads):
         return loads[0]
+    return None
+
+
+def line_with_unit_of_loads(
+    key: str, lines: Sequence[tuple[int | str, str]]
+) -> tuple[int | str, str] | None:
+    """Return the number and text of the first line that states another unit of all loads than N.
+
+    An example is ``all forces in kN``. For pressures, it is another unit than bar. Return None if
+    there is no such line. ``key`` is force_N or pressure_bar.
+    """
+    role = LOAD_ROLES[key]
+    for line, content in lines:
+        match = _UNIT_OF_LOADS[key].search(content[:LONGEST_TEXT])
+        if match is None:
+            continue
+        size = UNITS[role].get(unit_named(match["unit"]))
+        if size is not None and size != 1.0:
+            return line, content.strip()
     return None
 
 

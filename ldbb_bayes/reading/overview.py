@@ -22,7 +22,9 @@ from ldbb_bayes.reading.lines_above import is_label
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import direction_named, is_direction
-from ldbb_bayes.reading.words import WORDS, comparable
+from ldbb_bayes.reading.unit_lines import UNIT_COLUMN
+from ldbb_bayes.reading.unit_rows import row_of_units
+from ldbb_bayes.reading.words import WORDS, comparable, unit_named
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
 
@@ -106,21 +108,44 @@ def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLine
     header: list[str] = []
     # cells of the last row that names columns; this row may be the header of a list of tests
     possible_header: list[str] = []
+    is_below_header = False  # whether the row directly above names the columns of a list
     for row in sheet.rows[:LONGEST_OVERVIEW]:
         place = f"{row.line} of {sheet.place}"
         cells = sheet.cells_as_written(row)
         filled = [cell for cell in cells if cell]
         if not filled:
             continue
-        if _is_row_of_test(filled, wanted):
+        units = row_of_units(cells, sheet.separator or ";") if is_below_header else []
+        is_below_header = False
+        if units:
+            header = _with_units(header, units)
+            possible_header = _with_units(possible_header, units)
+        elif _is_row_of_test(filled, wanted):
             lines.of_this_test += _labelled_cells(place, header or possible_header, cells)
         elif _heads_a_list(filled):
             header = cells
+            is_below_header = True
         elif not header or len(filled) == 1 or _has_label(filled[0]):
             separator = sheet.separator or ";"
             lines.of_all_tests.append((place, separator.join(filled)))
-            if names_columns(filled):
+            begins_with_number = any(re.match(NUMBER_IN_TEXT, cell) for cell in filled)
+            if names_columns(filled) and not begins_with_number:
                 possible_header = cells
+                is_below_header = True
+
+
+def _with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Return the header of a list of tests with the units that stand in the row below it.
+
+    A header that states a unit of its own is not changed. ``units`` holds the unit of each column;
+    it is empty for a column without a unit.
+    """
+    joined = list(header)
+    for column, unit in enumerate(units[: len(joined)]):
+        name = joined[column]
+        if unit and name and not unit_of(name).unit:
+            joined[column] = f"{name} [{unit}]"
+    return joined
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
@@ -149,15 +174,30 @@ def _labelled_cells(
 
     ``place`` holds the line number and the sheet. Each text is ``header: cell``, with the header of
     the cell's column. If the cell is a direction such as CW, the text is ``direction: CW``. Cells
-    without a header are left out. ``header`` and ``cells`` hold one text for each column.
+    without a header are left out. ``header`` and ``cells`` hold one text for each column. A column
+    ``Unit`` states the unit of the column to its left.
     """
     labelled = []
-    for name, cell in zip(header, cells, strict=False):
+    names = _with_units(header, _units_to_the_right(header, cells))
+    for name, cell in zip(names, cells, strict=False):
         if name and cell:
             if is_direction(cell):
                 name = "direction"
             labelled.append((place, f"{name}: {cell}"))
     return labelled
+
+
+def _units_to_the_right(header: Sequence[str], cells: Sequence[str]) -> list[str]:
+    """Return, for each column of a list of tests, the unit in a column of units to its right.
+
+    The unit is empty if there is none. ``header`` and ``cells`` hold the header of each column, and
+    the cells of one row of the list.
+    """
+    units = [""] * len(header)
+    for column in range(1, min(len(header), len(cells))):
+        if UNIT_COLUMN.fullmatch(header[column]) and unit_named(cells[column]):
+            units[column - 1] = unit_named(cells[column])
+    return units
 
 
 def _has_label(cell: str) -> bool:

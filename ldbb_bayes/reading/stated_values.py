@@ -16,10 +16,11 @@ import numpy as np
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
-from ldbb_bayes.reading.column_units import unit_size
+from ldbb_bayes.reading.column_units import is_unit_stated, unit_size
 from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_name_tests
 from ldbb_bayes.reading.loads_in_lines import (
     LoadInLine,
+    line_with_unit_of_loads,
     lines_with_unread_load,
     load_of_lines,
     loads_in_lines,
@@ -132,9 +133,29 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
         statements = recording.statements.get(key)
         reason = evidence.source
         if statements and not statements[0].unit:
+            if key in LOAD_ROLES:
+                _check_unit_of_loads(recording, key, f"line {statements[0].line}")
             reason = with_words(reason, ", no unit there")
         recording.note(key, f"{value:g} {unit}", reason, option)
     return value
+
+
+def _check_unit_of_loads(recording: Recording, key: str, source: str) -> None:
+    """Raise an `InputError` if a line states another unit of all loads than the usual one.
+
+    Such a line is, for example, ``all forces in kN``; without it, a force without a unit is in N.
+    ``key`` is force_N or pressure_bar, and ``source`` describes in words the place of a load
+    without a unit, such as "line 3".
+    """
+    lines = [*recording.heading.lines_above, *recording.lines_of_all_tests]
+    stated = line_with_unit_of_loads(key, lines)
+    if stated is not None:
+        line, text = stated
+        raise InputError(
+            f"{recording.place}: {key} must have its unit beside it, got none in {source}, and"
+            f" {text[:_TEXT_SHOWN]!r} in line {line}. Write the unit there, or give"
+            f" {option_for(key)}."
+        )
 
 
 def _agrees(evidence: _Evidence, value: float) -> bool:
@@ -330,6 +351,8 @@ def _constant_load(recording: Recording, key: str) -> float | None:
     unit = UNITS_SHOWN[key]
     if role not in recording.numbers:
         return None
+    if not is_unit_stated(recording, role):
+        _check_unit_of_loads(recording, key, "its column")
     values = recording.numbers[role] * unit_size(recording, role, unit)
     tolerance = _CONSTANT * max(float(np.abs(values).max()), 1.0)
     different = np.flatnonzero(np.abs(values - values[0]) > tolerance)
