@@ -108,30 +108,47 @@ def _add_statements_of_sheet(sheet: Sheet, wanted: set[str], lines: OverviewLine
     header: list[str] = []
     # cells of the last row that names columns; this row may be the header of a list of tests
     possible_header: list[str] = []
-    is_below_header = False  # whether the row directly above names the columns of a list
-    for row in sheet.rows[:LONGEST_OVERVIEW]:
-        place = f"{row.line} of {sheet.place}"
-        cells = sheet.cells_as_written(row)
+    for line, cells in _rows_with_units(sheet):
+        place = f"{line} of {sheet.place}"
         filled = [cell for cell in cells if cell]
         if not filled:
             continue
-        units = row_of_units(cells, sheet.separator or ";") if is_below_header else []
-        is_below_header = False
-        if units:
-            header = _with_units(header, units)
-            possible_header = _with_units(possible_header, units)
-        elif _is_row_of_test(filled, wanted):
+        if _is_row_of_test(filled, wanted):
             lines.of_this_test += _labelled_cells(place, header or possible_header, cells)
         elif _heads_a_list(filled):
             header = cells
-            is_below_header = True
         elif not header or len(filled) == 1 or _has_label(filled[0]):
             separator = sheet.separator or ";"
             lines.of_all_tests.append((place, separator.join(filled)))
-            begins_with_number = any(re.match(NUMBER_IN_TEXT, cell) for cell in filled)
-            if names_columns(filled) and not begins_with_number:
+            if _may_head_a_list(filled):
                 possible_header = cells
-                is_below_header = True
+
+
+def _rows_with_units(sheet: Sheet) -> list[tuple[int, list[str]]]:
+    """Return the line number and the cells of the first 1000 rows of a sheet.
+
+    A row that holds only units, directly below a row that names columns, is left out; its units are
+    added to the names of the columns.
+    """
+    rows: list[tuple[int, list[str]]] = []
+    for row in sheet.rows[:LONGEST_OVERVIEW]:
+        cells = sheet.cells_as_written(row)
+        units = row_of_units(cells, sheet.separator or ";")
+        if rows and units and not count_numbers(cells):
+            line, names = rows[-1]
+            if _may_head_a_list([name for name in names if name]):
+                rows[-1] = (line, _with_units(names, units))
+                continue
+        rows.append((row.line, cells))
+    return rows
+
+
+def _may_head_a_list(filled: Sequence[str]) -> bool:
+    """Return whether a row names columns, and none of its cells begins with a number.
+
+    ``filled`` are the cells of the row that are not empty.
+    """
+    return names_columns(filled) and not any(re.match(NUMBER_IN_TEXT, cell) for cell in filled)
 
 
 def _with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
@@ -175,10 +192,15 @@ def _labelled_cells(
     ``place`` holds the line number and the sheet. Each text is ``header: cell``, with the header of
     the cell's column. If the cell is a direction such as CW, the text is ``direction: CW``. Cells
     without a header are left out. ``header`` and ``cells`` hold one text for each column. A column
-    ``Unit`` states the unit of the column to its left.
+    ``Unit`` states the unit of the column to its left; it is left out.
     """
     labelled = []
-    names = _with_units(header, _units_to_the_right(header, cells))
+    units = _units_to_the_right(header, cells)
+    names = _with_units(header, units)
+    # A used column of units loses its name: the unit is not that of the readings.
+    for column, unit in enumerate(units):
+        if unit:
+            names[column + 1] = ""
     for name, cell in zip(names, cells, strict=False):
         if name and cell:
             if is_direction(cell):

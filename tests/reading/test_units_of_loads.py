@@ -24,10 +24,10 @@ def circle(force_N: float) -> list[tuple[float, float]]:
 def book(folder: Path, rows: Sequence[Sequence[object]]) -> Path:
     """Write a workbook with a list of tests and a sheet for each of the circles M1, M2 and M3."""
     workbook = Workbook()
-    sheet = workbook.active
-    sheet.title = "Liste"
-    for row in rows:
-        sheet.append(row)
+    del workbook["Sheet"]
+    sheet = workbook.create_sheet("Liste")
+    for cells in rows:
+        sheet.append(list(cells))
     for number, force_N in enumerate(FORCES_N, start=1):
         table = workbook.create_sheet(f"M{number}")
         table.append(["Angle [deg]", "Reading [um]"])
@@ -55,6 +55,15 @@ def test_units_in_a_list_of_tests_are_used(
     rows: Sequence[Sequence[object]], tmp_path: Path
 ) -> None:
     assert forces_of(book(tmp_path, rows)) == pytest.approx(FORCES_N)
+
+
+def test_a_row_of_numbers_between_units_is_no_row_of_units(tmp_path: Path) -> None:
+    rows: list[list[object]] = [["Sheet", "Load", "Unit", "Radius", "Unit"]]
+    for number, force_N in enumerate(FORCES_N, start=1):
+        rows.append([f"M{number}", force_N / 1000.0, "kN", 10, "cm"])
+    tests = lb.import_campaign(book(tmp_path, rows)).campaign.tests
+    assert [test.force_N for test in tests] == pytest.approx(FORCES_N)
+    assert [test.radius_mm for test in tests] == [100.0, 100.0, 100.0]
 
 
 @pytest.mark.parametrize(
