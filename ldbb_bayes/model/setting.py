@@ -562,40 +562,49 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     cases:
 
     - All tests of the pilot have times. The mean of these times is subtracted from the times of the
-      plan. A test of the plan without a time gets the value 0.
+      plan.
     - Times are missing in the pilot, but not in the plan. The mean time of the plan is subtracted.
     - Times are missing in both. If the first tests of the plan have the same names as the tests of
       the pilot, these tests are assumed to have been run in the order of the pilot, one every six
-      minutes. All other tests get the value 0, the mean time of the pilot.
+      minutes. Otherwise all tests have the time 0.
+
+    If the plan begins with the tests of the pilot, every further test without a time is a test that
+    could be the next one: it is assumed to be run six minutes after the last test of the pilot.
+    Other tests without a time get the value 0, the mean time of the pilot.
     """
     stated_s = _field_of_tests("time_s", campaign)
     relative_s = np.zeros(len(stated_s))
     pilot_s = _field_of_tests("time_s", pilot or campaign)
+    begins_with_pilot = _begins_with(campaign, pilot or campaign)
     if np.isfinite(pilot_s).all():
+        if begins_with_pilot:
+            next_s = pilot_s.max() + SECONDS_PER_TEST
+            stated_s = np.where(np.isfinite(stated_s), stated_s, next_s)
         relative_s = np.nan_to_num(stated_s - pilot_s.mean())
     elif np.isfinite(stated_s).all():
         relative_s = stated_s - stated_s.mean()
-    elif campaign.order is None:
-        ordered_s = _times_from_order_s(pilot or campaign)
-        if _begins_with(campaign, pilot or campaign):
-            relative_s[: len(ordered_s)] = ordered_s
+    elif campaign.order is None and begins_with_pilot:
+        relative_s = _times_from_order_s(pilot or campaign, len(campaign.tests))
     relative_h: Array = relative_s / _SECONDS_PER_HOUR
     if np.abs(relative_h).max() < _SAME_TIME_H:
         return np.full(len(relative_h), np.nan)
     return relative_h
 
 
-def _times_from_order_s(campaign: Campaign) -> Array:
-    """Return the time of every test minus the mean time [s], from the order of the tests.
+def _times_from_order_s(campaign: Campaign, number: int) -> Array:
+    """Return the times of ``number`` tests [s], of which the first are the tests of a campaign.
 
-    The tests are assumed to have been run in the order in which they are listed, at equal
-    intervals. All results are zero if the user has declared that the tests were run in random
-    order.
+    These are assumed to have been run in the order in which they are listed, at equal intervals.
+    Each of the other tests could be run next, one interval after the last test of the campaign. The
+    mean time of the campaign is subtracted; if there are other tests, the mean time of the campaign
+    and one of these. All results are zero if the user has declared that the tests were run in
+    random order.
     """
-    listed_s = SECONDS_PER_TEST * np.arange(len(campaign.tests))
     if campaign.order is not None:
-        return np.zeros(len(listed_s))
-    return np.asarray(listed_s - listed_s.mean())
+        return np.zeros(number)
+    run = len(campaign.tests)
+    listed_s = SECONDS_PER_TEST * np.minimum(np.arange(number), run)
+    return np.asarray(listed_s - listed_s[: run + 1].mean())
 
 
 def _begins_with(campaign: Campaign, pilot: Campaign) -> bool:

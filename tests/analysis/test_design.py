@@ -473,6 +473,31 @@ def test_augmenting(pilot: lb.Campaign) -> None:
     assert "Run 2 more circles" in design_sentences(design)[0]
 
 
+@pytest.mark.parametrize("times_s", [(None, None, None), (0.0, 500.0, 1400.0)])
+def test_added_circles_run_after_the_pilot_as_in_a_fit_of_both(
+    times_s: tuple[float | None, ...],
+) -> None:
+    """Drift acts on the circles of ``--augment`` as in a fit of one list with all circles."""
+    angle_deg = np.arange(0.0, 360.0, 15.0)
+    forces_N = (100.0, 350.0, 600.0)
+    pairs = zip(forces_N, times_s, strict=True)
+    tests = [lb.CircularTest(force_N, angle_deg, np.zeros(24), time_s=t) for force_N, t in pairs]
+    pilot = lb.Campaign(tuple(tests))
+    model = lb.HybridModel.default(1)
+    space = Space(model, pilot, forces_N, augment=True)
+    plan = space.plan_of(space.tests)
+    hours = bind_plan(model, plan).setting.time_h
+
+    last_s = times_s[-1]
+    added = []
+    for k, test in enumerate(plan.tests, start=1):
+        time_s = None if last_s is None else last_s + 360.0 * k
+        run = replace(test, name="", time_s=time_s)
+        added.append(run.with_reading_um(np.zeros(len(test.angle_deg))))
+    both = model.bind(replace(pilot, tests=(*tests, *added))).setting.time_h
+    np.testing.assert_allclose(hours - hours[0], both - both[0], atol=1e-12)
+
+
 def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
     """E_C(0Y)X looks like the 2-lobe form: the alias is named, and what cures it; and it does."""
     options = {"tests": 6, "criterion": "c", "parameters": ("E_C(0Y)X",), "forces_N": THREE}

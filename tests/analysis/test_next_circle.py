@@ -28,6 +28,7 @@ from ldbb_bayes.analysis.design.next_circle import (
     next_circle,
 )
 from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.present_estimates import present_estimates
 from ldbb_bayes.analysis.rival_explanations import compare_explanations
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
@@ -53,6 +54,34 @@ def fitted(recovered: Campaign) -> dict[str, np.ndarray]:
     posterior = lb.sample(MODEL, recovered, sampler="independent", seed=3)
     bound = MODEL.bind(recovered)
     return dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
+
+
+# ---- the fit of the campaign with the circle
+
+
+@pytest.mark.parametrize("force_N", [36.0, 742.0])
+def test_u_after_the_next_circle_is_that_of_a_fit_with_the_circle_in_the_list(
+    recovered: Campaign, force_N: float
+) -> None:
+    """The circles are listed by rising force, where drift holds most of C_CXY and C_CYY.
+
+    A fit takes the new circle as run six minutes after the last.
+    """
+    goals = {"C_CXY": "5 nrad/N", "C_CYY": "5 nrad/N"}
+    step = next_circle(MODEL, recovered, goals=goals, forces_N=(force_N,), tolerances={})
+    at_force = next(test for test in recovered.tests if test.force_N == force_N)
+    rng = np.random.default_rng(1)
+    shift_um = rng.normal(0.0, 0.3, 2) @ [
+        np.ones(len(at_force.angle_deg)),
+        np.cos(np.deg2rad(at_force.angle_deg)),
+    ]
+    run = replace(at_force, name="next").with_reading_um(at_force.reading_um + shift_um)
+    longer = replace(recovered, tests=(*recovered.tests, run))
+    nodes = Evidences(longer, tolerance=0.05).of(MODEL)[0]
+    fitted_sd = present_estimates(nodes).sd
+    for name in goals:
+        fitted_U = 2.0 * fitted_sd[nodes.bound.names.index(name)]
+        assert step.goals[name].U_next == pytest.approx(fitted_U, rel=0.09)
 
 
 # ---- algebra

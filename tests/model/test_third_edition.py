@@ -483,13 +483,13 @@ def test_first_edition_has_the_terms_it_had() -> None:
 
 
 def test_plan_that_begins_with_the_tests_of_its_pilot_keeps_their_times() -> None:
-    """Further tests count as run at the mean of the pilot, unless they state times beside its."""
+    """Further tests count as run next, after those of the pilot, unless they state times."""
     pilot = simulate(3)
     further = replace(pilot.plan().tests[0], name="")
     longer = replace(pilot.plan(), tests=(*pilot.plan().tests, further))
     model = lb.HybridModel.default(1)
     hours = BoundModel(model, longer, pilot=pilot).setting.time_h
-    np.testing.assert_allclose(hours, [-0.1, 0.0, 0.1, 0.0], atol=1e-15)
+    np.testing.assert_allclose(hours, [-0.15, -0.05, 0.05, 0.15], atol=1e-15)
     further_alone = replace(pilot.plan(), tests=(further,))
     unknown = BoundModel(model, further_alone, pilot=pilot)
     assert np.isnan(unknown.setting.time_h).all()
@@ -500,3 +500,6 @@ def test_plan_that_begins_with_the_tests_of_its_pilot_keeps_their_times() -> Non
     hours = BoundModel(model, longer, pilot=stating).setting.time_h
     times = [test.time_s for test in stating.tests]
     np.testing.assert_allclose(hours * 3600.0, np.array([*times, 7200.0]) - np.mean(times))
+    without_time = replace(pilot.plan(), tests=(*stating.plan().tests, further))
+    hours = BoundModel(model, without_time, pilot=stating).setting.time_h
+    assert hours[-1] == pytest.approx((max(times) + 360.0 - np.mean(times)) / 3600.0)

@@ -19,7 +19,11 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.campaign.circular_test import planned_angles
-from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
+from ldbb_bayes.campaign.run_times import (
+    SECONDS_PER_TEST,
+    after_the_others,
+    with_listed_times,
+)
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
@@ -301,12 +305,16 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
     """Return a plan whose tests have times, which determine how a drift affects them.
 
-    The pilot is the campaign that the plan starts from. The mean time of the plan's tests is that
-    of the pilot's tests. A plan is returned unchanged if it is to be analysed together with its
-    pilot, or if its tests are not run in the order in which they are listed.
+    The pilot is the campaign that the plan starts from. If the plan is to be analysed together with
+    its pilot, its tests are run after those of the pilot, one every six minutes. Otherwise, the
+    mean time of the plan's tests is that of the pilot's tests. A plan is returned unchanged if its
+    tests are not run in the order in which they are listed.
     """
-    if plan.order is not None or plan.adds_to_pilot:
+    if plan.order is not None:
         return plan
+    if plan.adds_to_pilot:
+        later = after_the_others(with_listed_times(pilot), plan.tests)
+        return replace(plan, tests=later)
     planned_s = np.array([test.time_s for test in plan.tests], dtype=float)
     if not np.isfinite(planned_s).all():
         planned_s = SECONDS_PER_TEST * np.arange(len(plan.tests))
@@ -337,7 +345,7 @@ def _bind_to_pilot(
     # same test is planned several times.
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     if keep_pilot_tests:
-        planned = (*pilot_tests, *planned)
+        planned = (*with_listed_times(pilot).plan().tests, *planned)
     pilot_kinds = [replace(test, direction=None) for test in pilot_tests]
     foreseen = (*plan.foreseen, *pilot.foreseen, *pilot_kinds)
     joined = replace(plan, tests=planned, foreseen=foreseen)
