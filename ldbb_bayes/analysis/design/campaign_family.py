@@ -106,28 +106,29 @@ class CampaignFamily:
         """Return the least machine time that a campaign of ``circles`` circles can have [min].
 
         All campaigns of a family use the same radii and the same clockings (pairs of angles by
-        which the balls are turned in their sockets). The least time has as few set-ups and turns of
-        the balls as possible. ``costs`` holds the time that each circle, set-up and turn takes.
+        which the balls are turned in their sockets), but not all planes. Every plane and radius
+        needs a set-up, in which the first clocking needs no turn of the balls. ``costs`` holds the
+        time that each circle, set-up and turn takes.
         """
-        space = self.space
-        kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
-        turns = kinds * (len(space.clockings_deg) - 1)
-        return (
-            costs.minutes_per_circle * circles
-            + costs.minutes_per_setup * kinds
-            + costs.minutes_per_clocking * turns
-        )
+        radii = len(self.space.radii_mm)
+        clockings = len(self.space.clockings_deg)
+        planes = len({str(test.plane) for test in self.space.templates})
+        least = np.inf
+        for setups in range(radii, planes * radii + 1):
+            turns = max(clockings - setups, 0)
+            minutes = costs.minutes_per_setup * setups + costs.minutes_per_clocking * turns
+            least = min(least, minutes)
+        return costs.minutes_per_circle * circles + least
 
     @property
     def fewest_circles(self) -> int:
         """Minimum number of circles of a campaign in this family.
 
-        A campaign needs at least one circle for every combination of plane, radius and ball angles,
-        and at least one for each of the different forces that are needed.
+        A campaign needs at least one circle for every radius, one for every pair of ball angles,
+        and one for each of the different forces that are needed.
         """
         space = self.space
-        kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
-        return max(self._least_levels, kinds * len(space.clockings_deg))
+        return max(self._least_levels, len(space.radii_mm), len(space.clockings_deg))
 
     @property
     def _least_levels(self) -> int:

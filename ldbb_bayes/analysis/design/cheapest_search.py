@@ -68,8 +68,8 @@ _MOST_FORECASTS = 8
 _FEW_MACHINES = 16
 # Seed of the fresh machines on which a campaign that reaches the goals is judged once more.
 _SEED_OF_FRESH_MACHINES = 2
-# The search for the cheapest campaign ends when it has found a campaign that reaches the goals and
-# the computing effort exceeds this number. The effort is the sum of n² over all full forecasts
+# The search for further campaigns ends when the cheapest campaign that reaches the goals was found
+# and the computing effort exceeds this number. The effort is the sum of n² over all full forecasts
 # (with unknown hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
 # number of circles allowed are not counted.
 _MOST_EFFORT = 700
@@ -248,6 +248,8 @@ class _Progress:
     #: number of circles of the largest campaign whose full forecast (with hyper-parameters that the
     #: analysis must estimate) missed the goals for uncertainties
     last_failed: int = 0
+    #: number of circles of the campaign that the search in this family of campaigns tried first
+    first: int = 0
     #: whether the search in this family of campaigns has already estimated the number of circles
     #: that the goals need
     started: bool = False
@@ -309,9 +311,7 @@ def find_cheapest(
     search = _Search(goals, costs, probability)
     queue = _queue_of(families, costs)
     found: list[FoundCampaign] = []
-    while queue and len(found) < number:
-        if found and search.effort > _MOST_EFFORT:
-            break
+    while queue and not _is_complete(found, number, queue[0].price, search.effort, costs):
         entry = heapq.heappop(queue)
         progress = entry.progress
         if any(_buys_in_vain(progress, campaign, costs) for campaign in found):
@@ -319,23 +319,68 @@ def find_cheapest(
         # The queue holds the families of campaigns that are still searched. A family leaves the
         # queue when the search has found a campaign of the family that meets the goals for
         # uncertainties, or has shown that there is none.
+        campaign = None
         if not progress.started:
             goes_on = search.start(progress)
         else:
             campaign = search.attempt(progress)
             goes_on = campaign is None
-            if campaign is not None:
-                found.append(campaign)
-                on_campaign()
             progress.circles += 1
         if goes_on and progress.circles <= _MOST_CIRCLES:
             price = progress.family.lowest_price(costs, progress.circles)
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
+        if campaign is not None:
+            found.append(campaign)
+            queue = _without_skips(queue, costs)
+            if len(found) <= number:
+                on_campaign()
+    found.sort(key=lambda campaign: campaign.price(costs))
+    found = found[:number]
     found += _with_more_circles(found, number - len(found), costs, on_campaign)
     found.sort(key=lambda campaign: campaign.price(costs))
     return CheapestCampaigns(
         tuple(found), search.nearest, search.nearest_by_goal, search.is_too_long
     )
+
+
+def _is_complete(
+    found: Sequence[FoundCampaign], number: int, lowest_price: float, effort: int, costs: Costs
+) -> bool:
+    """Return whether no family that is still in the queue need be searched.
+
+    That is so if none of them can have a campaign that is cheaper than the ``number`` cheapest that
+    were found. If the search has taken much computing effort, it is enough that none can have one
+    that is cheaper than the cheapest. ``found`` are the campaigns found so far, ``lowest_price`` is
+    a lower limit of the price of any other campaign, and ``effort`` is the computing effort so far.
+    """
+    if not found:
+        return False
+    prices = sorted(campaign.price(costs) for campaign in found)
+    if lowest_price < prices[0]:
+        return False
+    if effort > _MOST_EFFORT:
+        return True
+    return len(found) >= number and lowest_price >= prices[number - 1]
+
+
+def _without_skips(queue: Sequence[_QueuedFamily], costs: Costs) -> list[_QueuedFamily]:
+    """Return the queue of families with the numbers of circles that were skipped to be tried again.
+
+    Numbers of circles are skipped if the expected uncertainties miss the goals. What is expected
+    depends on the full forecasts so far, which were of few circles at first; after a campaign that
+    meets the goals, more is known. ``costs`` holds the prices and times of circles and set-ups.
+    """
+    again = []
+    for entry in queue:
+        progress = entry.progress
+        price = entry.price
+        if progress.started and progress.first < progress.circles:
+            progress.circles = max(progress.first, progress.last_failed + 1)
+            progress.counts = np.zeros_like(progress.counts)
+            price = progress.family.lowest_price(costs, progress.circles)
+        again.append(_QueuedFamily(price, entry.position, progress))
+    heapq.heapify(again)
+    return again
 
 
 def _buys_in_vain(progress: _Progress, cheaper: FoundCampaign, costs: Costs) -> bool:
@@ -452,6 +497,7 @@ class _Search:
         needed = _least_multiple(family, counts, -progress.lasting_inflation)
         begin = int(_BEGIN_SHARE * needed * _CIRCLES_OF_SHARES)
         progress.circles = max(family.fewest_circles, begin)
+        progress.first = progress.circles
         return True
 
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
