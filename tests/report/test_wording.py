@@ -872,3 +872,25 @@ def test_the_page_of_the_glossary_is_the_glossary() -> None:
     rows = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
     expected = [f"| {term} | {meaning} |" for term, meaning in glossary.items()]
     assert [row.replace("\\|", "|") for row in rows[2:]] == expected
+
+
+@pytest.mark.parametrize(
+    ("topology", "name", "is_below"), [("wCAFYXZSt", "E_C0YX", True), ("wFXYZSt", "E_C0XY", False)]
+)
+def test_the_sign_of_squareness_is_that_of_the_model(
+    topology: str, name: str, is_below: bool
+) -> None:
+    """A path that is long at 45° is that of axes whose angle is below 90°."""
+    reading_mm = lb.machine.exact_reading_mm(
+        lb.Machine(topology),
+        lb.machine.Circle(radius_mm=150.0),
+        np.radians([45.0, 135.0]),
+        force_N=0.0,
+        geometric_errors={name: 1e-4},
+    )
+    assert (reading_mm[0] > 0.0 > reading_mm[1]) == is_below
+    glossary = tomllib.loads((TEMPLATES / "glossary.toml").read_text(encoding="utf-8"))
+    assert "E_C(0Y)X above zero is an angle from +X to +Y below 90°" in glossary["squareness"]
+    units = Path(__file__).parents[2] / "docs" / "reference" / "units.md"
+    text = " ".join(units.read_text(encoding="utf-8").split())
+    assert "angle from +X to +Y is then smaller than 90°. Of E_C(0X)Y, which turns Y, it is" in text
