@@ -155,6 +155,16 @@ class GeometricName:
         return _ORDERS.get(self.kind, 0)
 
     @property
+    def closes_angle(self) -> bool:
+        """Whether a squareness error above zero makes the angle between two axes less than 90°.
+
+        The angle is that from the positive direction of ``axis`` to that of ``reference``. The
+        error turns ``axis`` right-handed: about C, X turns towards +Y, but Y away from +X. False
+        for geometric errors of other kinds.
+        """
+        return f"{self.axis}{self.reference}" in ("XY", "YZ", "ZX")
+
+    @property
     def meaning(self) -> str:
         """Description of the geometric error in words, such as squareness error of Y to X."""
         if self.kind == "gain":

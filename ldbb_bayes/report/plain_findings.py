@@ -306,14 +306,19 @@ def _squareness_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     them. Of a confounded error, the sentence asks for a confirmation before it is corrected.
     """
     words = numbers.words
-    for quantity in numbers.squareness_errors.values():
+    for label, quantity in numbers.squareness_errors.items():
         if quantity.is_undetermined:
             continue
         advice = words("plain.align")
         if quantity.entry is not None and quantity.entry.partners:
             partners = words.joined([words.term(name) for name in quantity.entry.partners])
             advice = words("plain.confirm", partners=partners)
-        values = {"name": quantity.words, "value": _with_U(quantity, words), "advice": advice}
+        values = {
+            "name": quantity.words,
+            "value": _with_U(quantity, words),
+            "angle": numbers.angle_of_squareness(label),
+            "advice": advice,
+        }
         probability = _probability_of_sign(quantity.estimate, quantity.sd)
         yield Finding(FindingKind.SQUARENESS, probability, values)
 

@@ -349,6 +349,17 @@ class SheetNumbers:
                 stated[label] = quantity
         return stated
 
+    def angle_of_squareness(self, label: str) -> str:
+        """Return a phrase that says whether the angle between two axes is below or above 90°.
+
+        ``label`` is the label of a squareness error of these axes. Its sign is taken to be that of
+        its estimate.
+        """
+        name = _names_by_label(bound_of(self.findings.posterior_of_certificate))[label]
+        is_positive = self.squareness_errors[label].estimate > 0.0
+        side = "below" if name.closes_angle == is_positive else "above"
+        return self.words(f"plain.angle_{side}", first=name.axis, second=name.reference)
+
     @cached_property
     def directions(self) -> dict[str, StatedQuantity]:
         """Stiffness by direction at the force ``force_N``, as the test certificate states it.

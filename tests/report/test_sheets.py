@@ -943,6 +943,15 @@ def undetermined(*partners: str) -> StatedQuantity:
     return StatedQuantity("Q", "Q", 1.0, 1.0, (-1.0, 3.0), "mm", entry, is_undetermined=True)
 
 
+def with_squareness(error: StatedQuantity) -> Any:
+    """Numbers of a sheet with one squareness error."""
+    return SimpleNamespace(
+        words=words_of("en"),
+        squareness_errors={"E": error},
+        angle_of_squareness="angle of {}".format,
+    )
+
+
 @pytest.mark.parametrize(("is_undetermined", "kinds"), [(True, []), (False, ["squareness"])])
 def test_no_squareness_that_is_not_determined_is_to_be_corrected(
     is_undetermined: bool, kinds: list[str]
@@ -951,7 +960,7 @@ def test_no_squareness_that_is_not_determined_is_to_be_corrected(
     error = StatedQuantity(
         "Squareness", "E", 5e-5, 1e-5, (3e-5, 7e-5), "rad", is_undetermined=is_undetermined
     )
-    numbers: Any = SimpleNamespace(words=words_of("en"), squareness_errors={"E": error})
+    numbers = with_squareness(error)
     found = list(plain_findings._squareness_findings(numbers))
     assert [str(finding.kind) for finding in found] == kinds
 
@@ -969,7 +978,7 @@ def test_a_confounded_squareness_is_to_be_confirmed_first(
     """The same sheet says: do not correct the machine by it."""
     entry = judged("confounded" if partners else "identified", *partners)
     error = StatedQuantity("Squareness", "E", 5e-5, 1e-5, (3e-5, 7e-5), "rad", entry)
-    numbers: Any = SimpleNamespace(words=words_of("en"), squareness_errors={"E": error})
+    numbers = with_squareness(error)
     (found,) = plain_findings._squareness_findings(numbers)
     assert found.values["advice"].startswith(advice)
 
