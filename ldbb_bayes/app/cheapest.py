@@ -288,4 +288,13 @@ def passages_shown(outcome: Mapping[str, Any], language: str) -> Sequence[Passag
     if "passages" not in outcome:
         return ()
     passages = [_passage_from(record) for record in outcome["passages"]]
-    return passages_in_language(passages, language, [outcome["pilot"]["name"]])
+    translated = passages_in_language(passages, language, [outcome["pilot"]["name"]])
+    words = words_of_page(language)
+    label = words["quoted"].format(text=words["plan"]["augment"])
+    shown: list[Passage] = []
+    for passage in translated:
+        if isinstance(passage, str):
+            # What is an option of the command is a box to tick on the page.
+            passage = passage.replace("--augment", label)
+        shown.append(passage)
+    return tuple(shown)

@@ -11,6 +11,7 @@ import json
 import os
 import signal
 import sys
+import time
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +37,8 @@ class Computation:
     task: asyncio.Task[None] | None = None
     #: Process in which the fit or search runs; None while none is running.
     process: asyncio.subprocess.Process | None = None
+    #: Time at which the process was started, on the monotonic clock [s].
+    started_s: float = 0.0
 
     @property
     def running(self) -> bool:
@@ -46,17 +49,19 @@ class Computation:
     def progress(self) -> dict[str, Any]:
         """Progress of a fit or search: the completed share, and the name of the present step.
 
-        The progress also states into how many parts this step is divided (``of``) and, once the
-        process has reported progress, how many of these parts are done.
+        The progress also states into how many parts this step is divided (``of``), for how many
+        seconds the process has run and, once the process has reported progress, how many of these
+        parts are done.
         """
         if self.process is None:
-            return {"share": 0.0, "step": "waiting", "of": 0}
+            return {"share": 0.0, "step": "waiting", "of": 0, "seconds": 0}
+        seconds = int(time.monotonic() - self.started_s)
         if self.running:
             with suppress(OSError, ValueError):
                 path = self.folder / PROGRESS_NAME
                 progress: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-                return progress
-        return {"share": 0.0, "step": "start", "of": 0}
+                return {**progress, "seconds": seconds}
+        return {"share": 0.0, "step": "start", "of": 0, "seconds": seconds}
 
     async def compute(self, choices: dict[str, Any]) -> dict[str, Any]:
         """Run the fit or search in a new process, and return what the process wrote.
@@ -73,6 +78,7 @@ class Computation:
             either.
         """
         (self.folder / CHOICES_NAME).write_text(json.dumps(choices), encoding="utf-8")
+        self.started_s = time.monotonic()
         nowhere = asyncio.subprocess.DEVNULL
         self.process = await asyncio.create_subprocess_exec(
             sys.executable,

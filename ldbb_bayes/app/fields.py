@@ -244,7 +244,10 @@ def _typed_number(field_option: Option, flag: str, text: str) -> float:
         number: float = typed(text.replace(",", ".").replace("−", "-"))
     except ValueError:
         wanted = "whole number" if typed is int else "number"
-        raise InputError(f"{flag} must be a {wanted}, got {text!r}. Correct it.") from None
+        cure = "Correct it."
+        if re.match(r"[-−+]?\d[\d.,]*\s*[^\d\s.,]", text):
+            cure = "Write the number alone, without its unit."
+        raise InputError(f"{flag} must be a {wanted}, got {text!r}. {cure}") from None
 
     low = field_option.settings.get("min", -math.inf)
     high = field_option.settings.get("max", math.inf)
@@ -253,6 +256,8 @@ def _typed_number(field_option: Option, flag: str, text: str) -> float:
         limits.append(f"at least {low:g}")
     if high < math.inf:
         limits.append(f"at most {high:g}")
+    elif not math.isfinite(number):
+        limits.append("finite")
     require(
         math.isfinite(number) and low <= number <= high,
         f"{flag} must be {' and '.join(limits) or 'finite'}, got {number:g}. Correct it.",

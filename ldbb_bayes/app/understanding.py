@@ -196,15 +196,18 @@ def _merged_rows(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
     A quantity such as the force may be assumed for several files. Successive rows on the same
     quantity are then joined into one row, which lists their values and places. The joined row gives
-    the reason of the first row.
+    the reason of the first row. Its entry ``has_other_reasons`` says whether that is only one of
+    several reasons.
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
         if merged and row["place"] and _is_on_same_quantity(row, merged[-1]):
             merged[-1]["value"] += f", {row['value']}"
             merged[-1]["place"] += f", {row['place']}"
+            if row["because"] != merged[-1]["because"]:
+                merged[-1]["has_other_reasons"] = True
         else:
-            merged.append(dict(row))
+            merged.append({**row, "has_other_reasons": False})
     return merged
 
 
@@ -314,6 +317,11 @@ def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[st
     if assumed.unit.endswith("/bar"):
         label = "µm/bar"
     size = f"± {two_digits(2.0 * assumed.sd, factor)} {label}"
+    deflection = campaign.mount.deflection_um_per_bar
+    if assumed.certificate == "mount_U_percent" and deflection:
+        # The certificate states U in percent of the deflection.
+        share = 2.0 * assumed.sd * factor / deflection
+        size += f" = {two_digits(share, 100.0)} %"
     error_um = campaign.instrument.bar_length_error_um
     if part == "bar" and error_um:
         size = f"{error_um:g} ".replace("-", "−") + size

@@ -103,7 +103,8 @@ def _write_report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     ``folder`` holds a copy of the files that the user added in one browser tab. ``choices`` are the
     texts typed on the page; the keys are the names of the entry fields. In the result,
     ``converged`` says whether the fit converged, ``alerts`` are the warnings, and ``state`` is the
-    sentence on whether the results can be used.
+    sentence on whether the results can be used. Both are in the language of the report,
+    ``language``.
     """
     settings = report_settings(folder, choices)
     output = Output(folder / RESULT, force=True)
@@ -114,6 +115,7 @@ def _write_report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         "converged": written.converged,
         "alerts": list(written.document.alerts),
         "state": written.document.state,
+        "language": settings["language"],
     }
 
 

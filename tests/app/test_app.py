@@ -36,6 +36,7 @@ from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app import fields, page_words, planning, server, templates, understanding, worker
 from ldbb_bayes.app.answering_process import AnsweringProcess
+from ldbb_bayes.app.computation import Computation
 from ldbb_bayes.app.goal_fields import goal_texts, goals_typed, with_goals
 from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.session_registry import SessionRegistry
@@ -183,10 +184,54 @@ UNUSABLE: list[tuple[dict[str, str], str]] = [
     ({"forces_N": "1,2"}, "must hold one number for each test"),
     ({"bar_U_um": "1e9"}, "bar_U_um must be less than or equal to 1000, got 1000000000"),
     ({"angle_U_deg": "400"}, "at most 10,"),
+    ({"bar_U_um": "inf"}, "--bar-U-um must be at least 1e-06 and finite, got inf"),
+    ({"bar_U_um": "1.5 µm"}, "Write the number alone, without its unit."),
     ({"radius_mm": "1,000"}, "without marks between thousands"),
     ({"radius_mm": "1.000"}, "without marks between thousands"),
     ({"tolerance": "C_XXX=1,000 nm/N"}, "a tolerance must be a number without marks between"),
 ]
+
+
+def test_a_wrong_entry_is_not_said_to_be_missing(tab: Tab) -> None:
+    tab.holding(*sorted(RECOVERED.glob("f*.csv")))
+    tab.ask("POST", "say", {"radius_mm": "wide"})
+    page = tab.ask("GET", "part/understood")[1]
+    assert "--radius-mm must be a number" in page
+    assert "say below what is missing" not in page
+
+
+def test_one_of_several_reasons_is_an_example(tab: Tab) -> None:
+    readings = (RECOVERED / "f036.csv").read_bytes()
+    for name in ("100 N.csv", "200 N.csv", "300 N.csv"):
+        assert tab.ask("PUT", f"files/{name.replace(' ', '%20')}", readings)[0] == 200
+    page = tab.ask("GET", "part/understood")[1]
+    assert "<td>100 N, 200 N, 300 N</td><td>for example the name &#39;100 N&#39;" in page
+
+
+def test_the_mount_is_shown_in_the_unit_of_its_field(tab: Tab) -> None:
+    tab.holding(*sorted(RECOVERED.glob("f*.csv")))
+    page = tab.ask("GET", "part/understood")[1]
+    assert 'name="mount_U_percent"' in page
+    assert 'placeholder="± 0.47 µm/bar = 20 %, assumed"' in page
+    tab.ask("POST", "say", {"mount_U_percent": "2,5"})
+    assert "± 0.058 µm/bar = 2.5 % (stated)" in tab.ask("GET", "part/understood")[1]
+
+
+def test_a_sentence_of_the_report_bears_the_language_of_the_report() -> None:
+    outcome = {"converged": True, "state": "USABLE", "alerts": ["Look."], "language": "en"}
+    fit = SimpleNamespace(outcome=outcome, running=False)
+    session = SimpleNamespace(fit=fit, file_sizes={"a.csv": 1}, fitted=1)
+    shown = templates.Templates().show("fit.html.j2", "de", session=session)
+    assert '<span lang="en">USABLE</span>' in shown
+    assert '<ul lang="en"><li>Look.</li>' in shown
+
+
+def test_a_computation_says_how_long_it_has_run(tmp_path: Path) -> None:
+    computation = Computation("fit", tmp_path)
+    assert computation.progress["seconds"] == 0
+    computation.process = cast(Any, object())
+    computation.started_s = time.monotonic() - 90.5
+    assert computation.progress["seconds"] == 90
 
 
 def test_a_german_page_shows_no_english_note(tab: Tab) -> None:

@@ -161,6 +161,7 @@ def check_cheapest_campaign(page: Any) -> None:
     page.keyboard.press("Enter")
     page.focus("#plan-goal_C_XXX")
     page.keyboard.type("5")
+    page.wait_for_selector("#plan-goal_C_XXX[aria-invalid][aria-describedby='why-goal_C_XXX']")
     page.focus("#search")
     page.keyboard.press("Enter")
     page.wait_for_selector("#plan-goal_C_XXX[aria-invalid]")

@@ -90,7 +90,7 @@ DECIMAL = "Decimal mark: . or ,"
 PLANE = "Plane"
 MOUNT = "Readings not compensated for the mount"
 CHOICES = (
-    Said("raw", "yes", MOUNT, "yes", lambda c: not c.mount.compensated),
+    Said("raw", "yes", MOUNT, "not compensated", lambda c: not c.mount.compensated),
     Said("raw", "", MOUNT, "", lambda c: c.mount.compensated),
     Said("order", "random", "Order of the tests", "random", lambda c: c.order == "random"),
     Said(

@@ -52,6 +52,7 @@ async function show(name) {
   if (focused && document.activeElement === document.body) at(focused)?.focus();
   if (name === "fit" && at("start")) at("start").disabled = blocked;
   if (name === "plan" || name === "cheapest") lockSearch();
+  if (name === "plan") markGoals();
   if (name === "sheets") fitFrame();
   if (name === "worth") placeEffects();
 }
@@ -153,6 +154,7 @@ async function search() {
     own.removeAttribute("aria-invalid");
     own.removeAttribute("aria-describedby");
   }
+  markGoals();
   tell(words.working);
   const answer = await say("search", asked);
   if (!answer.ok) return tell(await reason(answer));
@@ -172,11 +174,27 @@ async function showRefusedSearch(name) {
   at("cheapest-part").querySelector("[role=alert]")?.focus();
 }
 
+// A goal that cannot be read is marked where it was typed; why stands above the table.
+function markGoals() {
+  for (const field of document.querySelectorAll(".goals input[name^=goal_]")) {
+    const why = `why-${field.name}`;
+    if (at(why)) {
+      field.setAttribute("aria-invalid", "true");
+      field.setAttribute("aria-describedby", why);
+    } else {
+      field.removeAttribute("aria-invalid");
+      field.removeAttribute("aria-describedby");
+    }
+  }
+}
+
 function drawProgress(name, nameOfStep, progress) {
   const bar = at(name);
   if (!bar) return;
   bar.value = progress.share;
-  at(nameOfStep).textContent = bar.dataset[progress.step] + (progress.of ? ` ${progress.done}/${progress.of}` : "");
+  const parts = progress.of ? ` ${progress.done}/${progress.of}` : "";
+  const time = progress.seconds ? ` (${progress.seconds} s)` : "";  // a long step is seen to go on
+  at(nameOfStep).textContent = bar.dataset[progress.step] + parts + time;
 }
 
 async function send(files) {
@@ -244,6 +262,7 @@ async function drawPlan() {
       wanted = null;
       const answer = await say("plan", own);
       place.innerHTML = await answer.text();
+      markGoals();
       if (own.fine) tell(at("time")?.textContent ?? "");
     }
   } finally {
