@@ -176,6 +176,8 @@ UNUSABLE: list[tuple[dict[str, str], str]] = [
     ),
     ({"force_N": "9999"}, "Choose one within what was tested"),
     ({"balls": "G7"}, "must be one of G3, G5"),
+    ({"date": "24.11.2026"}, "it should be a date as ISO 8601, for example 2026-11-20"),
+    ({"ball_bar_calibrated": "May"}, "it should be a date as ISO 8601, for example 2026-11-20"),
     ({"tolerance": "C_XXX"}, "--tolerance must be"),
     ({"bar_U_um": "1e9", "forces_N": "36;364;742", "operator": "A"}, "bar_U_um"),
     ({"unit": "furlong"}, "furlong"),
@@ -206,6 +208,12 @@ def test_one_of_several_reasons_is_an_example(tab: Tab) -> None:
         assert tab.ask("PUT", f"files/{name.replace(' ', '%20')}", readings)[0] == 200
     page = tab.ask("GET", "part/understood")[1]
     assert "<td>100 N, 200 N, 300 N</td><td>for example the name &#39;100 N&#39;" in page
+
+
+def test_entries_of_one_assumption_are_listed_without_their_full_stops(tab: Tab) -> None:
+    tab.holding(*sorted(RECOVERED.glob("f*.csv")))
+    page = tab.ask("GET", "part/understood")[1]
+    assert 'data-field="angle_column">Column of the angle</a>, ' in page
 
 
 def test_the_mount_is_shown_in_the_unit_of_its_field(tab: Tab) -> None:

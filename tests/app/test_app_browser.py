@@ -208,6 +208,10 @@ def test_a_broken_workbook_is_answered_where_it_is(page: Any, tmp_path: Path) ->
     page.keyboard.press("Enter")
     alert.wait_for()
     assert "--bar-U-um must be a number" in alert.inner_text()
+    page.fill("#say-bar_U_um", "1.5")  # and not applied
+    page.reload()
+    page.wait_for_selector("#understood-part dl:has-text('± 1.5 µm (stated)')")
+    assert page.input_value("#say-bar_U_um") == "1.5"
 
 
 def test_files_chosen_while_the_page_redraws_arrive(page: Any) -> None:

@@ -54,6 +54,14 @@ def test_the_sheet_says_when_to_mount_the_bar_anew(language: str) -> None:
     assert KEEP[language] not in words
 
 
+def test_planes_and_radii_to_set_up_are_not_called_set_ups() -> None:
+    circles = plan()
+    in_two_planes = replace(circles.tests[0], plane="YZ")
+    words = sheet(replace(circles, tests=(*circles.tests[1:], in_two_planes)), "en")
+    assert "planes and radii to set up: 2;" in words
+    assert "set-ups: 2" not in words
+
+
 @pytest.mark.parametrize("language", ["en", "de"])
 def test_one_set_up_is_kept(language: str) -> None:
     words = sheet(plan(), language)

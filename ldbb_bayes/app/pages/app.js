@@ -347,7 +347,12 @@ for (const kind of ["dragenter", "dragover", "dragleave", "drop"]) {
   });
 }
 
-addEventListener("pagehide", () => navigator.sendBeacon(`leave?${tab}`, "{}"));
+// What was typed and not yet applied is there again after a reload.
+addEventListener("pagehide", () => {
+  const form = at("form");
+  if (typed && form) navigator.sendBeacon("say", JSON.stringify(Object.fromEntries(new FormData(form))));
+  navigator.sendBeacon(`leave?${tab}`, "{}");
+});
 addEventListener("pageshow", (event) => { if (event.persisted) location.reload(); });
 
 look();
