@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,13 +54,27 @@ def recovered() -> Campaign:
     return read_campaign(ROOT / "data" / "recovered_experiment")
 
 
-@pytest.fixture(scope="module")
-def few_states() -> Iterator[None]:
+@contextmanager
+def designs_of_few_states() -> Iterator[None]:
     """Designs average over few values of the hyper-parameters: how they are chosen does not hang on
     it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast, "_STATES", 16)
         patch.setattr(space, "_SEARCH_NODES", 4)
+        yield
+
+
+@pytest.fixture
+def few_states() -> Iterator[None]:
+    """In one test."""
+    with designs_of_few_states():
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_states_of_module() -> Iterator[None]:
+    """In all tests of a module, and in what they share."""
+    with designs_of_few_states():
         yield
 
 

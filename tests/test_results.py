@@ -26,7 +26,7 @@ from ldbb_bayes.results import Shown, Table, parts_of, readable, register_when_d
 MODEL = lb.HybridModel.first(0).without("discrepancy", "setup-shift")
 FORCES_N = (36.0, 400.0, 742.0)
 
-pytestmark = pytest.mark.usefixtures("few_states")
+pytestmark = pytest.mark.usefixtures("few_states_of_module")
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,9 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def search(tmp_path_factory: pytest.TempPathFactory, few_states: None) -> tuple[Path, Any, Any]:
+def search(
+    tmp_path_factory: pytest.TempPathFactory, few_states_of_module: None
+) -> tuple[Path, Any, Any]:
     """The folder of a search, what it found, and the steps that it reported."""
     folder = tmp_path_factory.mktemp("search")
     steps: list[int] = []
