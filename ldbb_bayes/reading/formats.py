@@ -23,9 +23,11 @@ _SUFFIXES_OF_YAML = (".yml", ".yaml")
 # Regular expression for the name of a list of numbers, such as "angle" or "run(1).theta".
 _NAME = r"(?P<name>[^\W\d][\w.(){} -]*?)"
 # Regular expression for a line that opens a list of numbers but does not close it, such as
-# ``angle = [ ...`` or ``angle = np.array([0, 5,``.
+# ``angle = [ ...`` or ``angle = np.array([0, 5,``. The numbers are matched only once (``*+``),
+# because a list of n numbers that is closed could otherwise be divided in about 2^n ways.
 _OPENED_LIST = re.compile(
-    rf"{_NAME}\s*(?:=|<-)\s*[\w.]*\(?[\[({{](?:\s*{NUMBER_IN_TEXT}[,;\s])*\s*(?P<dots>\.\.\.)?\s*"
+    rf"{_NAME}\s*(?:=|<-)\s*[\w.]*\(?[\[({{](?:\s*{NUMBER_IN_TEXT}[,;\s])*+\s*"
+    r"(?P<dots>\.\.\.)?\s*"
 )
 # Regular expression for a line with a name and a list of numbers, as in "angle = [0, 5, 10]".
 _NAMED_LIST = re.compile(rf"{_NAME}\s*[=:]\s*[\[({{]?(?:\s*{NUMBER_IN_TEXT}[,;\s]){{9}}.*")

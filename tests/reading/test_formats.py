@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import process_time
 
 import pytest
 
@@ -75,3 +76,12 @@ def test_tests_named_t1_are_rows_and_no_header(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("\n".join([*lines, ""]))
     assert lb.import_campaign(path).campaign.readings == len(NUMBERS)
+
+
+def test_lists_that_are_closed_in_their_line_are_named_at_once(tmp_path: Path) -> None:
+    angles = ", ".join(str(5 * k) for k in range(30))
+    readings = ", ".join(f"{0.1 * k:.1f}" for k in range(30))
+    start = process_time()
+    lines = [f"angle_deg = [{angles}]", f"reading_um = [{readings}]"]
+    assert "lists of numbers in lines: 'angle_deg'" in refusal(tmp_path, "run.txt", lines)
+    assert process_time() - start < 5.0
