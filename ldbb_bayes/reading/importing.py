@@ -377,20 +377,38 @@ def _measured_arc(recording: Recording) -> MeasuredArc:
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
     """Return a circular test for each measured arc, in the same order.
 
-    If an earlier test has the same name, and the sheet holds several tests, the name of the sheet
-    is put in front of the name of the test.
+    If an earlier test has the same name, and the sheet or the text file holds several tests, the
+    name of the sheet or file is put in front of the name of the test.
     """
     tests: list[CircularTest] = []
+    paths_by_name: dict[str, Path] = {}
     for arc in arcs:
         test = arc.to_test()
         recording = arc.recording
-        if recording.label and test.name in [other.name for other in tests]:
-            name = recording.name_of_file(f"{recording.sheet.title} {test.name}")
+        source = _name_of_source(recording, paths_by_name.get(test.name))
+        if test.name in paths_by_name and source:
+            name = recording.name_of_file(f"{source} {test.name}")
             reason = f"{test.name!r} stands elsewhere too"
             recording.note("name of the test", name, reason, "a [[test]] in --layout")
             test = replace(test, name=name)
+        paths_by_name.setdefault(test.name, recording.sheet.path)
         tests.append(test)
     return tests
+
+
+def _name_of_source(recording: Recording, path_of_name: Path | None) -> str:
+    """Return the name of the sheet or text file of a test, if it holds several tests.
+
+    The result is empty if the sheet holds a single test. For a text file with several tables, it is
+    also empty if ``path_of_name``, the file of the earlier test with the same name, is this file.
+    """
+    sheet = recording.sheet
+    if recording.label:
+        return sheet.title
+    is_one_of_several_tables = bool(sheet.separator) and sheet.title != sheet.path.stem
+    if is_one_of_several_tables and path_of_name != sheet.path:
+        return sheet.path.stem
+    return ""
 
 
 def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) -> None:

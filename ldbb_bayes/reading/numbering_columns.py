@@ -71,13 +71,15 @@ def _determine_conditions(
     return True
 
 
-def conditions_that_number(cells: Sequence[Sequence[str]], conditions: Sequence[int]) -> list[int]:
+def conditions_that_number(
+    cells: Sequence[Sequence[str]], conditions: Sequence[int], angle: int | None = None
+) -> list[int]:
     """Return the indices of conditions, such as force and direction, that identify the circles.
 
-    The list holds two or more columns. Rows with the same conditions must follow one another
-    without interruption, and there must be at least nine of them. Thus, a force that is measured
-    for each row identifies no circles. The list is empty if no such columns exist, or if a single
-    column identifies the circles.
+    The list holds two or more columns. There must be at least nine rows with the same conditions.
+    These rows must follow one another without interruption; in a table that is sorted by angle, all
+    circles must have the same angles instead. Thus, a force that is measured for each row
+    identifies no circles. The list is empty if no such columns exist.
 
     Parameters
     ----------
@@ -85,17 +87,34 @@ def conditions_that_number(cells: Sequence[Sequence[str]], conditions: Sequence[
         Cells of each column.
     conditions
         Indices of the columns with the conditions of the circles.
+    angle
+        Index of the column of angles; None if there is none.
     """
     changing = [column for column in conditions if len(set(cells[column])) > 1]
     if len(changing) < 2:
         return []
-    for column in changing:
-        if _determine_conditions(cells, [column], changing):
-            return []
     labels = list(zip(*[cells[column] for column in changing], strict=True))
-    blocks = [len(list(block)) for _, block in groupby(labels)]
-    if len(blocks) != len(set(labels)) or min(blocks) < _FEWEST_ROWS:
-        return []
     if any("" in label for label in labels):
         return []
-    return changing
+    blocks = [len(list(block)) for _, block in groupby(labels)]
+    if len(blocks) == len(set(labels)):
+        return changing if min(blocks) >= _FEWEST_ROWS else []
+    if angle is not None and _have_the_same_angles(labels, cells[angle]):
+        return changing
+    return []
+
+
+def _have_the_same_angles(labels: Sequence[tuple[str, ...]], angles: Sequence[str]) -> bool:
+    """Return whether all circles of a table have the same angles, each angle once.
+
+    There must be at least nine angles. ``labels`` holds the conditions in each row, and ``angles``
+    the angle in each row.
+    """
+    angles_by_label: dict[tuple[str, ...], list[str]] = {}
+    for label, angle in zip(labels, angles, strict=True):
+        angles_by_label.setdefault(label, []).append(angle)
+    different = set(angles)
+    if len(different) < _FEWEST_ROWS:
+        return False
+    sorted_angles = sorted(different)
+    return all(sorted(of_circle) == sorted_angles for of_circle in angles_by_label.values())

@@ -14,6 +14,7 @@ from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number, number_in_text
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
+from ldbb_bayes.reading.travel_direction import senses_in, without_directions
 from ldbb_bayes.reading.words import comparable
 
 __all__ = ["split_pairs"]
@@ -51,17 +52,53 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     if not all(_numbers_rows(sheet.rows[header + 1 :], column) for column in numbering):
         return [sheet]
     starts = range(first_start, len(names), width)
-    headers = [names[start : start + width] for start in starts]
+    headers = _without_directions_of_travel([names[start : start + width] for start in starts])
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
     titles = _names_of_tables(headers)
     tables = []
-    for start, title in zip(starts, titles, strict=True):
+    for start, title, table_names in zip(starts, titles, headers, strict=True):
         columns = range(start, start + width)
         further_columns = [*numbering, *text_columns]
-        tables.append(_table_in_columns(sheet, header, columns, further_columns, title))
+        table = _table_in_columns(sheet, header, columns, further_columns, title)
+        tables.append(_with_header_of_angles(table, header, table_names[0]))
     _check_whole_circles(sheet, [_angles_of_table(table) for table in tables])
     return tables
+
+
+def _without_directions_of_travel(headers: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return the headers of each table, with no direction in the header of its angles.
+
+    The direction in a header such as "Angle CW" is usually the sense in which the angles are
+    counted. It is the direction of travel if the header of the readings of each table names the
+    same direction, and if both directions occur. In all other cases, the headers are returned
+    unchanged. ``headers`` are the headers of each table.
+    """
+    unchanged = [list(names) for names in headers]
+    named: set[str] = set()
+    for names in headers:
+        of_angles = senses_in(names[0])
+        if len(of_angles) != 1 or senses_in(names[1]) != of_angles:
+            return unchanged
+        named |= of_angles
+    if len(named) < 2:
+        return unchanged
+    changed = []
+    for names in headers:
+        header_of_angles = " ".join(without_directions(names[0]).split())
+        changed.append([header_of_angles, *names[1:]])
+    return changed
+
+
+def _with_header_of_angles(table: Sheet, header: int, name: str) -> Sheet:
+    """Return a table with ``name`` as the header of its first column, which holds the angles.
+
+    ``header`` is the index of the row of headers.
+    """
+    rows = list(table.rows)
+    row = rows[header]
+    rows[header] = Row(row.line, [name, *row.cells[1:]])
+    return replace(table, rows=rows)
 
 
 def _columns_of_angles(names: Sequence[str]) -> list[int]:

@@ -406,7 +406,7 @@ def _numbering_columns(
     for field in _CONDITIONS:
         if field in heading.headers:
             conditions.append(heading.headers.index(field))
-    return conditions_that_number(cells, sorted(set(conditions)))
+    return conditions_that_number(cells, sorted(set(conditions)), roles.get("angle"))
 
 
 def _without_test_column(heading: Heading) -> Heading:

@@ -43,6 +43,15 @@ _TIME_WITH_MARKS = re.compile(
 _HALF_DAY_IN_FRONT = re.compile(
     rf"(?:(?P<morning>{_MARKS['morning']})|{_MARKS['afternoon']})\s?(?P<time>\d\d?:\d\d(?::\d\d)?)"
 )
+# Regular expression for a time of day with points and the word Uhr, such as 14.30 Uhr.
+_TIME_WITH_POINTS = re.compile(
+    r"(?<![\d.,:])(?P<hours>\d\d?)\.(?P<minutes>\d\d)(?:\.(?P<seconds>\d\d))?(?=\s?uhr\b)", re.I
+)
+# Regular expression for a time of day with an h behind the hours, such as 14h30. It may also be a
+# duration.
+_TIME_WITH_H = re.compile(
+    r"(?<![\w.,:])(?P<hours>\d\d?)\s?h\s?(?P<minutes>[0-5]\d)(?![\w:])(?![.,]\d)", re.I
+)
 # Regular expression for a date with words between day, month and year, such as 10 de junio de 2026.
 _DATE_WITH_WORDS = re.compile(
     rf"(?P<day>\d\d?) de (?P<month>{_MONTH}) del? (?P<year>\d{{4}})", re.I
@@ -175,20 +184,24 @@ def unread_stamp(text: str) -> str:
 
 
 def _in_usual_form(text: str) -> str:
-    """Replace East Asian dates and times, and dates such as 10 de junio de 2026, by usual forms.
+    """Replace dates and times with words or marks, such as 14.30 Uhr, by usual forms.
 
     For example, ``2026年11月20日 14时3分`` becomes ``2026-11-20 14:03``, ``下午2:03`` becomes
-    ``2:03 PM``, and ``10 de junio de 2026`` becomes ``10 junio 2026``. Other dates and times are
-    not changed.
+    ``2:03 PM``, and ``10 de junio de 2026`` becomes ``10 junio 2026``. A time such as ``14h30``
+    becomes ``14:30`` only beside a word for a start, a date or a clock; it may be a duration
+    elsewhere. Other dates and times are not changed.
     """
     text = _DATE_WITH_MARKS.sub(r"\g<year>-\g<month>-\g<day>", text)
     text = _TIME_WITH_MARKS.sub(_time_without_marks, text)
     text = _HALF_DAY_IN_FRONT.sub(_time_with_half_day, text)
+    text = _TIME_WITH_POINTS.sub(_time_without_marks, text)
+    if _WORDS["start"].search(text) or _WORDS["clock"].search(text):
+        text = _TIME_WITH_H.sub(_time_without_marks, text)
     return _DATE_WITH_WORDS.sub(r"\g<day> \g<month> \g<year>", text)
 
 
 def _time_without_marks(match: re.Match[str]) -> str:
-    """Return a time of day with East Asian marks in the usual form: ``14:03`` for 14时3分."""
+    """Return a time of day with marks such as 时 and 分 in the usual form: 14:03 for 14时3分."""
     parts = [part.zfill(2) for part in match.groups() if part]
     return ":".join(parts)
 
@@ -278,7 +291,7 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
         if seconds is None:
             return None
         zone_s = _zone_of(parts.get("zone", ""))
-    if seconds == 0.0:  # a spreadsheet writes a date without a time as midnight
+    if seconds == 0.0 and "date" in parts:  # a spreadsheet writes a date without a time as midnight
         seconds = None
     return Timestamp(rank, match[0].strip(), day_first, month_first, seconds, zone_s)
 

@@ -453,18 +453,21 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     """Add a note if the stated direction of travel contradicts the order of the angles.
 
     The angles of a single lap may have been sorted, so that their order does not show the
-    direction. Angles that continue over several laps cannot have been sorted. If such angles
-    contradict the stated direction, an `InputError` is raised instead, unless the layout states in
-    which sense angles are counted. ``n_laps`` is the number of laps. ``trace`` holds the angles and
-    the stated direction of travel.
+    direction. Angles that continue over several laps cannot have been sorted, and falling angles
+    that the file counts clockwise were hardly sorted: "Angle CW" may name the direction of travel.
+    If such angles contradict the stated direction, an `InputError` is raised instead, unless the
+    layout states in which sense angles are counted. ``n_laps`` is the number of laps. ``trace``
+    holds the angles and the stated direction of travel.
     """
     run = direction_of_travel(trace.angle_deg)
     if trace.direction is None or run in (None, trace.direction):
         return
     layout = recording.layout
     is_sense_stated = layout.angle_sense is not None or layout.angle_sign is not None
-    if n_laps >= _MORE_THAN_A_TURN and not is_sense_stated:
-        rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
+    rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
+    falls_clockwise = run == "CCW" and not rises
+    was_not_sorted = n_laps >= _MORE_THAN_A_TURN or falls_clockwise
+    if was_not_sorted and not is_sense_stated:
         other_sense = "CCW"
         # Nothing states in which sense the angles are counted. ``run`` is the direction of travel
         # that follows from the angles if they are counted counter-clockwise.

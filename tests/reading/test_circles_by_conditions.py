@@ -146,3 +146,45 @@ def test_loads_beside_the_name_of_the_angles_stand_above_directions(
     for test in campaign.tests:
         expected = [reading_um(a, test.force_N, test.direction) for a in test.angle_deg]
         assert test.reading_um == pytest.approx(expected)
+
+
+# ---- tables sorted by angle, and pairs of columns for each direction
+
+
+def test_circles_of_a_table_that_is_sorted_by_angle(tmp_path: Path) -> None:
+    by_angle = sorted(rows_of_circles(), key=lambda row: float(row.split(",")[2]))
+    campaign = lb.import_campaign(long_table(tmp_path / "all.csv", HEADER, by_angle)).campaign
+    assert conditions(campaign) == [(100, "CCW"), (100, "CW"), (300, "CCW"), (300, "CW")]
+    for test in campaign.tests:
+        expected = [reading_um(a, test.force_N, test.direction) for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
+
+
+def test_force_and_direction_that_change_together_are_circles(tmp_path: Path) -> None:
+    rows = [f"{row}" for row in rows_of_circles() if row.startswith(("100,CCW", "300,CW"))]
+    campaign = lb.import_campaign(long_table(tmp_path / "all.csv", HEADER, rows)).campaign
+    assert conditions(campaign) == [(100, "CCW"), (300, "CW")]
+
+
+def test_pairs_of_columns_for_each_direction_in_several_files(tmp_path: Path) -> None:
+    header = "Angle CCW [deg];CCW [um];Angle CW [deg];CW [um]"
+    paths = []
+    for force_N in FORCES_N:
+        rows = []
+        for a in ANGLES_DEG:
+            up = f"{a};{reading_um(a, force_N, 'CCW')}"
+            rows.append(f"{up};{360 - a};{reading_um(360 - a, force_N, 'CW')}")
+        paths.append(long_table(tmp_path / f"{force_N:g} N.csv", header, rows))
+    campaign = lb.import_campaign(paths).campaign
+    assert [test.name for test in campaign.tests] == ["CCW", "CW", "300 N CCW", "300 N CW"]
+    assert conditions(campaign) == [(100, "CCW"), (100, "CW"), (300, "CCW"), (300, "CW")]
+    for test in campaign.tests:
+        expected = [reading_um(a, test.force_N, test.direction) for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
+
+
+def test_a_file_with_pairs_that_is_named_twice_is_refused(tmp_path: Path) -> None:
+    rows = [f"{a};{a % 70}.5;{a};{a % 30}.5" for a in ANGLES_DEG]
+    path = long_table(tmp_path / "100 N.csv", "Angle [deg];CCW [um];Angle [deg];CW [um]", rows)
+    with pytest.raises(lb.InputError, match="tests must bear different names, got 'CCW' twice"):
+        lb.import_campaign([path, path])

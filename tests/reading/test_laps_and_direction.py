@@ -62,3 +62,17 @@ def test_the_angles_of_one_lap_may_have_been_sorted(tmp_path: Path) -> None:
     imported = lb.import_campaign(written(tmp_path, "CW", CCW_OF_TWO_LAPS[:72]))
     notes = [note.because for note in imported.assumptions if note.what == "direction"]
     assert "the angles run CCW: taken as sorted" in notes
+
+
+def test_falling_angles_headed_clockwise_are_asked_for_where_the_machine_ran_so(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "100N CW.csv"
+    rows = [f"{360 - 10 * k};{(7 * k) % 11}.25" for k in range(36)]
+    path.write_text("\n".join(["Angle CW [deg];Reading [um]", *rows, ""]))
+    with pytest.raises(lb.InputError, match="give --angle-sense CCW; if the machine ran"):
+        lb.import_campaign(path)
+    layout = lb.reading.Layout(angle_sense="CCW")
+    (test,) = lb.import_campaign(path, layout=layout).campaign.tests
+    assert test.direction == "CW"
+    assert test.angle_deg[1] - test.angle_deg[0] == pytest.approx(-10.0)

@@ -1,0 +1,57 @@
+"""Direction, plane, load and start time in words of further languages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+
+
+def table(folder: Path, lines: str, name: str = "100N") -> Path:
+    rows = [f"{10 * k};{(7 * k) % 11}.25" for k in range(36)]
+    path = folder / f"{name}.csv"
+    text = "\n".join([lines, "Angle [deg];Reading [um]", *rows, ""])
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("line", "direction"),
+    [
+        ("Draairichting: rechtsom", "CW"),
+        ("Richting: linksom", "CCW"),
+        ("Yön: saat yönünde", "CW"),
+        ("Yön: saat yönünün tersine", "CCW"),
+        ("Verso: orario", "CW"),
+        ("Verso di percorrenza: antiorario", "CCW"),
+        ("Směr: ve směru hodinových ručiček", "CW"),
+        ("Rotationsriktning: moturs", "CCW"),
+        ("방향: 시계방향", "CW"),
+        ("회전 방향: 반시계방향", "CCW"),
+    ],
+)
+def test_directions(line: str, direction: str, tmp_path: Path) -> None:
+    (test,) = lb.import_campaign(table(tmp_path, line)).campaign.tests
+    assert test.direction == direction
+
+
+@pytest.mark.parametrize("word", ["Vlak", "Düzlem", "Płaszczyzna", "Rovina", "Плоскость"])
+def test_planes(word: str, tmp_path: Path) -> None:
+    (test,) = lb.import_campaign(table(tmp_path, f"{word}: ZX")).campaign.tests
+    assert test.plane == "ZX"
+
+
+def test_force_in_korean(tmp_path: Path) -> None:
+    (test,) = lb.import_campaign(table(tmp_path, "힘: 150 N", name="a")).campaign.tests
+    assert test.force_N == 150.0
+
+
+@pytest.mark.parametrize(
+    "line", ["Beginn: 1{k}.30 Uhr", "Heure de début: 1{k}h30", "Date: 20/11/2026 1{k}h30"]
+)
+def test_start_times(line: str, tmp_path: Path) -> None:
+    paths = [table(tmp_path, line.format(k=k), name=f"{k + 1}00N") for k in range(3)]
+    tests = lb.import_campaign(paths).campaign.tests
+    assert [test.time_s for test in tests] == [0.0, 3600.0, 7200.0]
