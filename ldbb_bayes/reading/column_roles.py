@@ -42,6 +42,7 @@ __all__ = [
     "heads_loads",
     "is_rule",
     "names_any_role",
+    "names_circle",
     "names_columns",
     "names_runs",
     "unit_of",
@@ -820,12 +821,12 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
     if role == "reading" and len(other_columns) > 1:
         # If there is also a column of deviations, a column "Radius" or "Diameter" does not hold
         # readings, but the nominal size of the circle.
-        deviations = [column for column in other_columns if not _names_circle(headers[column])]
+        deviations = [column for column in other_columns if not names_circle(headers[column])]
         other_columns = deviations or other_columns
     return other_columns or candidates
 
 
-def _names_circle(header: str) -> bool:
+def names_circle(header: str) -> bool:
     """Return whether a header consists only of a word for the radius or diameter of the circle."""
     name = comparable(unit_of(header).name)
     return any(re.fullmatch(entry["words"], name, re.IGNORECASE) for entry in _CIRCLE_WORDS)

@@ -61,6 +61,8 @@ def with_loads_between(sheet: Sheet) -> Sheet:
     for row in first_heading[first_heading.index(first_header_row) :]:
         if row.line not in loads[0]:
             header_rows.append(row)
+    if not header_rows:  # nothing names the columns
+        return sheet
     rows: list[Row] = []
     for block, loads_of_block in zip(blocks, loads, strict=True):
         if loads_of_block:

@@ -6,7 +6,7 @@ Examples are ``run`` and ``pass``, or the force and the direction of travel.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import combinations, groupby
 
 from ldbb_bayes.reading.words import comparable
@@ -23,6 +23,10 @@ _NUMBERS_CIRCLES = re.compile(
 
 # Smallest number of rows of a circle.
 _FEWEST_ROWS = 9
+# Regular expression for the header of a column with the numbers of the laps of a circle.
+_NUMBERS_LAPS = re.compile(r"(?:laps?|turns?|umlauf|runde)(?:[ _.]?(?:no|nr|number|index))?\.?")
+# Regular expression for an angle of one full turn [deg]. Zeros behind its decimal mark are kept.
+_FULL_TURN = re.compile(r"^360(?![^.,])")
 
 
 def columns_that_number(
@@ -72,17 +76,23 @@ def _determine_conditions(
 
 
 def conditions_that_number(
-    cells: Sequence[Sequence[str]], conditions: Sequence[int], angle: int | None = None
+    headers: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    conditions: Sequence[int],
+    angle: int | None,
 ) -> list[int]:
     """Return the indices of conditions, such as force and direction, that identify the circles.
 
     The list holds two or more columns. There must be at least nine rows with the same conditions.
     These rows must follow one another without interruption; in a table that is sorted by angle, all
     circles must have the same angles instead. Thus, a force that is measured for each row
-    identifies no circles. The list is empty if no such columns exist.
+    identifies no circles. The list is empty if no such columns exist, or if a further column shows
+    that several circles have the same conditions.
 
     Parameters
     ----------
+    headers
+        Header of each column.
     cells
         Cells of each column.
     conditions
@@ -98,18 +108,54 @@ def conditions_that_number(
         return []
     blocks = [len(list(block)) for _, block in groupby(labels)]
     if len(blocks) == len(set(labels)):
-        return changing if min(blocks) >= _FEWEST_ROWS else []
+        further = _columns_of_circles(headers, (*changing, angle))
+        is_divided = angle is not None and _divides_a_circle(cells, blocks, angle, further)
+        return changing if min(blocks) >= _FEWEST_ROWS and not is_divided else []
     if angle is not None and _have_the_same_angles(labels, cells[angle]):
         return changing
     return []
 
 
+def _columns_of_circles(headers: Sequence[str], in_use: Collection[int | None]) -> list[int]:
+    """Return the indices of the columns that are not in use and do not number laps of a circle."""
+    columns = []
+    for column, header in enumerate(headers):
+        is_lap = _NUMBERS_LAPS.fullmatch(comparable(header)) is not None
+        if column not in in_use and not is_lap:
+            columns.append(column)
+    return columns
+
+
+def _divides_a_circle(
+    cells: Sequence[Sequence[str]], blocks: Sequence[int], angle: int, further: Sequence[int]
+) -> bool:
+    """Return whether a further column divides rows with the same conditions into several circles.
+
+    Most angles of these rows must occur more than once. An example is a column with the height of
+    the circle. ``blocks`` are the numbers of successive rows with the same conditions, ``angle`` is
+    the index of the column of angles, and ``further`` holds the indices of the further columns.
+    """
+    start = 0
+    for n_rows in blocks:
+        rows = slice(start, start + n_rows)
+        start += n_rows
+        if 2 * len(set(cells[angle][rows])) > n_rows + _FEWEST_ROWS:
+            continue
+        for column in further:
+            parts = [len(list(part)) for _, part in groupby(cells[column][rows])]
+            if len(parts) > 1 and min(parts) >= _FEWEST_ROWS:
+                return True
+    return False
+
+
 def _have_the_same_angles(labels: Sequence[tuple[str, ...]], angles: Sequence[str]) -> bool:
     """Return whether all circles of a table have the same angles, each angle once.
 
-    There must be at least nine angles. ``labels`` holds the conditions in each row, and ``angles``
-    the angle in each row.
+    There must be at least nine angles. The angle 360 counts as 0, because circles in both
+    directions may begin there. ``labels`` holds the conditions in each row, and ``angles`` the
+    angle in each row.
     """
+    angles = [_FULL_TURN.sub("0", angle) for angle in angles]
     angles_by_label: dict[tuple[str, ...], list[str]] = {}
     for label, angle in zip(labels, angles, strict=True):
         angles_by_label.setdefault(label, []).append(angle)

@@ -18,7 +18,7 @@ from ldbb_bayes.reading.column_contents import (
     name_plane_column,
     with_condition_that_names_tests,
 )
-from ldbb_bayes.reading.column_roles import BRACKET, unit_of
+from ldbb_bayes.reading.column_roles import BRACKET, names_circle, unit_of
 from ldbb_bayes.reading.decimal_marks import check_thousands, decimal_mark_of
 from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
@@ -201,7 +201,10 @@ class SheetColumns:
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
-        in_use.update(self.numbering)
+        # A radius both identifies a circle and is a number of the test.
+        for column in self.numbering:
+            if not names_circle(self.heading.headers[column]):
+                in_use.add(column)
         for column, header in enumerate(self.heading.headers):
             cells = set(self.cells_with_units(column, rows))
             if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
@@ -403,10 +406,20 @@ def _numbering_columns(
     is_named = "test" in roles and "test" not in layout.columns
     if numbering or is_named or len(heading.readings) > 1:
         return []
-    for field in _CONDITIONS:
-        if field in heading.headers:
-            conditions.append(heading.headers.index(field))
-    return conditions_that_number(cells, sorted(set(conditions)), roles.get("angle"))
+    conditions += _columns_without_role(heading)
+    return conditions_that_number(
+        heading.headers, cells, sorted(set(conditions)), roles.get("angle")
+    )
+
+
+def _columns_without_role(heading: Heading) -> list[int]:
+    """Return the indices of columns without a role that state conditions, such as the radius."""
+    columns = []
+    for column, header in enumerate(heading.headers):
+        states_condition = header in _CONDITIONS or names_circle(header)
+        if states_condition and column not in heading.roles.values():
+            columns.append(column)
+    return columns
 
 
 def _without_test_column(heading: Heading) -> Heading:

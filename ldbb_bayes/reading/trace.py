@@ -464,8 +464,9 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
         return
     layout = recording.layout
     is_sense_stated = layout.angle_sense is not None or layout.angle_sign is not None
-    rises = float(np.median(np.diff(recording.numbers["angle"]))) > 0.0
-    falls_clockwise = run == "CCW" and not rises
+    steps = np.diff(recording.numbers["angle"])
+    rises = float(np.median(steps)) > 0.0
+    falls_clockwise = run == "CCW" and bool(np.all(steps < 0.0))
     was_not_sorted = n_laps >= _MORE_THAN_A_TURN or falls_clockwise
     if was_not_sorted and not is_sense_stated:
         other_sense = "CCW"

@@ -128,6 +128,8 @@ def direction_named(word: str) -> str:
     if capitals in ("CW", "CCW"):
         return capitals
     letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", capitals)
+    if letters not in _SENSES_BY_WORD and is_direction(word.strip()):
+        return "".join(senses_in(word))
     return _SENSES_BY_WORD.get(letters, word)
 
 

@@ -188,3 +188,50 @@ def test_a_file_with_pairs_that_is_named_twice_is_refused(tmp_path: Path) -> Non
     path = long_table(tmp_path / "100 N.csv", "Angle [deg];CCW [um];Angle [deg];CW [um]", rows)
     with pytest.raises(lb.InputError, match="tests must bear different names, got 'CCW' twice"):
         lb.import_campaign([path, path])
+
+
+@pytest.mark.parametrize(("header", "factor"), [("R [mm]", 1), ("Diameter [mm]", 2)])
+def test_radius_and_force_together_are_a_circle(header: str, factor: int, tmp_path: Path) -> None:
+    rows = []
+    for radius_mm in (100, 150):
+        rows += [
+            f"{factor * radius_mm},100,CCW,{a},{reading_um(a, 100, 'CCW')}" for a in ANGLES_DEG
+        ]
+    rows += [f"{factor * 100},300,CW,{a},{reading_um(a, 300, 'CW')}" for a in ANGLES_DEG]
+    path = long_table(tmp_path / "all.csv", f"{header},{HEADER}", rows)
+    tests = lb.import_campaign(path).campaign.tests
+    found = [(test.radius_mm, test.force_N, test.direction) for test in tests]
+    assert found == [(100, 100, "CCW"), (150, 100, "CCW"), (100, 300, "CW")]
+
+
+@pytest.mark.parametrize("header", ["Height [mm]", "rep no."])
+def test_circles_of_one_condition_that_a_further_column_divides_are_not_joined(
+    header: str, tmp_path: Path
+) -> None:
+    rows = []
+    for number in (1, 2):
+        rows += [f"{number},100,CCW,{a},{reading_um(a, 100, 'CCW')}" for a in ANGLES_DEG]
+    rows += [f"1,300,CW,{a},{reading_um(a, 300, 'CW')}" for a in ANGLES_DEG]
+    with pytest.raises(lb.InputError, match="direction must be CW or CCW in all rows of a test"):
+        lb.import_campaign(long_table(tmp_path / "all.csv", f"{header},{HEADER}", rows))
+
+
+def test_laps_that_a_column_numbers_are_one_circle(tmp_path: Path) -> None:
+    rows = []
+    for row in rows_of_circles():
+        rows.append(f"1,{row}")
+    first = rows[: len(ANGLES_DEG)]
+    again = [row.replace("1,", "2,", 1) for row in first]
+    path = long_table(tmp_path / "all.csv", f"lap,{HEADER}", [*first, *again, *rows[len(first) :]])
+    campaign = lb.import_campaign(path).campaign
+    assert conditions(campaign) == [(100, "CCW"), (100, "CW"), (300, "CCW"), (300, "CW")]
+
+
+def test_a_load_above_numbers_without_header_is_no_fault_of_the_program(tmp_path: Path) -> None:
+    lines = []
+    for force_N in FORCES_N:
+        lines += [f"F={force_N:g}N CCW", *[f"{a} {a % 70}.5" for a in ANGLES_DEG], ""]
+    path = tmp_path / "all.dat"
+    path.write_text("\n".join(lines))
+    with pytest.raises(lb.InputError, match="rows must hold readings"):
+        lb.import_campaign(path)

@@ -55,3 +55,27 @@ def test_start_times(line: str, tmp_path: Path) -> None:
     paths = [table(tmp_path, line.format(k=k), name=f"{k + 1}00N") for k in range(3)]
     tests = lb.import_campaign(paths).campaign.tests
     assert [test.time_s for test in tests] == [0.0, 3600.0, 7200.0]
+
+
+@pytest.mark.parametrize(
+    ("header", "clockwise", "counter"),
+    [
+        ("Yön", "saat yönünde", "saat yönünün tersine"),
+        ("Draairichting", "rechtsom", "linksom"),
+        ("Направление", "по часовой", "против часовой"),
+        ("方向", "顺时针", "逆时针"),
+        ("방향", "시계방향", "반시계방향"),
+        ("Sentido", "horario", "antihorario"),
+        ("Drehsinn", "↻", "↺"),
+    ],
+)
+def test_columns_of_directions(header: str, clockwise: str, counter: str, tmp_path: Path) -> None:
+    rows = [f"{header};Force [N];Angle [deg];Reading [um]"]
+    for force_N in (100, 300):
+        for word in (clockwise, counter):
+            rows += [f"{word};{force_N};{10 * k};{(7 * k) % 11}.25" for k in range(36)]
+    path = tmp_path / "all.csv"
+    path.write_text("\n".join([*rows, ""]), encoding="utf-8")
+    tests = lb.import_campaign(path).campaign.tests
+    found = [(test.force_N, test.direction) for test in tests]
+    assert found == [(100, "CW"), (100, "CCW"), (300, "CW"), (300, "CCW")]
