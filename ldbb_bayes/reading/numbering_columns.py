@@ -103,17 +103,20 @@ def conditions_that_number(
     changing = [column for column in conditions if len(set(cells[column])) > 1]
     if len(changing) < 2:
         return []
-    labels = list(zip(*[cells[column] for column in changing], strict=True))
-    if any("" in label for label in labels):
+    if any("" in cells[column] for column in changing):
         return []
+    labels = list(zip(*[cells[column] for column in changing], strict=True))
     blocks = [len(list(block)) for _, block in groupby(labels)]
-    if len(blocks) == len(set(labels)):
-        further = _columns_of_circles(headers, (*changing, angle))
-        is_divided = angle is not None and _divides_a_circle(cells, blocks, angle, further)
-        return changing if min(blocks) >= _FEWEST_ROWS and not is_divided else []
-    if angle is not None and _have_the_same_angles(labels, cells[angle]):
+    if len(blocks) != len(set(labels)):
+        if angle is None or not _have_the_same_angles(labels, cells[angle]):
+            return []
         return changing
-    return []
+    if min(blocks) < _FEWEST_ROWS:
+        return []
+    further = _columns_of_circles(headers, (*changing, angle))
+    if _divides_a_circle(cells, blocks, angle, further):
+        return []
+    return changing
 
 
 def _columns_of_circles(headers: Sequence[str], in_use: Collection[int | None]) -> list[int]:
@@ -127,14 +130,20 @@ def _columns_of_circles(headers: Sequence[str], in_use: Collection[int | None]) 
 
 
 def _divides_a_circle(
-    cells: Sequence[Sequence[str]], blocks: Sequence[int], angle: int, further: Sequence[int]
+    cells: Sequence[Sequence[str]],
+    blocks: Sequence[int],
+    angle: int | None,
+    further: Sequence[int],
 ) -> bool:
     """Return whether a further column divides rows with the same conditions into several circles.
 
     Most angles of these rows must occur more than once. An example is a column with the height of
     the circle. ``blocks`` are the numbers of successive rows with the same conditions, ``angle`` is
-    the index of the column of angles, and ``further`` holds the indices of the further columns.
+    the index of the column of angles, or None if there is none, and ``further`` holds the indices
+    of the further columns.
     """
+    if angle is None:
+        return False
     start = 0
     for n_rows in blocks:
         rows = slice(start, start + n_rows)
