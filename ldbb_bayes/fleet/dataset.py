@@ -368,10 +368,13 @@ def _dataset_of(path: Path) -> Path:
         )
     if path.is_file():
         return path
-    content = "got a folder without one" if path.is_dir() else "found none"
-    raise InputError(
-        f"{path} must be the --out folder of a batch, or its {DATASET}, {content}. Check the path."
-    )
+    expected = f"must be the --out folder of a batch, or its {DATASET}"
+    if path.is_dir():
+        raise InputError(
+            f"{path} {expected}, got a folder without one. Make one of your campaigns with"
+            " ldbb-bayes batch CAMPAIGN … --out DIR, or check the path."
+        )
+    raise InputError(f"{path} {expected}, found none. Check the path.")
 
 
 def _columns_that_match(schema: pa.Schema, names: re.Pattern[str]) -> list[str]:

@@ -497,6 +497,7 @@ def test_tables_that_are_none(
             tmp_path / "none",
             "must be the --out folder of a batch, or its campaigns.parquet, found none",
         ),
+        (tmp_path / "p0", r"got a folder without one\. Make one .* ldbb-bayes batch CAMPAIGN"),
         (tmp_path / "other.parquet", "got a Parquet file of something else"),
         (
             tmp_path / "p0" / "campaign.toml",
