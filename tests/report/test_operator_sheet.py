@@ -139,6 +139,14 @@ def test_models_are_equally_probable_where_numbers_cannot_tell(step: NextCircle)
     assert sentence(-0.2, 0.1).startswith("Constant compliance is the more probable: 0.550 (ln B")
 
 
+def test_a_decision_is_said_to_be_on_the_average(step: NextCircle) -> None:
+    model = ModelSoFar(-3.9, 0.1, 0.02, True, 1.0, True)
+    sentences = wording.next_circle_model(replace(step, model=model))
+    assert sentences[-1].endswith(
+        "That is decided on this average; compare says whether other assumptions would change it."
+    )
+
+
 def planned() -> lb.Campaign:
     """A plan of four circles; the first ball is turned in one of them."""
     circles = plan().plan()
