@@ -68,6 +68,8 @@ class Shared:
     #: whether bar, balls, mount and force device are the same in two campaigns
     instrument: bool = False
     machine: bool = False  #: whether two campaigns were run on the same machine
+    #: whether two campaigns state different serial numbers, or different machines by name
+    states_two_machines: bool = False
 
     @property
     def anything(self) -> bool:

@@ -32,7 +32,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["compare_posteriors"]
+__all__ = ["compare_posteriors", "states_two_machines"]
 
 # Number of pairs of posterior draws from which the credible interval of a difference is computed.
 # Each pair combines a draw of the first campaign with a draw of the second campaign.
@@ -308,18 +308,35 @@ def _check_single_model(posterior: xr.DataTree) -> None:
     )
 
 
+def states_two_machines(campaign: Campaign, other: Campaign) -> bool:
+    """Return whether two campaigns state that their machines are different ones.
+
+    Serial numbers decide, or the names of the machines where neither campaign has a serial number.
+    What only one of the campaigns states decides nothing.
+    """
+    field = _identity_field(campaign, other)
+    first = getattr(campaign, field)
+    second = getattr(other, field)
+    return first is not None and second is not None and first != second
+
+
+def _identity_field(campaign: Campaign, other: Campaign) -> str:
+    """Return the name of the field that identifies the machines of two campaigns."""
+    if campaign.serial_number is None and other.serial_number is None:
+        return "machine_id"
+    return "serial_number"
+
+
 def _check_same_machine(campaign: Campaign, other: Campaign, name: str) -> None:
     """Raise an `InputError` if two campaigns state that their machines are different ones.
 
     ``name`` is the name of the second campaign, for the error message.
     """
-    field = "serial_number"
-    if campaign.serial_number is None and other.serial_number is None:
-        field = "machine_id"
+    field = _identity_field(campaign, other)
     first = getattr(campaign, field)
     second = getattr(other, field)
     require(
-        first is None or second is None or first == second,
+        not states_two_machines(campaign, other),
         f"{field} must be the same in both campaigns of one machine, got {first!r} and {second!r}"
         f" ({name!r}). Correct it in campaign.toml and fit again, or leave out same_machine"
         " (--same-machine).",

@@ -18,8 +18,9 @@ import xarray as xr
 from markupsafe import Markup
 
 from ldbb_bayes.analysis.common_effects import NOTHING_SHARED, Shared
-from ldbb_bayes.analysis.differences import compare_posteriors
+from ldbb_bayes.analysis.differences import compare_posteriors, states_two_machines
 from ldbb_bayes.analysis.tolerances import check_force
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.files import check_target, staged_folder, write_whole
@@ -408,7 +409,11 @@ def write_report(
     document = compose(
         findings,
         others,
-        shared=Shared(instrument=same_instrument, machine=same_machine),
+        shared=Shared(
+            instrument=same_instrument,
+            machine=same_machine,
+            states_two_machines=_all_of_other_machines(campaign_of(posterior), others),
+        ),
         language=language,
         annex=annex,
         force_N=force_N,
@@ -437,6 +442,11 @@ def write_report(
     write_whole(folder / "report.pdf", pdf)
     write_dcc(findings.posterior_of_certificate, folder / "dcc.xml", prob=prob)
     return document
+
+
+def _all_of_other_machines(campaign: Campaign, others: Sequence[FurtherCampaign]) -> bool:
+    """Return whether all other campaigns state other machines than the first one, ``campaign``."""
+    return all(states_two_machines(campaign, other.campaign) for other in others)
 
 
 def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) -> None:

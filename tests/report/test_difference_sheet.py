@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
+from pathlib import Path
 
 import pytest
 from campaigns import plan, simulated
@@ -305,3 +306,18 @@ def test_each_sheet_is_a_page_of_the_pdf(before: Findings, after: FurtherCampaig
     started = before.result["provenance"]["started"]
     pdf = pdf_of(fitted_sheets, "title", "en", datetime.fromisoformat(started))
     assert pdf.count(b"/Type /Page\n") == 4
+
+
+@pytest.mark.parametrize(
+    ("seed", "serial_number", "expected"),
+    [(5, "4712", "state different machines"), (6, None, "If it was one machine")],
+)
+def test_machines_are_two_where_the_campaigns_say_so(
+    before: Findings, tmp_path: Path, seed: int, serial_number: str | None, expected: str
+) -> None:
+    other = MODEL.simulate(plan(), seed=seed).campaign
+    posterior = fitted(MODEL, replace(other, name="after", serial_number=serial_number))
+    lb.write_report(before.posterior, tmp_path, beside_it={"after": posterior})
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    sentences = ("state different machines", "If it was one machine")
+    assert [sentence in page for sentence in sentences] == [expected == s for s in sentences]

@@ -656,6 +656,12 @@ def test_what_differences_rest_on(instrument: bool, machine: bool) -> None:
     assert ("no compliance is negative is left out" in words) == (instrument or machine)
 
 
+def test_two_stated_machines_are_not_said_to_be_perhaps_one() -> None:
+    words = wording.common_words(389.0, Shared(states_two_machines=True))
+    assert "state different machines, which are taken as independent." in words
+    assert "--same-machine" not in words
+
+
 def test_differences_without_doubts() -> None:
     assert wording.difference_doubts("a", "b", {"conflict": ("bar_length", 0.02)}) == ()
     assert wording.difference_doubts("a", "b", {}) == ()
