@@ -8,7 +8,7 @@ import pypdfium2 as pdfium
 import pytest
 from matplotlib.figure import Figure
 
-from ldbb_bayes.report.blocks import Pair, PictureRow, ReportSheet
+from ldbb_bayes.report.blocks import Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pdf import pdf_of
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.results import Table
@@ -82,3 +82,13 @@ def test_numbers_in_the_last_column_are_not_broken() -> None:
     pdf = pdf_of([sheet], "title", "en", datetime(2026, 1, 1, tzinfo=UTC))
     text = pdfium.PdfDocument(pdf)[0].get_textpage().get_text_range()
     assert text.count("> 0.987") == 2
+
+
+def test_a_number_and_its_unit_stay_on_one_line() -> None:
+    items = tuple("w" * k + " 5.43 ± 0.44 µm for every 100 N" for k in range(80, 120))
+    sheet = ReportSheet("results", "Results", "Sheet 2", (Items("heading", items),), 0.6)
+    pdf = pdf_of([sheet], "title", "en", datetime(2026, 1, 1, tzinfo=UTC))
+    lines = pdfium.PdfDocument(pdf)[0].get_textpage().get_text_range().splitlines()
+    beginnings = {line.partition(" ")[0] for line in lines}
+    assert "every" in beginnings
+    assert beginnings.isdisjoint({"N", "µm", "0.44", "±"})
