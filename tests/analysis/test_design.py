@@ -498,6 +498,27 @@ def test_added_circles_run_after_the_pilot_as_in_a_fit_of_both(
     np.testing.assert_allclose(hours - hours[0], both - both[0], atol=1e-12)
 
 
+@pytest.mark.parametrize("times_s", [(None, None, None), (0.0, None, 1400.0)])
+def test_times_of_added_circles_do_not_count_where_the_pilot_has_none(
+    times_s: tuple[float | None, ...],
+) -> None:
+    """They would count from another start: a fit of both takes all circles in their order."""
+    angle_deg = np.arange(0.0, 360.0, 15.0)
+    forces_N = (100.0, 350.0, 600.0)
+    pairs = zip(forces_N, times_s, strict=True)
+    tests = [lb.CircularTest(force_N, angle_deg, np.zeros(24), time_s=t) for force_N, t in pairs]
+    pilot = lb.Campaign(tuple(tests))
+    model = lb.HybridModel.default(1)
+    space = Space(model, pilot, forces_N, augment=True)
+    plan = space.plan_of(space.tests)
+    stated = [replace(test, time_s=600.0 * k) for k, test in enumerate(plan.tests)]
+    hours = bind_plan(model, replace(plan, tests=tuple(stated))).setting.time_h
+
+    added = [replace(test, name="").with_reading_um(np.zeros(24)) for test in stated]
+    both = model.bind(replace(pilot, tests=(*tests, *added))).setting.time_h
+    np.testing.assert_allclose(hours, both, atol=1e-12)
+
+
 def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
     """E_C(0Y)X looks like the 2-lobe form: the alias is named, and what cures it; and it does."""
     options = {"tests": 6, "criterion": "c", "parameters": ("E_C(0Y)X",), "forces_N": THREE}

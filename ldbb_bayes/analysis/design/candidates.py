@@ -21,7 +21,9 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.campaign.circular_test import planned_angles
 from ldbb_bayes.campaign.run_times import (
     SECONDS_PER_TEST,
+    TimeSource,
     after_the_others,
+    time_source,
     with_listed_times,
 )
 from ldbb_bayes.machine.chain import PLANES
@@ -306,15 +308,19 @@ def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
     """Return a plan whose tests have times, which determine how a drift affects them.
 
     The pilot is the campaign that the plan starts from. If the plan is to be analysed together with
-    its pilot, its tests are run after those of the pilot, one every six minutes. Otherwise, the
-    mean time of the plan's tests is that of the pilot's tests. A plan is returned unchanged if its
-    tests are not run in the order in which they are listed.
+    its pilot, its tests are run after those of the pilot, one every six minutes. A time that a test
+    of the plan states is kept, but only if all tests of the pilot state times: a fit of both, too,
+    uses times only if all tests state them. Otherwise, the mean time of the plan's tests is that of
+    the pilot's tests. A plan is returned unchanged if its tests are not run in the order in which
+    they are listed.
     """
     if plan.order is not None:
         return plan
     if plan.adds_to_pilot:
-        later = after_the_others(with_listed_times(pilot), plan.tests)
-        return replace(plan, tests=later)
+        planned = plan.tests
+        if time_source(pilot) == TimeSource.LISTED:
+            planned = tuple(replace(test, time_s=None) for test in planned)
+        return replace(plan, tests=after_the_others(with_listed_times(pilot), planned))
     planned_s = np.array([test.time_s for test in plan.tests], dtype=float)
     if not np.isfinite(planned_s).all():
         planned_s = SECONDS_PER_TEST * np.arange(len(plan.tests))
