@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design import Costs, goals_in, minutes_of
+from ldbb_bayes.analysis.design import Costs, cheapest_search, goals_in, minutes_of
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import states_before
@@ -71,3 +74,103 @@ def test_no_family_has_a_cheaper_campaign_than_those_that_are_shown() -> None:
     assert alone.best.certificates == ("balls of grade G10",)
     assert found.plans[0].price < alone.best.price <= found.plans[2].price
     assert alone.best.price in [plan.price for plan in found.plans]
+
+
+@dataclass(frozen=True)
+class FamilyOfOneNumber:
+    """Stand-in for campaigns that need a number of circles, of a minute and a price of 1 each.
+
+    Before any campaign is found, this number and some more are skipped, as if their forecasts were
+    expected to be poor.
+    """
+
+    names: tuple[str, ...]
+    needed: int
+    skipped: int = 0
+    certificates_price: float = 1.0
+    fewest_circles = 1
+    space = SimpleNamespace(tests=(None,))
+
+    @property
+    def offers(self) -> list[Any]:
+        return [SimpleNamespace(name=name) for name in self.names]
+
+    def least_minutes(self, costs: Costs, circles: int) -> float:
+        return float(circles)
+
+    def lowest_price(self, costs: Costs, circles: int) -> float:
+        return circles + self.certificates_price * len(self.names)
+
+    def minutes(self, costs: Costs, tests: tuple[Any, ...]) -> float:
+        return float(len(tests))
+
+    def price(self, costs: Costs, tests: tuple[Any, ...]) -> float:
+        return self.lowest_price(costs, len(tests))
+
+
+class SearchOfOneNumbers:
+    """Stand-in for the search in `FamilyOfOneNumber`."""
+
+    def __init__(self, *_: Any) -> None:
+        self.effort = 0
+        self.is_too_long = False
+        self.nearest = None
+        self.nearest_by_goal: dict[str, Any] = {}
+        self.has_found = False
+
+    def start(self, progress: Any) -> bool:
+        progress.started = True
+        progress.first = progress.circles
+        return True
+
+    def attempt(self, progress: Any) -> Any:
+        family = progress.family
+        if progress.circles < family.needed:
+            progress.last_failed = progress.circles
+            return None
+        if not self.has_found and progress.circles < family.needed + family.skipped:
+            return None
+        self.has_found = True
+        tests = (None,) * family.needed
+        return cheapest_search.FoundCampaign(family, tests, *(None,) * 3)  # type: ignore[arg-type]
+
+
+def searched(monkeypatch: pytest.MonkeyPatch, *families: FamilyOfOneNumber) -> list[Any]:
+    """Return the certificates and circles of the cheapest campaigns, at most two."""
+    monkeypatch.setattr(cheapest_search, "_Search", SearchOfOneNumbers)
+    monkeypatch.setattr(cheapest_search, "_with_more_circles", lambda *_: [])
+    steps: list[int] = []
+    found = cheapest_search.find_cheapest(
+        families,  # type: ignore[arg-type]
+        {},
+        Costs(),
+        0.9,
+        2,
+        on_campaign=lambda: steps.append(1),
+    )
+    assert len(steps) <= 2
+    return [(campaign.family.names, len(campaign.tests)) for campaign in found.campaigns]
+
+
+def test_a_certificate_found_before_the_campaign_that_needs_none_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Balls alone need 5 circles, which were skipped; mount and balls need 5 as well."""
+    balls = FamilyOfOneNumber(("balls",), 5, skipped=10)
+    both = FamilyOfOneNumber(("balls", "mount"), 5, certificates_price=0.75)
+    nothing = FamilyOfOneNumber((), 20)
+    assert searched(monkeypatch, balls, both, nothing) == [(("balls",), 5), ((), 20)]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_two_cheapest_are_found_whatever_is_skipped(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    families = []
+    for k in range(6):
+        needed = int(rng.integers(2, 30))
+        families.append(FamilyOfOneNumber((f"c{k}",), needed, int(rng.integers(10))))
+    cheapest = sorted(family.needed for family in families)[:2]
+    found = searched(monkeypatch, *families)
+    assert [circles for _, circles in found] == cheapest

@@ -311,10 +311,12 @@ def find_cheapest(
     search = _Search(goals, costs, probability)
     queue = _queue_of(families, costs)
     found: list[FoundCampaign] = []
+    reported = 0
     while queue and not _is_complete(found, number, queue[0].price, search.effort, costs):
         entry = heapq.heappop(queue)
         progress = entry.progress
-        if any(_buys_in_vain(progress, campaign, costs) for campaign in found):
+        minutes = progress.family.least_minutes(costs, progress.circles)
+        if any(_buys_in_vain(progress.family, minutes, campaign, costs) for campaign in found):
             continue
         # The queue holds the families of campaigns that are still searched. A family leaves the
         # queue when the search has found a campaign of the family that meets the goals for
@@ -330,10 +332,11 @@ def find_cheapest(
             price = progress.family.lowest_price(costs, progress.circles)
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
         if campaign is not None:
-            found.append(campaign)
+            found = [*_not_in_vain(found, campaign, costs), campaign]
             queue = _without_skips(queue, costs)
-            if len(found) <= number:
+            if reported < min(len(found), number):
                 on_campaign()
+                reported += 1
     found.sort(key=lambda campaign: campaign.price(costs))
     found = found[:number]
     found += _with_more_circles(found, number - len(found), costs, on_campaign)
@@ -348,10 +351,10 @@ def _is_complete(
 ) -> bool:
     """Return whether no family that is still in the queue need be searched.
 
-    That is so if none of them can have a campaign that is cheaper than the ``number`` cheapest that
-    were found. If the search has taken much computing effort, it is enough that none can have one
-    that is cheaper than the cheapest. ``found`` are the campaigns found so far, ``lowest_price`` is
-    a lower limit of the price of any other campaign, and ``effort`` is the computing effort so far.
+    That is so if none of the campaigns to try next can be cheaper than the ``number`` cheapest that
+    were found. If the search has taken much computing effort, it is enough that none can be cheaper
+    than the cheapest. ``found`` are the campaigns found so far, ``lowest_price`` is a lower limit
+    of the prices of the campaigns to try next, and ``effort`` is the computing effort so far.
     """
     if not found:
         return False
@@ -383,17 +386,34 @@ def _without_skips(queue: Sequence[_QueuedFamily], costs: Costs) -> list[_Queued
     return again
 
 
-def _buys_in_vain(progress: _Progress, cheaper: FoundCampaign, costs: Costs) -> bool:
-    """Return whether the campaigns left to try in a family buy a certificate that saves no time.
+def _buys_in_vain(
+    family: CampaignFamily, minutes: float, cheaper: FoundCampaign, costs: Costs
+) -> bool:
+    """Return whether a campaign buys a certificate that saves no time.
 
-    That is so if they buy all certificates of a cheaper campaign and at least one more, but need no
-    less machine time. ``progress`` is the progress of the search in the family, ``cheaper`` a
-    campaign that was found before, and ``costs`` holds the times of circles and set-ups.
+    That is so if it buys all certificates of a cheaper campaign and at least one more, but needs no
+    less machine time. ``family`` is the family of the campaign, ``minutes`` the machine time that
+    it needs at least [min], ``cheaper`` a campaign that was found, and ``costs`` holds the times of
+    circles and set-ups.
     """
-    bought = {offer.name for offer in progress.family.offers}
+    bought = {offer.name for offer in family.offers}
     enough = {offer.name for offer in cheaper.family.offers}
-    minutes = progress.family.least_minutes(costs, progress.circles)
     return enough < bought and minutes >= cheaper.family.minutes(costs, cheaper.tests)
+
+
+def _not_in_vain(
+    found: Sequence[FoundCampaign], cheaper: FoundCampaign, costs: Costs
+) -> list[FoundCampaign]:
+    """Return the campaigns that buy no certificate in vain, compared with one found after them.
+
+    ``found`` are the campaigns found before, and ``cheaper`` is the one found after them.
+    """
+    kept = []
+    for campaign in found:
+        minutes = campaign.family.minutes(costs, campaign.tests)
+        if not _buys_in_vain(campaign.family, minutes, cheaper, costs):
+            kept.append(campaign)
+    return kept
 
 
 def _queue_of(families: Sequence[CampaignFamily], costs: Costs) -> list[_QueuedFamily]:
