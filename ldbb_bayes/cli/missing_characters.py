@@ -37,6 +37,9 @@ _SIMILAR = {
     "λ": "lambda",  # its Unicode name has LAMDA
     "Λ": "Lambda",
 }
+# Characters of exponents, such as 10⁻⁵. As plain digits they would make another number: 10⁵ would
+# be 105.
+_SUPERSCRIPTS = frozenset("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻")
 # Beginning of the Unicode name of a small Greek letter, which the name of the letter follows.
 _SMALL_GREEK = "GREEK SMALL LETTER "
 # Beginning of the Unicode name of a capital Greek letter.
@@ -59,12 +62,33 @@ def _replace(error: UnicodeError) -> tuple[str, int]:
     """Return the replacement of a text that cannot be encoded, and where the encoding goes on."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    missing = error.object[error.start : error.end]
-    return "".join(_similar(character) for character in missing), error.end
+    text = ""
+    before = error.object[: error.start][-1:]
+    for character in error.object[error.start : error.end]:
+        if character in _SUPERSCRIPTS and before not in _SUPERSCRIPTS:
+            text += "^"
+        text += _similar(character)
+        before = character
+    return text, error.end
 
 
 def _similar(character: str) -> str:
     """Return an ASCII text that is similar to a character, or a question mark."""
+    if character in _SIMILAR:
+        return _SIMILAR[character]
+    text = ""
+    for part in unicodedata.normalize("NFKD", character):
+        text += _similar_part(part)
+    return text or "?"
+
+
+def _similar_part(character: str) -> str:
+    """Return an ASCII text that is similar to a part of a decomposed character.
+
+    The text is empty if there is none, as for accents, which are parts of their own.
+    """
+    if character.isascii():
+        return character
     if character in _SIMILAR:
         return _SIMILAR[character]
     name = unicodedata.name(character, "")
@@ -72,10 +96,4 @@ def _similar(character: str) -> str:
         return name.removeprefix(_SMALL_GREEK).lower()
     if name.startswith(_CAPITAL_GREEK):
         return name.removeprefix(_CAPITAL_GREEK).title()
-    text = ""
-    for part in unicodedata.normalize("NFKD", character):
-        if part.isascii():
-            text += part
-        else:
-            text += _SIMILAR.get(part, "")
-    return text or "?"
+    return ""
