@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
+from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.truncation import Truncation
 
 LEVELS = np.array([1e-6, 1e-4, 1e-3, 0.01, 0.1, 0.5, 0.9, 0.999])
@@ -52,3 +53,11 @@ def test_small_quantiles_of_a_compliance_with_a_curvature(rng: np.random.Generat
         error = np.hypot(draws[:, quantity].std() / 20.0, low[:, quantity].std() / len(low) ** 0.5)
         assert abs(difference) < 4.0 * error
         assert draws[:, quantity].std() == pytest.approx(low[:, quantity].std(), rel=0.2)
+
+
+@pytest.mark.parametrize("mean", [[-50.0, 0.0], [0.0, 200.0]])
+def test_a_prior_of_negative_compliances_alone_is_refused(mean: list[float]) -> None:
+    """No floating-point number is small enough for its probability in the region."""
+    rows = np.array([[1.0, -0.5], [1.0, 0.5]])
+    with pytest.raises(InputError, match="prior must give some probability to compliances"):
+        Truncation(rows).quantile(np.full((1, 2), 0.5), np.array(mean), np.ones(2))
