@@ -144,7 +144,9 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return max(known, key=similarity)
 
 
-def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str = "") -> None:
+def check_known(
+    kind: str, names: Iterable[str], known: Iterable[str], more: str = "", *, instead: str = ""
+) -> None:
     """Raise an `InputError` for the first of several names that is not a known name.
 
     Parameters
@@ -157,6 +159,8 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
         All valid names; the message lists these names and suggests the most similar name.
     more
         Further advice that is appended to the message.
+    instead
+        Advice that replaces the suggestion of the most similar name.
 
     Raises
     ------
@@ -170,7 +174,7 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
         if name not in known_names:
             raise InputError(
                 f"{kind} must be one of {', '.join(known_names)}, got {name!r}."
-                f"{suggestion(str(name), known_names)}{more}"
+                f"{instead or suggestion(str(name), known_names)}{more}"
             )
 
 

@@ -192,7 +192,7 @@ def tolerances_in(
     tolerances = {}
     for stated_name, stated in given.items():
         name = inside_name(stated_name)
-        check_known("tolerance", [name], known, hint_on_kind(name, known))
+        check_known("tolerance", [name], known, instead=hint_on_kind(name, known))
         if isinstance(stated, Tolerance):
             tolerance = stated
         else:

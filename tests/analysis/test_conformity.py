@@ -237,6 +237,16 @@ def test_ranges_are_written_with_two_dots_three_or_an_ellipsis(text: str) -> Non
     assert tolerance.ends == pytest.approx((-2e-5, 4e-5))
 
 
+def test_a_tolerance_of_a_kind_of_error_is_answered_with_the_names_of_these_errors() -> None:
+    """And not with stiffness_X, the name that is most similar."""
+    refuses(
+        r"got 'squareness'\. Errors of squareness are E_C0YX\.$",
+        tolerances_in,
+        quantities_of(MODEL.bind(CAMPAIGN)),
+        {"squareness": "20 µrad"},
+    )
+
+
 @pytest.mark.parametrize(("limits", "message"), TABLES["conformity"])
 def test_refused(posterior: Any, limits: dict[str, str], message: str) -> None:
     refuses(message, lb.assess_conformity, posterior, limits)

@@ -190,6 +190,10 @@ UNUSABLE: list[tuple[dict[str, str], str]] = [
     ({"bar_U_um": "1.5 µm"}, "Write the number alone, without its unit."),
     ({"radius_mm": "1,000"}, "without marks between thousands"),
     ({"radius_mm": "1.000"}, "without marks between thousands"),
+    ({"tolerance": "squareness=20 urad"}, "Errors of squareness are E_C0YX."),
+    ({"tolerance": "straightness=1 um/m2"}, "Errors of straightness are E_YX2, E_XY2."),
+    ({"tolerance": "gain=1 um/m"}, "Errors of gain are E_XX1, E_YY1."),
+    ({"tolerance": "offset=1 um"}, "Errors of offset are E_Xt0, E_Yt0."),
     ({"tolerance": "C_XXX=1,000 nm/N"}, "a tolerance must be a number without marks between"),
 ]
 

@@ -145,7 +145,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
             f"a goal must be of a parameter, got the change {name}. State it of the slope"
             f" {name[1:]}_1, which is the change by newton.",
         )
-        check_known("goal", [name], parameters, hint_on_kind(name, parameters))
+        check_known("goal", [name], parameters, instead=hint_on_kind(name, parameters))
         require(
             name not in goals,
             f"a goal must be stated once, got two of {name}. Leave out one of them.",
