@@ -18,10 +18,13 @@ from ldbb_bayes.analysis.directional_stiffness import AxialDirection
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.inference.fit import ConcernKind
-from ldbb_bayes.inference.posterior import fit_of
+from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.report import plain_findings, sections, stiffness_numbers, wording
+from ldbb_bayes.report import sheets as sheets_module
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
+from ldbb_bayes.report.figures import new_figure
 from ldbb_bayes.report.findings import Findings, findings_of_fit
+from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
 from ldbb_bayes.report.sheet_fields import assumption_fields
@@ -76,6 +79,18 @@ def english(by_language: dict[str, Sheets]) -> Sheets:
 
 def tables_of(sheet: ReportSheet) -> list[Table]:
     return [block for block in sheet.blocks if isinstance(block, Table)]
+
+
+def test_numbers_within_a_german_figure_have_decimal_commas(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Such as those at the rings of a polar figure, which are no labels of ticks."""
+    figure = new_figure(1.0, 1.0)
+    figure.text(0.5, 0.5, "2.5 µm")
+    drawn = Picture("traces", "", figure)
+    monkeypatch.setattr(sheets_module, "picture", lambda *_, **__: drawn)
+    sheets_module._picture("traces", None, "", words_of("de"))
+    assert [text.get_text() for text in figure.texts] == ["2,5 µm"]
 
 
 def test_a_certificate_and_its_results(english: Sheets) -> None:
@@ -950,6 +965,26 @@ def with_squareness(error: StatedQuantity) -> Any:
         squareness_errors={"E": error},
         angle_of_squareness="angle of {}".format,
     )
+
+
+@pytest.mark.parametrize("estimate", [5e-5, -5e-5])
+def test_the_angle_named_on_sheet_1_is_below_90_degrees_where_the_diagonal_is_long(
+    findings: Findings, estimate: float
+) -> None:
+    """The diagonal between the positive axes, by the exact model."""
+    reading_mm = lb.machine.exact_reading_mm(
+        campaign_of(findings.posterior).machine(),
+        lb.machine.Circle(radius_mm=150.0),
+        np.radians([45.0, 135.0]),
+        force_N=0.0,
+        geometric_errors={"E_C0YX": estimate},
+    )
+    side = "below" if reading_mm[0] > reading_mm[1] else "above"
+    numbers = SheetNumbers(findings, words_of("en"), 389.0)
+    error = replace(numbers.squareness_errors["E_C0YX"], estimate=estimate)
+    numbers.squareness_errors["E_C0YX"] = error
+    text = numbers.angle_of_squareness("E_C0YX").replace("\u00a0", " ")
+    assert text == f"the angle between +X and +Y is {side} 90°"
 
 
 @pytest.mark.parametrize(("is_undetermined", "kinds"), [(True, []), (False, ["squareness"])])
