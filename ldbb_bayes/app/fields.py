@@ -245,7 +245,7 @@ def _typed_number(field_option: Option, flag: str, text: str) -> float:
     except ValueError:
         wanted = "whole number" if typed is int else "number"
         cure = "Correct it."
-        if re.match(r"[-−+]?\d[\d.,]*\s*[^\d\s.,]", text):
+        if re.match(r"[-−+]?\d[\d.,]*\s*([^\W\d_]|[°%])", text):
             cure = "Write the number alone, without its unit."
         raise InputError(f"{flag} must be a {wanted}, got {text!r}. {cure}") from None
 

@@ -188,6 +188,8 @@ UNUSABLE: list[tuple[dict[str, str], str]] = [
     ({"angle_U_deg": "400"}, "at most 10,"),
     ({"bar_U_um": "inf"}, "--bar-U-um must be at least 1e-06 and finite, got inf"),
     ({"bar_U_um": "1.5 µm"}, "Write the number alone, without its unit."),
+    ({"mount_U_percent": "2 %"}, "Write the number alone, without its unit."),
+    ({"bar_U_um": "1-2"}, "got &#39;1-2&#39;. Correct it."),
     ({"radius_mm": "1,000"}, "without marks between thousands"),
     ({"radius_mm": "1.000"}, "without marks between thousands"),
     ({"tolerance": "squareness=20 urad"}, "Errors of squareness are E_C0YX."),
