@@ -54,7 +54,7 @@ LEVELS = tuple(np.linspace(36.0, 742.0, 13))
 THREE = (36.0, 389.0, 742.0)
 BOTH = tuple(product((0.0, 45.0, 90.0), repeat=2))
 PHI = np.array([1.2e-4, 6e-4, 2.5e-4, 2e-3])
-pytestmark = pytest.mark.usefixtures("few_states")
+pytestmark = pytest.mark.usefixtures("few_states_of_module")
 PHI_UM = dict(zip(("sigma", "delta", "kappa", "tau"), 1e3 * PHI, strict=True))
 
 

@@ -33,7 +33,7 @@ PILOT = lb.read_campaign(lb.embedded_campaign())
 FORCES = (36.0, 742.0)
 GOALS = {"C_XXX": "24 %", "E_C0YX": "25 µrad"}
 
-pytestmark = pytest.mark.usefixtures("few_states")
+pytestmark = pytest.mark.usefixtures("few_states_of_module")
 
 
 @pytest.fixture(scope="module")
