@@ -77,15 +77,15 @@ def _similar(character: str) -> str:
     if character in _SIMILAR:
         return _SIMILAR[character]
     text = ""
-    for part in unicodedata.normalize("NFKD", character):
-        text += _similar_part(part)
+    for component in unicodedata.normalize("NFKD", character):
+        text += _similar_component(component)
     return text or "?"
 
 
-def _similar_part(character: str) -> str:
-    """Return an ASCII text that is similar to a part of a decomposed character.
+def _similar_component(character: str) -> str:
+    """Return an ASCII text that is similar to a component of a decomposed character.
 
-    The text is empty if there is none, as for accents, which are parts of their own.
+    The text is empty if there is none, as for accents, which are components of their own.
     """
     if character.isascii():
         return character

@@ -402,18 +402,18 @@ def _buys_in_vain(
 
 
 def _not_in_vain(
-    found: Sequence[FoundCampaign], cheaper: FoundCampaign, costs: Costs
+    campaigns: Sequence[FoundCampaign], cheaper: FoundCampaign, costs: Costs
 ) -> list[FoundCampaign]:
     """Return the campaigns that buy no certificate in vain, compared with one found after them.
 
-    ``found`` are the campaigns found before, and ``cheaper`` is the one found after them.
+    ``campaigns`` are those found before, and ``cheaper`` is the one found after them.
     """
-    kept = []
-    for campaign in found:
+    needed = []
+    for campaign in campaigns:
         minutes = campaign.family.minutes(costs, campaign.tests)
         if not _buys_in_vain(campaign.family, minutes, cheaper, costs):
-            kept.append(campaign)
-    return kept
+            needed.append(campaign)
+    return needed
 
 
 def _queue_of(families: Sequence[CampaignFamily], costs: Costs) -> list[_QueuedFamily]:
