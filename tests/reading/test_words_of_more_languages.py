@@ -79,3 +79,22 @@ def test_columns_of_directions(header: str, clockwise: str, counter: str, tmp_pa
     tests = lb.import_campaign(path).campaign.tests
     found = [(test.force_N, test.direction) for test in tests]
     assert found == [(100, "CW"), (100, "CCW"), (300, "CW"), (300, "CCW")]
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Inrichting: links", "Berichting: rechtsom", "Kompassriktning: medurs", "Einrichtung: rechts"],
+)
+def test_other_words_that_end_like_a_direction_state_none(line: str, tmp_path: Path) -> None:
+    assert lb.import_campaign(table(tmp_path, line)).campaign.tests[0].direction is None
+
+
+@pytest.mark.parametrize("unit", ["kgf/cm2", "kp/cm²", "kg/cm2"])
+def test_a_pressure_in_kilograms_per_square_centimetre(unit: str, tmp_path: Path) -> None:
+    in_line = table(tmp_path, f"Pressure: 2 {unit}", name="line")
+    rows = [f"{10 * k};{(7 * k) % 11}.25;2" for k in range(36)]
+    in_column = tmp_path / "column.csv"
+    in_column.write_text("\n".join([f"Angle [deg];Reading [um];Pressure [{unit}]", *rows, ""]))
+    for path in (in_line, in_column):
+        test = lb.import_campaign(path).campaign.tests[0]
+        assert test.pressure_bar == pytest.approx(1.96133)
