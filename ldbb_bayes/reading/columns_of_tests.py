@@ -8,8 +8,9 @@ table has tests.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
 
+from ldbb_bayes.reading.numbering_columns import divides_a_circle
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_NAME
@@ -33,7 +34,8 @@ def columns_that_name_tests(
     """Return the headers of the columns that may name the test of each row.
 
     In such a column, rows with the same word follow one another without interruption. Each word
-    stands in at least nine rows, because a test has at least nine rows.
+    stands in at least nine rows, because a test has at least nine rows. No other column may divide
+    these rows into several circles.
 
     Parameters
     ----------
@@ -43,7 +45,8 @@ def columns_that_name_tests(
         Direction of travel in each of these rows; all rows with the same word in the column must
         have the same direction. Empty if the directions do not matter.
     n_tests
-        Number of tests that the column must name; None for any number.
+        Number of tests that the column must name; None for any number. Other columns are not
+        considered if it is stated.
     """
     headers = []
     in_use = {recording.heading.roles.get(role) for role in _ROLES_OF_NUMBERS}
@@ -56,10 +59,25 @@ def columns_that_name_tests(
         n_words = len(set(words))
         if n_tests not in (None, n_words):
             continue
+        if n_tests is None and _joins_circles(recording, column):
+            continue
         pairs = set(zip(words, directions, strict=False))
         if not directions or len(pairs) == n_words:
             headers.append(header[:LONGEST_NAME])
     return headers
+
+
+def _joins_circles(recording: Recording, column: int) -> bool:
+    """Return whether a column gives the same name to rows that another column divides into circles.
+
+    ``column`` is the index of the column.
+    """
+    headers = recording.heading.headers
+    cells = [cells_of(recording, k) for k in range(len(headers))]
+    blocks = [len(list(block)) for _, block in groupby(cells[column])]
+    in_use = {recording.heading.roles.get(role) for role in _ROLES_OF_NUMBERS}
+    angle = recording.heading.roles.get("angle")
+    return divides_a_circle(headers, cells, blocks, {*in_use, column}, angle)
 
 
 def columns_of_further_readings(recording: Recording) -> list[str]:

@@ -11,13 +11,18 @@ from itertools import combinations, groupby
 
 from ldbb_bayes.reading.words import comparable
 
-__all__ = ["columns_that_number", "conditions_that_number"]
+__all__ = [
+    "columns_that_number",
+    "conditions_that_number",
+    "divides_a_circle",
+    "numbers_circles",
+]
 
 # Regular expression for the header of a column with the numbers of circles or of their repetitions.
 _NUMBERS_CIRCLES = re.compile(
     r"(?:runs?|pass(?:es)?|laps?|repeat|repetition|rep|cycle|test|trial|series?|serie|set"
     r"|lauf|umlauf|durchgang|durchlauf|zyklus|wiederholung|messung|versuch|passage|essai|ciclo"
-    r"|prova|prueba)(?:[ _.]?(?:no|nr|id|number|index))?\.?"
+    r"|prova|prueba|circle|kreis|cercle|cerchio|wdh)(?:[ _.]?(?:no|nr|id|number|index))?\.?"
 )
 
 
@@ -75,19 +80,28 @@ def _determine_conditions(
     return True
 
 
+def numbers_circles(header: str) -> bool:
+    """Return whether a header names a column that numbers circles, and not laps of a circle."""
+    name = comparable(header)
+    return _NUMBERS_CIRCLES.fullmatch(name) is not None and _NUMBERS_LAPS.fullmatch(name) is None
+
+
 def conditions_that_number(
     headers: Sequence[str],
     cells: Sequence[Sequence[str]],
     conditions: Sequence[int],
     angle: int | None,
+    without_role: Collection[int] = (),
 ) -> list[int]:
     """Return the indices of conditions, such as force and direction, that identify the circles.
 
-    The list holds two or more columns. There must be at least nine rows with the same conditions.
-    These rows must follow one another without interruption; in a table that is sorted by angle, all
-    circles must have the same angles instead. Thus, a force that is measured for each row
-    identifies no circles. The list is empty if no such columns exist, or if a further column shows
-    that several circles have the same conditions.
+    The list holds two or more columns; it holds a single one if this has no role, such as a column
+    of radii. A column such as ``rep no.`` is added if several circles have the same conditions.
+    There must be at least nine rows with the same conditions. These rows must follow one another
+    without interruption; in a table that is sorted by angle, all circles must have the same angles
+    instead. Thus, a force that is measured for each row identifies no circles. The list is empty if
+    no such columns exist, or if a further column shows that several circles have the same
+    conditions.
 
     Parameters
     ----------
@@ -99,51 +113,76 @@ def conditions_that_number(
         Indices of the columns with the conditions of the circles.
     angle
         Index of the column of angles; None if there is none.
+    without_role
+        Indices of those of the conditions that have no role, such as the radius.
     """
     changing = [column for column in conditions if len(set(cells[column])) > 1]
-    if len(changing) < 2:
+    if not changing or (len(changing) == 1 and not set(changing) & set(without_role)):
         return []
-    if any("" in cells[column] for column in changing):
-        return []
-    labels = list(zip(*[cells[column] for column in changing], strict=True))
+    numbers = []
+    for column, header in enumerate(headers):
+        is_number = numbers_circles(header) and column not in changing
+        if is_number and len(set(cells[column])) > 1:
+            numbers.append(column)
+    for columns in (changing, *[sorted([*changing, column]) for column in numbers]):
+        if _identify_circles(headers, cells, columns, angle):
+            return columns
+    return []
+
+
+def _identify_circles(
+    headers: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    columns: Sequence[int],
+    angle: int | None,
+) -> bool:
+    """Return whether all rows with the same cells in ``columns`` are one circle.
+
+    ``angle`` is the index of the column of angles, or None if there is none.
+    """
+    if any("" in cells[column] for column in columns):
+        return False
+    labels = list(zip(*[cells[column] for column in columns], strict=True))
     blocks = [len(list(block)) for _, block in groupby(labels)]
     if len(blocks) != len(set(labels)):
-        if angle is None or not _have_the_same_angles(labels, cells[angle]):
-            return []
-        return changing
+        return angle is not None and _have_the_same_angles(labels, cells[angle])
     if min(blocks) < _FEWEST_ROWS:
-        return []
-    further = _columns_of_circles(headers, (*changing, angle))
-    if _divides_a_circle(cells, blocks, angle, further):
-        return []
-    return changing
+        return False
+    return not divides_a_circle(headers, cells, blocks, (*columns, angle), angle)
 
 
-def _columns_of_circles(headers: Sequence[str], in_use: Collection[int | None]) -> list[int]:
-    """Return the indices of the columns that are not in use and do not number laps of a circle."""
-    columns = []
-    for column, header in enumerate(headers):
-        is_lap = _NUMBERS_LAPS.fullmatch(comparable(header)) is not None
-        if column not in in_use and not is_lap:
-            columns.append(column)
-    return columns
-
-
-def _divides_a_circle(
+def divides_a_circle(
+    headers: Sequence[str],
     cells: Sequence[Sequence[str]],
     blocks: Sequence[int],
+    in_use: Collection[int | None],
     angle: int | None,
-    further: Sequence[int],
 ) -> bool:
-    """Return whether a further column divides rows with the same conditions into several circles.
+    """Return whether a further column divides a block of rows into several circles.
 
-    Most angles of these rows must occur more than once. An example is a column with the height of
-    the circle. ``blocks`` are the numbers of successive rows with the same conditions, ``angle`` is
-    the index of the column of angles, or None if there is none, and ``further`` holds the indices
-    of the further columns.
+    Most angles of the block must occur more than once. An example is a column with the height of
+    the circle. A column that numbers laps divides no circle.
+
+    Parameters
+    ----------
+    headers
+        Header of each column.
+    cells
+        Cells of each column.
+    blocks
+        Numbers of successive rows that may be a circle each.
+    in_use
+        Indices of the columns that are not considered.
+    angle
+        Index of the column of angles; None if there is none.
     """
     if angle is None:
         return False
+    further = []
+    for column, header in enumerate(headers):
+        is_lap = _NUMBERS_LAPS.fullmatch(comparable(header)) is not None
+        if column not in in_use and not is_lap:
+            further.append(column)
     start = 0
     for n_rows in blocks:
         rows = slice(start, start + n_rows)

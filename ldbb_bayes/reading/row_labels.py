@@ -8,6 +8,7 @@ from itertools import pairwise
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.numbering_columns import numbers_circles
 from ldbb_bayes.reading.sheet_columns import SheetColumns
 from ldbb_bayes.reading.words import LONGEST_NAME
 
@@ -25,9 +26,10 @@ def _labels_of_several_columns(columns: SheetColumns, log: AssumptionLog) -> lis
     that identify them. The use of these columns is noted. ``columns`` is the table of the sheet.
     """
     headers = columns.numbering_headers
-    are_conditions = bool(set(columns.numbering) & set(columns.heading.roles.values()))
+    headings = columns.heading.headers
+    numbers = [column for column in columns.numbering if numbers_circles(headings[column])]
     reason = "only both together name tests of one force"
-    if are_conditions:
+    if len(numbers) < len(columns.numbering):
         reason = "the rows of each test have the same cells in these columns"
     log.add(columns.sheet.place, "test of each row", ", ".join(headers), reason, "--test-column")
     labels = []
@@ -35,10 +37,10 @@ def _labels_of_several_columns(columns: SheetColumns, log: AssumptionLog) -> lis
         words = []
         for header, column in zip(headers, columns.numbering, strict=True):
             cell = columns.cells[column][row]
-            if are_conditions:
-                words.append(f"{cell} {unit_of(header).unit}".strip())
-            else:
+            if column in numbers:
                 words.append(f"{header} {cell}")
+            else:
+                words.append(f"{cell} {unit_of(header).unit}".strip())
         labels.append(" ".join(words))
     return labels
 

@@ -203,7 +203,7 @@ class SheetColumns:
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
         # A radius both identifies a circle and is a number of the test.
         for column in self.numbering:
-            if not names_circle(self.heading.headers[column]):
+            if not _states_radius(self.heading.headers[column], self.cells[column][rows[0]]):
                 in_use.add(column)
         for column, header in enumerate(self.heading.headers):
             cells = set(self.cells_with_units(column, rows))
@@ -403,23 +403,40 @@ def _numbering_columns(
         numbering = columns_that_number(heading.headers, cells, conditions)
     if len(numbering) > 1:
         return numbering
-    is_named = "test" in roles and "test" not in layout.columns
-    if numbering or is_named or len(heading.readings) > 1:
+    if numbering or len(heading.readings) > 1:
         return []
-    conditions += _columns_without_role(heading)
-    return conditions_that_number(
-        heading.headers, cells, sorted(set(conditions)), roles.get("angle")
+    without_role = _columns_without_role(heading, cells)
+    columns = conditions_that_number(
+        heading.headers,
+        cells,
+        sorted({*conditions, *without_role}),
+        roles.get("angle"),
+        without_role,
     )
+    is_named = "test" in roles and "test" not in layout.columns
+    if is_named and roles["test"] not in columns:
+        return []
+    return columns
 
 
-def _columns_without_role(heading: Heading) -> list[int]:
-    """Return the indices of columns without a role that state conditions, such as the radius."""
+def _columns_without_role(heading: Heading, cells: Sequence[Sequence[str]]) -> list[int]:
+    """Return the indices of columns without a role that state conditions, such as the radius.
+
+    ``cells`` holds the cells of each column.
+    """
     columns = []
     for column, header in enumerate(heading.headers):
-        states_condition = header in _CONDITIONS or names_circle(header)
-        if states_condition and column not in heading.roles.values():
+        if column in heading.roles.values() or column in heading.readings or not cells[column]:
+            continue
+        if header in _CONDITIONS or _states_radius(header, cells[column][0]):
             columns.append(column)
     return columns
+
+
+def _states_radius(header: str, cell: str) -> bool:
+    """Return whether a column with this header and cell states the radius of a circle."""
+    line = f"{_with_unit_in_brackets(header)}: {cell}"
+    return names_circle(header) or "radius_mm" in statements_in([(0, line)])
 
 
 def _without_test_column(heading: Heading) -> Heading:

@@ -58,6 +58,10 @@ _ROWS_OF_CHANGE = 20
 _DIGITS_OF_MEAN = 6
 # Advice in the error message if the rows of a test have different directions.
 _WRITE_DIRECTIONS = "Write CW or CCW into the column, or give --direction if all tests ran alike."
+# Advice in the error message if many rows have one direction, and many others the other direction.
+_NAME_TESTS = "Name the test of each row in a column of its own (--test-column)."
+# Smallest number of rows of a test.
+_FEWEST_ROWS = 9
 # Advice in the error message if a column of directions contains a word that is not understood.
 _WORDS_FOR_DIRECTIONS = (
     f"{_WRITE_DIRECTIONS} These are read, too: clockwise, counter-clockwise, Uhrzeigersinn, gegen"
@@ -421,8 +425,12 @@ def _advice_on_directions(recording: Recording, senses: Collection[str]) -> str:
         column = recording.heading.roles["direction"]
         words = cells_of(recording, column)
         parting = columns_that_name_tests(recording, [direction_named(word) for word in words])
-        if parting:
+        if parting and not recording.label:
             return f"Say which column names the test of each row: --test-column '{parting[0]}'."
+        senses_of_rows = [direction_named(word) for word in words]
+        rarest = min(senses_of_rows.count(sense) for sense in senses)
+        if set(senses) == {"CW", "CCW"} and rarest >= _FEWEST_ROWS:
+            return _advice(recording, _NAME_TESTS)
     if set(senses) <= {"CW", "CCW"}:
         return _advice(recording, _WRITE_DIRECTIONS)
     return _advice(recording, _WORDS_FOR_DIRECTIONS)

@@ -204,7 +204,7 @@ def test_radius_and_force_together_are_a_circle(header: str, factor: int, tmp_pa
     assert found == [(100, 100, "CCW"), (150, 100, "CCW"), (100, 300, "CW")]
 
 
-@pytest.mark.parametrize("header", ["Height [mm]", "rep no."])
+@pytest.mark.parametrize("header", ["Height [mm]", "Operator"])
 def test_circles_of_one_condition_that_a_further_column_divides_are_not_joined(
     header: str, tmp_path: Path
 ) -> None:
@@ -212,8 +212,65 @@ def test_circles_of_one_condition_that_a_further_column_divides_are_not_joined(
     for number in (1, 2):
         rows += [f"{number},100,CCW,{a},{reading_um(a, 100, 'CCW')}" for a in ANGLES_DEG]
     rows += [f"1,300,CW,{a},{reading_um(a, 300, 'CW')}" for a in ANGLES_DEG]
-    with pytest.raises(lb.InputError, match="direction must be CW or CCW in all rows of a test"):
+    refusal = (
+        "direction must be CW or CCW in all rows .* in a column of its own \\(--test-column\\)"
+    )
+    with pytest.raises(lb.InputError, match=refusal):
         lb.import_campaign(long_table(tmp_path / "all.csv", f"{header},{HEADER}", rows))
+    named = [f"circle {k // len(ANGLES_DEG)},{row}" for k, row in enumerate(rows)]
+    path = long_table(tmp_path / "named.csv", f"name,{header},{HEADER}", named)
+    campaign = lb.import_campaign(path, layout=Layout(columns={"test": "name"})).campaign
+    assert conditions(campaign) == [(100, "CCW"), (100, "CCW"), (300, "CW")]
+
+
+def test_a_sign_below_an_unknown_header_is_no_reason_to_join_circles(tmp_path: Path) -> None:
+    signs = {"CCW": "+", "CW": "-"}
+    rows = []
+    for force_N in FORCES_N:
+        for sense in DIRECTIONS:
+            rows += [
+                f"{signs[sense]},{force_N:g},{a},{reading_um(a, force_N, sense)}"
+                for a in ANGLES_DEG
+            ]
+    path = long_table(tmp_path / "q.csv", "q,Force [N],Angle [deg],Reading [um]", rows)
+    with pytest.raises(lb.InputError, match="Name the test of each row in a column"):
+        lb.import_campaign(path)
+
+
+@pytest.mark.parametrize("header", ["rep no.", "Run", "Circle", "Wdh"])
+@pytest.mark.parametrize("order", ["one below the other", "in turn", "by angle"])
+def test_repeated_circles_that_a_column_numbers(order: str, header: str, tmp_path: Path) -> None:
+    rows = []
+    for number in (1, 2):
+        for row in rows_of_circles():
+            rows.append(f"{number},{row}")
+    if order == "one below the other":
+        rows.sort(key=lambda row: row.split(",")[1:3])
+    if order == "by angle":
+        rows.sort(key=lambda row: float(row.split(",")[3]))
+    path = long_table(tmp_path / "all.csv", f"{header},{HEADER}", rows)
+    result = lb.import_campaign(path)
+    assert len(result.campaign.tests) == 8
+    assert {test.angle_deg.size for test in result.campaign.tests} == {len(ANGLES_DEG)}
+    assert f"{header} 2 100 N CW".replace(".", "_") in [
+        test.name.replace(".", "_") for test in result.campaign.tests
+    ]
+    assert lb.import_campaign(path, layout=result.layout).campaign.sha256 == result.campaign.sha256
+
+
+@pytest.mark.parametrize(("header", "factor"), [("R [mm]", 1), ("Diameter [mm]", 2)])
+@pytest.mark.parametrize("order", ["one below the other", "by angle"])
+def test_a_radius_alone_tells_circles_apart(
+    order: str, header: str, factor: int, tmp_path: Path
+) -> None:
+    rows = []
+    for radius_mm in (100, 150):
+        rows += [f"{factor * radius_mm},100,{a},{reading_um(a, radius_mm, '')}" for a in ANGLES_DEG]
+    if order == "by angle":
+        rows.sort(key=lambda row: float(row.split(",")[2]))
+    path = long_table(tmp_path / "all.csv", f"{header},Force [N],Angle [deg],Reading [um]", rows)
+    tests = lb.import_campaign(path).campaign.tests
+    assert [(test.radius_mm, test.angle_deg.size) for test in tests] == [(100, 36), (150, 36)]
 
 
 def test_laps_that_a_column_numbers_are_one_circle(tmp_path: Path) -> None:
