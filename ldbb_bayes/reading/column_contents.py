@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from ldbb_bayes.errors import InputError
@@ -40,10 +40,13 @@ _PLANE_CELLS = {*PLANES, *PLANES_OF_G_CODE, *PLANE_OF_SWAPPED}
 _MOST_PLANES = 4
 # Cells that may mean a direction of travel if the header of their column has a word for travel.
 _SIGNS = {"1", "-1", "+1", "+", "-", "−1", "−"}
+# Cells that may say whether a direction of travel applies, if the direction heads their column.
+_ANSWERS = {"", "0", "1", "x", "y", "n", "yes", "no", "true", "false", "ja", "nein", "oui", "non"}
 # Regular expression for a word, such as "travel" or "rotation", in the header of a column that may
 # state directions of travel.
 _TRAVEL_WORD = re.compile(
-    r"(?i)travel|motion|(?<![^\W_])(?:turn|move|run_?dir)|rotat|dreh|umlauf|fahrt|bahnricht"
+    r"(?i)travel|motion|(?<![^\W_])(?:turn|move|run_?dir|rot(?![^\W_]))|rotat|dreh|umlauf|fahrt"
+    r"|bahnricht"
 )
 # Regular expression for the words of a header. A capital also begins a new word, as in PlaneName.
 _WORDS = re.compile(r"[A-Z]+(?![a-zäöüß])|[A-Z]?[a-zäöüß]+")
@@ -247,9 +250,9 @@ def check_directions(
     """Raise an `InputError` for an unused column that may hold directions of travel.
 
     The cells of such a column are words such as CW. They may also be signs such as + and −, if the
-    header has a word for travel. No error is raised if the user states directions, or if another
-    column is known to hold directions. ``heading`` is the heading of the table, and ``cells`` holds
-    the cells of each column.
+    header has a word for travel, or answers such as 1 and 0, if the header is a direction. No error
+    is raised if the user states directions, or if another column is known to hold directions.
+    ``heading`` is the heading of the table, and ``cells`` holds the cells of each column.
     """
     if "direction" in heading.roles or layout.direction is not None:
         return
@@ -258,11 +261,12 @@ def check_directions(
     for column in _free_columns(heading, cells):
         title = _title_of_column(heading, column)
         words = {cell.strip() for cell in cells[column]}
-        if words <= _SIGNS and words != {"1"} and _TRAVEL_WORD.search(title):
+        if _means_directions(title, words):
+            listed = ", ".join(sorted(words - {""}))
             raise InputError(
-                f"{sheet.place}: directions must be CW or CCW, got {', '.join(sorted(words))} in"
-                f" column {title!r}. Give --direction if all tests ran alike, or write CW and CCW"
-                " into the column and give --direction-column."
+                f"{sheet.place}: directions must be CW or CCW, got {listed} in column {title!r}."
+                " Give --direction if all tests ran alike, or write CW and CCW into the column and"
+                " give --direction-column."
             )
         if all(_is_direction(word) for word in words):
             raise InputError(
@@ -270,6 +274,20 @@ def check_directions(
                 f" {title!r}, whose name says something else. If it is the direction of travel,"
                 f" give --direction-column '{title}'; otherwise remove it, or give --direction."
             )
+
+
+def _means_directions(title: str, words: Collection[str]) -> bool:
+    """Return whether a column holds signs or answers that mean directions of travel.
+
+    Examples are + and − below ``rotation``, and 1 and 0 below ``CW``. ``title`` is the header of
+    the column, and ``words`` are its different cells.
+    """
+    if set(words) <= _SIGNS and set(words) != {"1"} and _TRAVEL_WORD.search(title):
+        return True
+    name = unit_of(title).name
+    names_direction = len(name) > 1 and direction_named(name) in ("CW", "CCW")
+    answers = {word.casefold() for word in words}
+    return names_direction and answers <= _ANSWERS and answers != {""}
 
 
 def _is_direction(word: str) -> bool:

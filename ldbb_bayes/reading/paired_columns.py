@@ -12,10 +12,11 @@ from ldbb_bayes.reading.column_roles import BRACKET, has_role, unit_of
 from ldbb_bayes.reading.laps import TURN_DEG
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number, number_in_text
+from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
 from ldbb_bayes.reading.travel_direction import senses_in, without_directions
-from ldbb_bayes.reading.words import comparable
+from ldbb_bayes.reading.words import LONGEST_NAME, comparable
 
 __all__ = ["split_pairs"]
 
@@ -37,6 +38,9 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     conditions is returned unchanged. A table is named after the header of its second column without
     the unit, such as "100 N". The tables may differ in length: rows of the sheet that are empty
     within a table are left out of it.
+
+    Raise an `OpenQuestionError` if the angles are headed CW and CCW, and the readings do not show
+    that these are directions of travel.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -52,7 +56,10 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     if not all(_numbers_rows(sheet.rows[header + 1 :], column) for column in numbering):
         return [sheet]
     starts = range(first_start, len(names), width)
-    headers = _without_directions_of_travel([names[start : start + width] for start in starts])
+    headers_in_file = [names[start : start + width] for start in starts]
+    headers = _without_directions_of_travel(headers_in_file)
+    if headers == headers_in_file:
+        _check_sense_of_angles(sheet, header, headers, layout)
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
     titles = _names_of_tables(headers)
@@ -88,6 +95,32 @@ def _without_directions_of_travel(headers: Sequence[Sequence[str]]) -> list[list
         header_of_angles = " ".join(without_directions(names[0]).split())
         changed.append([header_of_angles, *names[1:]])
     return changed
+
+
+def _check_sense_of_angles(
+    sheet: Sheet, header: int, headers: Sequence[Sequence[str]], layout: Layout
+) -> None:
+    """Raise an `OpenQuestionError` if the angles of the tables are headed CW and CCW.
+
+    These may be the directions of travel, or the senses in which the angles are counted. No error
+    is raised if the user states in which sense angles are counted. ``header`` is the index of the
+    row of headers, and ``headers`` are the headers of each table.
+    """
+    if layout.angle_sense is not None or layout.angle_sign is not None:
+        return
+    named: set[str] = set()
+    for names in headers:
+        named |= senses_in(names[0])
+    if len(named) < 2:
+        return
+    titles = ", ".join(names[0] for names in headers)
+    raise OpenQuestionError(
+        f"{sheet.place}: angles must run clockwise or counter-clockwise, got"
+        f" {titles[:LONGEST_NAME]!r} in line {sheet.rows[header].line}. Say which: --angle-sense CW"
+        " or CCW.",
+        "angle_sense",
+        ("CW", "CCW"),
+    )
 
 
 def _with_header_of_angles(table: Sheet, header: int, name: str) -> Sheet:

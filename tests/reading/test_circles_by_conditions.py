@@ -235,6 +235,11 @@ def test_a_sign_below_an_unknown_header_is_no_reason_to_join_circles(tmp_path: P
     path = long_table(tmp_path / "q.csv", "q,Force [N],Angle [deg],Reading [um]", rows)
     with pytest.raises(lb.InputError, match="Name the test of each row in a column"):
         lb.import_campaign(path)
+    path = long_table(tmp_path / "rot.csv", "rot,Force [N],Angle [deg],Reading [um]", rows)
+    with pytest.raises(
+        lb.InputError, match="directions must be CW or CCW, got \\+, - in column 'rot'"
+    ):
+        lb.import_campaign(path)
 
 
 @pytest.mark.parametrize("header", ["rep no.", "Run", "Circle", "Wdh"])
@@ -271,6 +276,43 @@ def test_a_radius_alone_tells_circles_apart(
     path = long_table(tmp_path / "all.csv", f"{header},Force [N],Angle [deg],Reading [um]", rows)
     tests = lb.import_campaign(path).campaign.tests
     assert [(test.radius_mm, test.angle_deg.size) for test in tests] == [(100, 36), (150, 36)]
+
+
+# ---- directions in headers that may mean something else
+
+
+@pytest.mark.parametrize("readings", [["Reading [um]", "Reading [um]"], ["CCW [um]", "CW [um]"]])
+def test_angles_headed_by_both_directions_are_asked_for(
+    readings: list[str], tmp_path: Path
+) -> None:
+    header = f"Angle CW [deg];{readings[0]};Angle CCW [deg];{readings[1]}"
+    rows = [
+        f"{360 - a};{reading_um(360 - a, 0, '')};{a};{reading_um(a, 0, '')}" for a in ANGLES_DEG
+    ]
+    path = long_table(tmp_path / "300N.csv", header, rows)
+    question = "must run clockwise or counter-clockwise, got 'Angle CW \\[deg\\], Angle CCW"
+    with pytest.raises(lb.InputError, match=question):
+        lb.import_campaign(path)
+    for test in lb.import_campaign(path, layout=Layout(angle_sense="CCW")).campaign.tests:
+        expected = [reading_um(a, 0, "") for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("header", "cell"),
+    [("CW", "1"), ("CW", "0"), ("Clockwise", "yes"), ("CCW", "x"), ("Rechtslauf", "ja")],
+)
+def test_a_direction_that_is_answered_in_each_row_is_asked_for(
+    header: str, cell: str, tmp_path: Path
+) -> None:
+    rows = [f"{a};{reading_um(a, 300, '')};{cell}" for a in ANGLES_DEG]
+    path = long_table(tmp_path / "300N.csv", f"Angle [deg];Reading [um];{header}", rows)
+    message = f"directions must be CW or CCW, got {cell} in column '{header}'"
+    with pytest.raises(lb.InputError, match=message):
+        lb.import_campaign(path)
+    assert (
+        lb.import_campaign(path, layout=Layout(direction="CW")).campaign.tests[0].direction == "CW"
+    )
 
 
 def test_laps_that_a_column_numbers_are_one_circle(tmp_path: Path) -> None:
