@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -26,6 +27,8 @@ _FEWEST_COLUMNS = 2
 # Tables beside each other are regarded as parts of one circle only if the angles of each table have
 # a gap of at least this size [deg].
 _SMALLEST_GAP_DEG = 60.0
+# Regular expression for brackets from which a direction was taken out, as in "Angle ( )".
+_EMPTY_BRACKETS = re.compile(r"[(\[]\s*[)\]]")
 
 
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
@@ -57,12 +60,15 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
         return [sheet]
     starts = range(first_start, len(names), width)
     headers_in_file = [names[start : start + width] for start in starts]
-    headers = _without_directions_of_travel(headers_in_file)
-    if headers == headers_in_file:
-        _check_sense_of_angles(sheet, header, headers, layout)
+    is_sense_stated = layout.angle_sense is not None or layout.angle_sign is not None
+    headers = _without_directions_of_travel(headers_in_file, is_sense_stated)
+    if headers == headers_in_file and not is_sense_stated:
+        _check_sense_of_angles(sheet, header, headers)
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
     titles = _names_of_tables(headers)
+    if headers != headers_in_file:
+        titles = _with_directions(titles, headers_in_file)
     tables = []
     for start, title, table_names in zip(starts, titles, headers, strict=True):
         columns = range(start, start + width)
@@ -73,41 +79,55 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     return tables
 
 
-def _without_directions_of_travel(headers: Sequence[Sequence[str]]) -> list[list[str]]:
+def _without_directions_of_travel(
+    headers: Sequence[Sequence[str]], is_sense_stated: bool
+) -> list[list[str]]:
     """Return the headers of each table, with no direction in the header of its angles.
 
     The direction in a header such as "Angle CW" is usually the sense in which the angles are
-    counted. It is the direction of travel if the header of the readings of each table names the
-    same direction, and if both directions occur. In all other cases, the headers are returned
+    counted. If both directions occur, it is the direction of travel in two cases: the header of the
+    readings of each table names the same direction, or the user states in which sense angles are
+    counted and these headers name no direction. In all other cases, the headers are returned
     unchanged. ``headers`` are the headers of each table.
     """
     unchanged = [list(names) for names in headers]
     named: set[str] = set()
     for names in headers:
         of_angles = senses_in(names[0])
-        if len(of_angles) != 1 or senses_in(names[1]) != of_angles:
+        of_readings = senses_in(names[1])
+        is_of_travel = of_readings == of_angles or (is_sense_stated and not of_readings)
+        if len(of_angles) != 1 or not is_of_travel:
             return unchanged
         named |= of_angles
     if len(named) < 2:
         return unchanged
     changed = []
     for names in headers:
-        header_of_angles = " ".join(without_directions(names[0]).split())
-        changed.append([header_of_angles, *names[1:]])
+        header_of_angles = _EMPTY_BRACKETS.sub("", without_directions(names[0]))
+        changed.append([" ".join(header_of_angles.split()), *names[1:]])
     return changed
 
 
-def _check_sense_of_angles(
-    sheet: Sheet, header: int, headers: Sequence[Sequence[str]], layout: Layout
-) -> None:
+def _with_directions(titles: Sequence[str], headers: Sequence[Sequence[str]]) -> list[str]:
+    """Return the names of tables, each with the direction of travel in the header of its angles.
+
+    A name that states a direction is not changed. ``headers`` are the headers of each table.
+    """
+    names_of_tables = []
+    for title, names in zip(titles, headers, strict=True):
+        words = [title]
+        if not senses_in(title):
+            words += senses_in(names[0])
+        names_of_tables.append(" ".join(words))
+    return names_of_tables
+
+
+def _check_sense_of_angles(sheet: Sheet, header: int, headers: Sequence[Sequence[str]]) -> None:
     """Raise an `OpenQuestionError` if the angles of the tables are headed CW and CCW.
 
-    These may be the directions of travel, or the senses in which the angles are counted. No error
-    is raised if the user states in which sense angles are counted. ``header`` is the index of the
-    row of headers, and ``headers`` are the headers of each table.
+    These may be the directions of travel, or the senses in which the angles are counted.
+    ``header`` is the index of the row of headers, and ``headers`` are the headers of each table.
     """
-    if layout.angle_sense is not None or layout.angle_sign is not None:
-        return
     named: set[str] = set()
     for names in headers:
         named |= senses_in(names[0])

@@ -293,7 +293,10 @@ def test_angles_headed_by_both_directions_are_asked_for(
     question = "must run clockwise or counter-clockwise, got 'Angle CW \\[deg\\], Angle CCW"
     with pytest.raises(lb.InputError, match=question):
         lb.import_campaign(path)
-    for test in lb.import_campaign(path, layout=Layout(angle_sense="CCW")).campaign.tests:
+    tests = lb.import_campaign(path, layout=Layout(angle_sense="CCW")).campaign.tests
+    of_travel = ["CW", "CCW"] if readings[0] == "Reading [um]" else ["CCW", "CW"]
+    assert [test.direction for test in tests] == of_travel
+    for test in tests:
         expected = [reading_um(a, 0, "") for a in test.angle_deg]
         assert test.reading_um == pytest.approx(expected)
 
