@@ -417,11 +417,12 @@ def _advice_on_directions(recording: Recording, senses: Collection[str]) -> str:
     """Return advice for a user whose column of directions does not state the direction of a test.
 
     ``senses`` are the different directions in the rows of the test: CW, CCW, or words that are not
-    understood. If, in another column, rows with the same text always have the same direction, this
-    column may name the tests. The advice is then to state that it does. If there is no such column,
-    the advice is that of `_advice`, usually to write CW or CCW into the column of directions.
+    understood. If there are several and, in another column, rows with the same text always have the
+    same direction, this column may name the tests. The advice is then to state that it does. If
+    there is no such column, the advice is that of `_advice`, usually to write CW or CCW into the
+    column of directions.
     """
-    if "test" not in recording.layout.columns:
+    if "test" not in recording.layout.columns and len(senses) > 1:
         column = recording.heading.roles["direction"]
         words = cells_of(recording, column)
         parting = columns_that_name_tests(recording, [direction_named(word) for word in words])

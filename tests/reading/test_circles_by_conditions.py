@@ -318,6 +318,15 @@ def test_a_direction_that_is_answered_in_each_row_is_asked_for(
     )
 
 
+def test_no_column_of_tests_is_advised_for_a_direction_that_says_nothing(tmp_path: Path) -> None:
+    rows = []
+    for row in rows_of_circles():
+        force, _, *others = row.split(",")
+        rows.append(",".join([force, "±", *others]))
+    with pytest.raises(lb.InputError, match="got '±'. Write CW or CCW into the column"):
+        lb.import_campaign(long_table(tmp_path / "all.csv", HEADER, rows))
+
+
 def test_laps_that_a_column_numbers_are_one_circle(tmp_path: Path) -> None:
     rows = []
     for row in rows_of_circles():
