@@ -823,6 +823,13 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
         # readings, but the nominal size of the circle.
         deviations = [column for column in other_columns if not names_circle(headers[column])]
         other_columns = deviations or other_columns
+    if role == "reading" and other_columns:
+        # A column "CW [um]" beside a column of readings may hold further readings.
+        for column in columns:
+            name, unit = unit_of(headers[column])[:2]
+            is_direction = direction_named(name) in senses_in(name)
+            if is_direction and unit in UNITS["reading"] and column not in other_columns:
+                other_columns.append(column)
     return other_columns or candidates
 
 

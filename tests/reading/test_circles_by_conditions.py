@@ -323,8 +323,20 @@ def test_no_column_of_tests_is_advised_for_a_direction_that_says_nothing(tmp_pat
     for row in rows_of_circles():
         force, _, *others = row.split(",")
         rows.append(",".join([force, "±", *others]))
-    with pytest.raises(lb.InputError, match="got '±'. Write CW or CCW into the column"):
+    with pytest.raises(lb.InputError, match=r"got '±'\. Write CW or CCW into the column"):
         lb.import_campaign(long_table(tmp_path / "all.csv", HEADER, rows))
+
+
+@pytest.mark.parametrize("header", ["Reading [um];CW [um]", "CW [um];Reading [um]"])
+def test_a_column_of_lengths_that_a_direction_heads_is_not_left_out(
+    header: str, tmp_path: Path
+) -> None:
+    rows = [f"{a};{reading_um(a, 300, '')};{reading_um(a, 300, 'CW')}" for a in ANGLES_DEG]
+    path = long_table(tmp_path / "300N.csv", f"Angle [deg];{header}", rows)
+    with pytest.raises(lb.InputError, match="one column must hold the reading, got"):
+        lb.import_campaign(path)
+    stated = lb.import_campaign(path, layout=Layout(columns={"reading": "Reading [um]"}))
+    assert len(stated.campaign.tests) == 1
 
 
 def test_laps_that_a_column_numbers_are_one_circle(tmp_path: Path) -> None:
