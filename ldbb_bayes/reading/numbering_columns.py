@@ -100,8 +100,8 @@ def conditions_that_number(
     There must be at least nine rows with the same conditions. These rows must follow one another
     without interruption; in a table that is sorted by angle, all circles must have the same angles
     instead. Thus, a force that is measured for each row identifies no circles. The list is empty if
-    no such columns exist, or if a further column shows that several circles have the same
-    conditions.
+    no such columns exist, or if a further column, or a circle with twice the angles of the others,
+    shows that several circles have the same conditions.
 
     Parameters
     ----------
@@ -148,7 +148,34 @@ def _identify_circles(
         return angle is not None and _have_the_same_angles(labels, cells[angle])
     if min(blocks) < _FEWEST_ROWS:
         return False
-    return not divides_a_circle(headers, cells, blocks, (*columns, angle), angle)
+    if divides_a_circle(headers, cells, blocks, (*columns, angle), angle):
+        return False
+    return angle is None or _numbers_any_laps(headers) or _have_alike_laps(blocks, cells[angle])
+
+
+def _numbers_any_laps(headers: Sequence[str]) -> bool:
+    """Return whether one of the headers names a column with the numbers of laps."""
+    return any(_NUMBERS_LAPS.fullmatch(comparable(header)) for header in headers)
+
+
+def _have_alike_laps(blocks: Sequence[int], angles: Sequence[str]) -> bool:
+    """Return whether the angles occur once in all blocks of rows, or repeatedly in all of them.
+
+    If the angles of some blocks occur once, the repeated angles of another block are hardly laps of
+    one circle, but two circles. ``blocks`` are the numbers of successive rows, and ``angles`` the
+    angles in all rows.
+    """
+    start = 0
+    are_repeated = set()
+    for n_rows in blocks:
+        are_repeated.add(_are_repeated(angles[start : start + n_rows]))
+        start += n_rows
+    return len(are_repeated) == 1
+
+
+def _are_repeated(angles: Sequence[str]) -> bool:
+    """Return whether most of the angles occur more than once."""
+    return 2 * len(set(angles)) <= len(angles) + _FEWEST_ROWS
 
 
 def divides_a_circle(
@@ -187,7 +214,7 @@ def divides_a_circle(
     for n_rows in blocks:
         rows = slice(start, start + n_rows)
         start += n_rows
-        if 2 * len(set(cells[angle][rows])) > n_rows + _FEWEST_ROWS:
+        if not _are_repeated(cells[angle][rows]):
             continue
         for column in further:
             parts = [len(list(part)) for _, part in groupby(cells[column][rows])]

@@ -339,6 +339,15 @@ def test_a_column_of_lengths_that_a_direction_heads_is_not_left_out(
     assert len(stated.campaign.tests) == 1
 
 
+def test_two_circles_of_the_same_conditions_below_each_other_are_not_joined(
+    tmp_path: Path,
+) -> None:
+    rows = rows_of_circles()
+    twice = [*rows[: len(ANGLES_DEG)], *rows]
+    with pytest.raises(lb.InputError, match="Name the test of each row in a column of its own"):
+        lb.import_campaign(long_table(tmp_path / "all.csv", HEADER, twice))
+
+
 def test_laps_that_a_column_numbers_are_one_circle(tmp_path: Path) -> None:
     rows = []
     for row in rows_of_circles():
