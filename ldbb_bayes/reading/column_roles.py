@@ -818,19 +818,38 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
         if has_role(header.name, role) and not (role == "test" and is_length):
             candidates.append(column)
     other_columns = [column for column in candidates if headers[column] not in PER_TEST]
-    if role == "reading" and len(other_columns) > 1:
-        # If there is also a column of deviations, a column "Radius" or "Diameter" does not hold
-        # readings, but the nominal size of the circle.
-        deviations = [column for column in other_columns if not names_circle(headers[column])]
-        other_columns = deviations or other_columns
     if role == "reading" and other_columns:
-        # A column "CW [um]" beside a column of readings may hold further readings.
-        for column in columns:
-            name, unit = unit_of(headers[column])[:2]
-            is_direction = direction_named(name) in senses_in(name)
-            if is_direction and unit in UNITS["reading"] and column not in other_columns:
-                other_columns.append(column)
+        other_columns = _candidates_for_readings(other_columns, columns, headers)
     return other_columns or candidates
+
+
+def _candidates_for_readings(
+    named: Sequence[int], columns: Sequence[int], headers: Sequence[str]
+) -> list[int]:
+    """Return the indices of those ``columns`` that may hold readings.
+
+    If there is also a column of deviations, a column "Radius" or "Diameter" does not hold readings,
+    but the nominal size of the circle. A column "CW [um]" may hold further readings. ``named`` are
+    the indices of the columns whose headers name readings, and ``headers`` the headers of all
+    columns.
+    """
+    deviations = [column for column in named if not names_circle(headers[column])]
+    candidates = deviations or list(named)
+    lengths = _lengths_headed_by_directions(columns, headers)
+    return candidates + [column for column in lengths if column not in candidates]
+
+
+def _lengths_headed_by_directions(columns: Sequence[int], headers: Sequence[str]) -> list[int]:
+    """Return the indices of those ``columns`` whose headers are a direction and a unit of length.
+
+    An example is ``CW [um]``. ``headers`` are the headers of all columns.
+    """
+    lengths = []
+    for column in columns:
+        name, unit = unit_of(headers[column])[:2]
+        if direction_named(name) in senses_in(name) and unit in UNITS["reading"]:
+            lengths.append(column)
+    return lengths
 
 
 def names_circle(header: str) -> bool:

@@ -12,6 +12,7 @@ from itertools import combinations, groupby
 from ldbb_bayes.reading.words import comparable
 
 __all__ = [
+    "are_repeated",
     "columns_that_number",
     "conditions_that_number",
     "divides_a_circle",
@@ -166,14 +167,14 @@ def _have_alike_laps(blocks: Sequence[int], angles: Sequence[str]) -> bool:
     angles in all rows.
     """
     start = 0
-    are_repeated = set()
+    kinds = set()
     for n_rows in blocks:
-        are_repeated.add(_are_repeated(angles[start : start + n_rows]))
+        kinds.add(are_repeated(angles[start : start + n_rows]))
         start += n_rows
-    return len(are_repeated) == 1
+    return len(kinds) == 1
 
 
-def _are_repeated(angles: Sequence[str]) -> bool:
+def are_repeated(angles: Sequence[str]) -> bool:
     """Return whether most of the angles occur more than once."""
     return 2 * len(set(angles)) <= len(angles) + _FEWEST_ROWS
 
@@ -214,7 +215,7 @@ def divides_a_circle(
     for n_rows in blocks:
         rows = slice(start, start + n_rows)
         start += n_rows
-        if not _are_repeated(cells[angle][rows]):
+        if not are_repeated(cells[angle][rows]):
             continue
         for column in further:
             parts = [len(list(part)) for _, part in groupby(cells[column][rows])]

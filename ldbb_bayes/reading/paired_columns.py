@@ -60,10 +60,8 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
         return [sheet]
     starts = range(first_start, len(names), width)
     headers_in_file = [names[start : start + width] for start in starts]
-    is_sense_stated = layout.angle_sense is not None or layout.angle_sign is not None
-    headers = _without_directions_of_travel(headers_in_file, is_sense_stated)
-    if headers == headers_in_file and not is_sense_stated:
-        _check_sense_of_angles(sheet, header, headers)
+    headers = _without_directions_of_travel(headers_in_file, layout)
+    _check_sense_of_angles(sheet, header, headers, layout)
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
     titles = _names_of_tables(headers)
@@ -80,7 +78,7 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
 
 
 def _without_directions_of_travel(
-    headers: Sequence[Sequence[str]], is_sense_stated: bool
+    headers: Sequence[Sequence[str]], layout: Layout
 ) -> list[list[str]]:
     """Return the headers of each table, with no direction in the header of its angles.
 
@@ -90,6 +88,7 @@ def _without_directions_of_travel(
     counted and these headers name no direction. In all other cases, the headers are returned
     unchanged. ``headers`` are the headers of each table.
     """
+    is_sense_stated = _is_sense_stated(layout)
     unchanged = [list(names) for names in headers]
     named: set[str] = set()
     for names in headers:
@@ -122,12 +121,22 @@ def _with_directions(titles: Sequence[str], headers: Sequence[Sequence[str]]) ->
     return names_of_tables
 
 
-def _check_sense_of_angles(sheet: Sheet, header: int, headers: Sequence[Sequence[str]]) -> None:
+def _is_sense_stated(layout: Layout) -> bool:
+    """Return whether the user states in which sense angles are counted."""
+    return layout.angle_sense is not None or layout.angle_sign is not None
+
+
+def _check_sense_of_angles(
+    sheet: Sheet, header: int, headers: Sequence[Sequence[str]], layout: Layout
+) -> None:
     """Raise an `OpenQuestionError` if the angles of the tables are headed CW and CCW.
 
-    These may be the directions of travel, or the senses in which the angles are counted.
-    ``header`` is the index of the row of headers, and ``headers`` are the headers of each table.
+    These may be the directions of travel, or the senses in which the angles are counted. No error
+    is raised if the user states in which sense angles are counted. ``header`` is the index of the
+    row of headers, and ``headers`` are the headers of each table, without directions of travel.
     """
+    if _is_sense_stated(layout):
+        return
     named: set[str] = set()
     for names in headers:
         named |= senses_in(names[0])

@@ -26,6 +26,7 @@ from ldbb_bayes.reading.loads_in_lines import (
     loads_in_lines,
 )
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
+from ldbb_bayes.reading.numbering_columns import are_repeated
 from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.recording import (
     LOAD_ROLES,
@@ -58,10 +59,8 @@ _ROWS_OF_CHANGE = 20
 _DIGITS_OF_MEAN = 6
 # Advice in the error message if the rows of a test have different directions.
 _WRITE_DIRECTIONS = "Write CW or CCW into the column, or give --direction if all tests ran alike."
-# Advice in the error message if many rows have one direction, and many others the other direction.
+# Advice in the error message if the rows are circles in both directions.
 _NAME_TESTS = "Name the test of each row in a column of its own (--test-column)."
-# Smallest number of rows of a test.
-_FEWEST_ROWS = 9
 # Advice in the error message if a column of directions contains a word that is not understood.
 _WORDS_FOR_DIRECTIONS = (
     f"{_WRITE_DIRECTIONS} These are read, too: clockwise, counter-clockwise, Uhrzeigersinn, gegen"
@@ -428,13 +427,17 @@ def _advice_on_directions(recording: Recording, senses: Collection[str]) -> str:
         parting = columns_that_name_tests(recording, [direction_named(word) for word in words])
         if parting and not recording.label:
             return f"Say which column names the test of each row: --test-column '{parting[0]}'."
-        senses_of_rows = [direction_named(word) for word in words]
-        rarest = min(senses_of_rows.count(sense) for sense in senses)
-        if set(senses) == {"CW", "CCW"} and rarest >= _FEWEST_ROWS:
-            return _advice(recording, _NAME_TESTS)
+    if set(senses) == {"CW", "CCW"} and _repeats_angles(recording):
+        return _advice(recording, _NAME_TESTS)
     if set(senses) <= {"CW", "CCW"}:
         return _advice(recording, _WRITE_DIRECTIONS)
     return _advice(recording, _WORDS_FOR_DIRECTIONS)
+
+
+def _repeats_angles(recording: Recording) -> bool:
+    """Return whether most angles of a test occur more than once, as those of several circles do."""
+    column = recording.heading.roles.get("angle")
+    return column is not None and are_repeated(cells_of(recording, column))
 
 
 def _is_measured(values: Array) -> bool:
