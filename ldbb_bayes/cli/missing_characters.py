@@ -63,12 +63,12 @@ def _replace(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = ""
-    before = error.object[: error.start][-1:]
+    previous = error.object[: error.start][-1:]
     for character in error.object[error.start : error.end]:
-        if character in _SUPERSCRIPTS and before not in _SUPERSCRIPTS:
+        if character in _SUPERSCRIPTS and previous not in _SUPERSCRIPTS:
             text += "^"
         text += _similar(character)
-        before = character
+        previous = character
     return text, error.end
 
 

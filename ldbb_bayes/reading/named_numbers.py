@@ -51,12 +51,14 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
     units separately. Both the rows and the units are empty for a text without such lines.
     """
     lines = text.split("\n")
-    parts = [_named_numbers(line) for line in lines]
-    names = _names_of_most_lines(parts)
+    named = [_named_numbers(line) for line in lines]
+    names = _names_of_most_lines(named)
     if not names:
         return UnitsOfCells([], {})
-    readings = {line: part for line, part in enumerate(parts, start=1) if part.names == names}
-    has_words = any(part.words for part in readings.values())
+    readings = {
+        line: of_line for line, of_line in enumerate(named, start=1) if of_line.names == names
+    }
+    has_words = any(of_line.words for of_line in readings.values())
     first_line = min(readings)
     rows: list[Row] = []
     units: dict[tuple[int, int], str] = {}
@@ -67,23 +69,23 @@ def rows_of_named_numbers(text: str) -> UnitsOfCells:
             continue
         if line == first_line:
             rows.append(Row(line, _with_last(names, _COLUMN_OF_TEXTS, has_words)))
-        part = readings[line]
-        rows.append(Row(line, _with_last(part.numbers, part.words, has_words)))
-        for column, unit in enumerate(part.units):
+        of_line = readings[line]
+        rows.append(Row(line, _with_last(of_line.numbers, of_line.words, has_words)))
+        for column, unit in enumerate(of_line.units):
             if unit:
                 units[line, column] = unit
     return UnitsOfCells(rows, units)
 
 
-def _names_of_most_lines(parts: Sequence[_NamedNumbers]) -> tuple[str, ...]:
+def _names_of_most_lines(named: Sequence[_NamedNumbers]) -> tuple[str, ...]:
     """Return the names of the most frequent kind of line: ang and dev for ``ang=12.5 dev=3.1``.
 
     Two lines are of the same kind if they have the same names before their numbers, in the same
     order. Only lines with at least two names are counted. The result is an empty tuple if there are
-    fewer than nine lines of the most frequent kind. ``parts`` holds the names and numbers of each
+    fewer than nine lines of the most frequent kind. ``named`` holds the names and numbers of each
     line.
     """
-    n_lines = Counter(part.names for part in parts if len(part.names) >= 2)
+    n_lines = Counter(of_line.names for of_line in named if len(of_line.names) >= 2)
     if not n_lines:
         return ()
     ((names, n_alike),) = n_lines.most_common(1)

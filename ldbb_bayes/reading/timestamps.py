@@ -202,8 +202,8 @@ def _in_usual_form(text: str) -> str:
 
 def _time_without_marks(match: re.Match[str]) -> str:
     """Return a time of day with marks such as 时 and 分 in the usual form: 14:03 for 14时3分."""
-    parts = [part.zfill(2) for part in match.groups() if part]
-    return ":".join(parts)
+    numbers = [number.zfill(2) for number in match.groups() if number]
+    return ":".join(numbers)
 
 
 def _time_with_half_day(match: re.Match[str]) -> str:
@@ -242,7 +242,7 @@ def _rank_from_words(words: str) -> Rank | None:
 
 def _has_date_and_time(match: re.Match[str]) -> bool:
     """Return whether a matched timestamp states both a date and a time of day."""
-    return all(_parts_of_stamp(match).get(part) for part in ("date", "hours"))
+    return all(_parts_of_stamp(match).get(name) for name in ("date", "hours"))
 
 
 def _is_duration(words: str, match: re.Match[str]) -> bool:
@@ -251,8 +251,8 @@ def _is_duration(words: str, match: re.Match[str]) -> bool:
     A timestamp may be a duration if it has no date and its hour is zero. It is not taken as a
     duration if the ``words`` before it are about a start or a clock.
     """
-    parts = _parts_of_stamp(match)
-    if "date" in parts or int(parts["hours"]) > 0:
+    fields = _parts_of_stamp(match)
+    if "date" in fields or int(fields["hours"]) > 0:
         return False
     return not (_WORDS["start"].search(words) or _WORDS["clock"].search(words))
 
@@ -262,11 +262,11 @@ def _parts_of_stamp(match: re.Match[str]) -> dict[str, str]:
 
     The keys are the names of the parts. Parts that the timestamp does not state are left out.
     """
-    parts = {}
-    for name, part in match.groupdict().items():
-        if part:
-            parts[name.removeprefix("only_").removesuffix("_after")] = part
-    return parts
+    fields = {}
+    for name, text in match.groupdict().items():
+        if text:
+            fields[name.removeprefix("only_").removesuffix("_after")] = text
+    return fields
 
 
 def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
@@ -275,23 +275,25 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
     ``match`` is a match of the regular expression for timestamps, and ``rank`` is the kind of place
     that states the timestamp.
     """
-    parts = _parts_of_stamp(match)
+    fields = _parts_of_stamp(match)
     day_first = None
     month_first = None
-    if "date" in parts:
-        dates = _dates_of(parts["date"])
+    if "date" in fields:
+        dates = _dates_of(fields["date"])
         day_first = dates.day_first
         month_first = dates.month_first
         if day_first is None and month_first is None:
             return None
     seconds = None
     zone_s = None
-    if "hours" in parts:
-        seconds = _seconds_of(parts)
+    if "hours" in fields:
+        seconds = _seconds_of(fields)
         if seconds is None:
             return None
-        zone_s = _zone_of(parts.get("zone", ""))
-    if seconds == 0.0 and "date" in parts:  # a spreadsheet writes a date without a time as midnight
+        zone_s = _zone_of(fields.get("zone", ""))
+    if (
+        seconds == 0.0 and "date" in fields
+    ):  # a spreadsheet writes a date without a time as midnight
         seconds = None
     return Timestamp(rank, match[0].strip(), day_first, month_first, seconds, zone_s)
 
@@ -354,20 +356,20 @@ def _date_or_none(year: int, month: int, day: int) -> date | None:
         return None
 
 
-def _seconds_of(parts: dict[str, str]) -> float | None:
+def _seconds_of(fields: dict[str, str]) -> float | None:
     """Return the time of day in seconds since midnight; None for a time that does not exist.
 
-    ``parts`` holds the hours, the minutes and, if they are stated, the seconds and AM or PM, as
+    ``fields`` holds the hours, the minutes and, if they are stated, the seconds and AM or PM, as
     texts.
     """
-    hours = int(parts["hours"])
-    minutes = int(parts["minutes"])
-    seconds = float(parts.get("seconds", "0").replace(",", "."))
-    if "half_day" in parts:
+    hours = int(fields["hours"])
+    minutes = int(fields["minutes"])
+    seconds = float(fields.get("seconds", "0").replace(",", "."))
+    if "half_day" in fields:
         if not 1 <= hours <= 12:
             return None
         hours = hours % 12
-        if parts["half_day"] in "pP":
+        if fields["half_day"] in "pP":
             hours += 12
     if hours > 23 or minutes > 59 or seconds >= 60.0:
         return None
@@ -397,8 +399,8 @@ def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
         if match is None:
             continue
         day = _date_or_none(int(match["year"]), int(match["month"]), int(match["day"]))
-        parts = {key: match[key] or "0" for key in ("hours", "minutes", "seconds")}
-        seconds = _seconds_of(parts)
+        fields = {key: match[key] or "0" for key in ("hours", "minutes", "seconds")}
+        seconds = _seconds_of(fields)
         if day is not None and seconds is not None:
             return Timestamp(Rank.NAME, match[0], day, day, seconds)
     return None

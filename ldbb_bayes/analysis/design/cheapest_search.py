@@ -310,13 +310,13 @@ def find_cheapest(
     """
     search = _Search(goals, costs, probability)
     queue = _queue_of(families, costs)
-    found: list[FoundCampaign] = []
+    campaigns: list[FoundCampaign] = []
     reported = 0
-    while queue and not _is_complete(found, number, queue[0].price, search.effort, costs):
+    while queue and not _is_complete(campaigns, number, queue[0].price, search.effort, costs):
         entry = heapq.heappop(queue)
         progress = entry.progress
         minutes = progress.family.least_minutes(costs, progress.circles)
-        if any(_buys_in_vain(progress.family, minutes, campaign, costs) for campaign in found):
+        if any(_buys_in_vain(progress.family, minutes, campaign, costs) for campaign in campaigns):
             continue
         # The queue holds the families of campaigns that are still searched. A family leaves the
         # queue when the search has found a campaign of the family that meets the goals for
@@ -332,38 +332,38 @@ def find_cheapest(
             price = progress.family.lowest_price(costs, progress.circles)
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
         if campaign is not None:
-            found = [*_not_in_vain(found, campaign, costs), campaign]
+            campaigns = [*_not_in_vain(campaigns, campaign, costs), campaign]
             queue = _without_skips(queue, costs)
-            if reported < min(len(found), number):
+            if reported < min(len(campaigns), number):
                 on_campaign()
                 reported += 1
-    found.sort(key=lambda campaign: campaign.price(costs))
-    found = found[:number]
-    found += _with_more_circles(found, number - len(found), costs, on_campaign)
-    found.sort(key=lambda campaign: campaign.price(costs))
+    campaigns.sort(key=lambda campaign: campaign.price(costs))
+    campaigns = campaigns[:number]
+    campaigns += _with_more_circles(campaigns, number - len(campaigns), costs, on_campaign)
+    campaigns.sort(key=lambda campaign: campaign.price(costs))
     return CheapestCampaigns(
-        tuple(found), search.nearest, search.nearest_by_goal, search.is_too_long
+        tuple(campaigns), search.nearest, search.nearest_by_goal, search.is_too_long
     )
 
 
 def _is_complete(
-    found: Sequence[FoundCampaign], number: int, lowest_price: float, effort: int, costs: Costs
+    campaigns: Sequence[FoundCampaign], number: int, lowest_price: float, effort: int, costs: Costs
 ) -> bool:
     """Return whether no family that is still in the queue need be searched.
 
     That is so if none of the campaigns to try next can be cheaper than the ``number`` cheapest that
     were found. If the search has taken much computing effort, it is enough that none can be cheaper
-    than the cheapest. ``found`` are the campaigns found so far, ``lowest_price`` is a lower limit
-    of the prices of the campaigns to try next, and ``effort`` is the computing effort so far.
+    than the cheapest. ``campaigns`` are the campaigns found so far, ``lowest_price`` is a lower
+    limit of the prices of the campaigns to try next, and ``effort`` is the computing effort so far.
     """
-    if not found:
+    if not campaigns:
         return False
-    prices = sorted(campaign.price(costs) for campaign in found)
+    prices = sorted(campaign.price(costs) for campaign in campaigns)
     if lowest_price < prices[0]:
         return False
     if effort > _MOST_EFFORT:
         return True
-    return len(found) >= number and lowest_price >= prices[number - 1]
+    return len(campaigns) >= number and lowest_price >= prices[number - 1]
 
 
 def _without_skips(queue: Sequence[_QueuedFamily], costs: Costs) -> list[_QueuedFamily]:
@@ -432,7 +432,7 @@ def _queue_of(families: Sequence[CampaignFamily], costs: Costs) -> list[_QueuedF
 
 
 def _with_more_circles(
-    found: Sequence[FoundCampaign],
+    campaigns: Sequence[FoundCampaign],
     number: int,
     costs: Costs,
     on_campaign: Callable[[], object],
@@ -444,9 +444,9 @@ def _with_more_circles(
     The list is empty if no campaign was found. ``on_campaign`` is called whenever a campaign is
     found.
     """
-    if not found:
+    if not campaigns:
         return []
-    campaign = min(found, key=lambda campaign: campaign.price(costs))
+    campaign = min(campaigns, key=lambda campaign: campaign.price(costs))
     longer = []
     for added in range(1, number + 1):
         counts = campaign.family.best_counts(len(campaign.tests) + added)
