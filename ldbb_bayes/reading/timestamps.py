@@ -291,9 +291,8 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
         if seconds is None:
             return None
         zone_s = _zone_of(fields.get("zone", ""))
-    if (
-        seconds == 0.0 and "date" in fields
-    ):  # a spreadsheet writes a date without a time as midnight
+    # A spreadsheet writes a date without a time as midnight.
+    if seconds == 0.0 and "date" in fields:
         seconds = None
     return Timestamp(rank, match[0].strip(), day_first, month_first, seconds, zone_s)
 
