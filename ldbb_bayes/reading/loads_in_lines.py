@@ -16,7 +16,14 @@ from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name
 from ldbb_bayes.reading.reading_sign import is_about_sign
 from ldbb_bayes.reading.recording import LOAD_ROLES
 from ldbb_bayes.reading.travel_direction import directions_stated, without_directions
-from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, UNITS, WORDS, unit_named
+from ldbb_bayes.reading.words import (
+    ARE_STATED,
+    LONGEST_TEXT,
+    OTHER_QUANTITY,
+    UNITS,
+    WORDS,
+    unit_named,
+)
 
 __all__ = [
     "LoadInLine",
@@ -43,7 +50,7 @@ _NAMED_LOAD = re.compile(
 # Regular expressions for a sentence such as "all forces in kN"; the keys are the fields of a load.
 _UNIT_OF_LOADS = {
     key: re.compile(
-        rf"(?<!\w)(?:{WORDS['loads'][words]})(?: (?:are|is|sind|given|stated|angegeben))*"
+        rf"(?<!\w)(?:{WORDS['loads'][words]}){ARE_STATED}"
         r"\s*(?:(?:in|en)\s|[:=])\s*(?P<unit>[^\W\d]+)\W*(?:$|[;,|\t(])",
         re.IGNORECASE,
     )

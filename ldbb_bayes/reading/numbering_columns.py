@@ -25,8 +25,6 @@ _NUMBERS_CIRCLES = re.compile(
     r"|lauf|umlauf|durchgang|durchlauf|zyklus|wiederholung|messung|versuch|passage|essai|ciclo"
     r"|prova|prueba|circle|kreis|cercle|cerchio|wdh)(?:[ _.]?(?:no|nr|id|number|index))?\.?"
 )
-
-
 # Smallest number of rows of a circle.
 _FEWEST_ROWS = 9
 # Regular expression for the header of a column with the numbers of the laps of a circle.
@@ -83,8 +81,13 @@ def _determine_conditions(
 
 def numbers_circles(header: str) -> bool:
     """Return whether a header names a column that numbers circles, and not laps of a circle."""
-    name = comparable(header)
-    return _NUMBERS_CIRCLES.fullmatch(name) is not None and _NUMBERS_LAPS.fullmatch(name) is None
+    is_number = _NUMBERS_CIRCLES.fullmatch(comparable(header)) is not None
+    return is_number and not _numbers_laps(header)
+
+
+def _numbers_laps(header: str) -> bool:
+    """Return whether a header names a column with the numbers of the laps of a circle."""
+    return _NUMBERS_LAPS.fullmatch(comparable(header)) is not None
 
 
 def conditions_that_number(
@@ -120,12 +123,12 @@ def conditions_that_number(
     changing = [column for column in conditions if len(set(cells[column])) > 1]
     if not changing or (len(changing) == 1 and not set(changing) & set(without_role)):
         return []
-    numbers = []
+    candidates = [changing]
     for column, header in enumerate(headers):
         is_number = numbers_circles(header) and column not in changing
         if is_number and len(set(cells[column])) > 1:
-            numbers.append(column)
-    for columns in (changing, *[sorted([*changing, column]) for column in numbers]):
+            candidates.append(sorted([*changing, column]))
+    for columns in candidates:
         if _identify_circles(headers, cells, columns, angle):
             return columns
     return []
@@ -151,12 +154,8 @@ def _identify_circles(
         return False
     if divides_a_circle(headers, cells, blocks, (*columns, angle), angle):
         return False
-    return angle is None or _numbers_any_laps(headers) or _have_alike_laps(blocks, cells[angle])
-
-
-def _numbers_any_laps(headers: Sequence[str]) -> bool:
-    """Return whether one of the headers names a column with the numbers of laps."""
-    return any(_NUMBERS_LAPS.fullmatch(comparable(header)) for header in headers)
+    has_laps = any(_numbers_laps(header) for header in headers)
+    return angle is None or has_laps or _have_alike_laps(blocks, cells[angle])
 
 
 def _have_alike_laps(blocks: Sequence[int], angles: Sequence[str]) -> bool:
@@ -208,8 +207,7 @@ def divides_a_circle(
         return False
     further = []
     for column, header in enumerate(headers):
-        is_lap = _NUMBERS_LAPS.fullmatch(comparable(header)) is not None
-        if column not in in_use and not is_lap:
+        if column not in in_use and not _numbers_laps(header):
             further.append(column)
     start = 0
     for n_rows in blocks:

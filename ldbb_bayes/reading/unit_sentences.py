@@ -9,6 +9,7 @@ import math
 import re
 
 from ldbb_bayes.reading.words import (
+    ARE_STATED,
     LONGEST_TEXT,
     SHARE,
     UNITS,
@@ -27,7 +28,7 @@ _WORDS = WORDS["unit_lines"]
 # and angle. The group ``behind`` matches the text after "in".
 _STATED_IN = {
     role: re.compile(
-        rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))*"
+        rf"(?<!\w){_WORDS[words]}{ARE_STATED}"
         r" (?P<in>in|en) (?P<behind>.*)",
         re.IGNORECASE,
     )

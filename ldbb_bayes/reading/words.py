@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
+    "ARE_STATED",
     "LONGEST_NAME",
     "LONGEST_TEXT",
     "OTHER_QUANTITY",
@@ -32,6 +33,8 @@ __all__ = [
     "without_accents",
 ]
 
+# Regular expression for the words between a quantity and its unit, such as "are given".
+ARE_STATED = "(?: (?:are|is|sind|given|stated|angegeben))*"
 # Only this many characters at the beginning of a line are examined.
 LONGEST_TEXT = 300
 # Only this many characters at the beginning of a column's header are examined.

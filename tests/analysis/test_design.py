@@ -473,19 +473,27 @@ def test_augmenting(pilot: lb.Campaign) -> None:
     assert "Run 2 more circles" in design_sentences(design)[0]
 
 
+def pilot_and_added_circles(
+    model: lb.HybridModel, times_s: tuple[float | None, ...]
+) -> tuple[lb.Campaign, lb.Campaign]:
+    """A pilot of three circles run at these times, and a plan that adds one more of each force."""
+    forces_N = (100.0, 350.0, 600.0)
+    tests = []
+    for force_N, time_s in zip(forces_N, times_s, strict=True):
+        angle_deg = np.arange(0.0, 360.0, 15.0)
+        tests.append(lb.CircularTest(force_N, angle_deg, np.zeros(24), time_s=time_s))
+    pilot = lb.Campaign(tuple(tests))
+    space = Space(model, pilot, forces_N, augment=True)
+    return pilot, space.plan_of(space.tests)
+
+
 @pytest.mark.parametrize("times_s", [(None, None, None), (0.0, 500.0, 1400.0)])
 def test_added_circles_run_after_the_pilot_as_in_a_fit_of_both(
     times_s: tuple[float | None, ...],
 ) -> None:
     """Drift acts on the circles of ``--augment`` as in a fit of one list with all circles."""
-    angle_deg = np.arange(0.0, 360.0, 15.0)
-    forces_N = (100.0, 350.0, 600.0)
-    pairs = zip(forces_N, times_s, strict=True)
-    tests = [lb.CircularTest(force_N, angle_deg, np.zeros(24), time_s=t) for force_N, t in pairs]
-    pilot = lb.Campaign(tuple(tests))
     model = lb.HybridModel.default(1)
-    space = Space(model, pilot, forces_N, augment=True)
-    plan = space.plan_of(space.tests)
+    pilot, plan = pilot_and_added_circles(model, times_s)
     hours = bind_plan(model, plan).setting.time_h
 
     last_s = times_s[-1]
@@ -494,7 +502,7 @@ def test_added_circles_run_after_the_pilot_as_in_a_fit_of_both(
         time_s = None if last_s is None else last_s + 360.0 * k
         run = replace(test, name="", time_s=time_s)
         added.append(run.with_reading_um(np.zeros(len(test.angle_deg))))
-    both = model.bind(replace(pilot, tests=(*tests, *added))).setting.time_h
+    both = model.bind(replace(pilot, tests=(*pilot.tests, *added))).setting.time_h
     np.testing.assert_allclose(hours - hours[0], both - both[0], atol=1e-12)
 
 
@@ -503,19 +511,13 @@ def test_times_of_added_circles_do_not_count_where_the_pilot_has_none(
     times_s: tuple[float | None, ...],
 ) -> None:
     """They would count from another start: a fit of both takes all circles in their order."""
-    angle_deg = np.arange(0.0, 360.0, 15.0)
-    forces_N = (100.0, 350.0, 600.0)
-    pairs = zip(forces_N, times_s, strict=True)
-    tests = [lb.CircularTest(force_N, angle_deg, np.zeros(24), time_s=t) for force_N, t in pairs]
-    pilot = lb.Campaign(tuple(tests))
     model = lb.HybridModel.default(1)
-    space = Space(model, pilot, forces_N, augment=True)
-    plan = space.plan_of(space.tests)
+    pilot, plan = pilot_and_added_circles(model, times_s)
     stated = [replace(test, time_s=600.0 * k) for k, test in enumerate(plan.tests)]
     hours = bind_plan(model, replace(plan, tests=tuple(stated))).setting.time_h
 
     added = [replace(test, name="").with_reading_um(np.zeros(24)) for test in stated]
-    both = model.bind(replace(pilot, tests=(*tests, *added))).setting.time_h
+    both = model.bind(replace(pilot, tests=(*pilot.tests, *added))).setting.time_h
     np.testing.assert_allclose(hours, both, atol=1e-12)
 
 
