@@ -10,7 +10,7 @@ called reduced readings.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -90,7 +90,9 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
     return next(informations_of(bound, phi[None]))
 
 
-def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
+def informations_of(
+    bound: BoundModel, phi: Array, *, tests: Sequence[int] | None = None
+) -> Iterator[Information]:
     """Yield the information about all coefficients for each of w values of the hyper-parameters.
 
     The coefficients are the parameters of interest, and the nuisance coefficients that have the
@@ -100,15 +102,19 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     of the noise), with lengths in mm. The design matrix holds the effect of one unit of each
     coefficient on the reduced readings (at most 25 numbers for each test). It does not depend on
     the hyper-parameters and is computed once. Tests with the same noise share one covariance.
+    ``tests`` are the indices of the tests that give information, from 0. Default: all tests.
     """
+    if tests is None:
+        tests = range(len(bound.reduced))
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
     for columns in shared:
         names += columns.names
     owners = [OWN] * len(bound.names) + shared_owners
     values = np.concatenate([bound.interest, *(columns.values for columns in shared)], axis=2)
-    design = tuple(test.factor @ values[r] for r, test in enumerate(bound.reduced))
-    representatives = _first_tests_of_equal_noise(bound, noises, phi)
+    design = tuple(bound.reduced[r].factor @ values[r] for r in tests)
+    first_tests = _first_tests_of_equal_noise(bound, noises, phi)
+    representatives = [first_tests[r] for r in tests]
     for phi_values in phi:
         hyper = dict(zip(bound.hyper_prior.names, phi_values.tolist(), strict=True))
         scales = np.concatenate([bound.scale, *(columns.sd_at(hyper) for columns in shared)])

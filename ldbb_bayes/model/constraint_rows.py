@@ -60,44 +60,44 @@ def core_rows(mean: Array, spread: Array) -> NDArray[np.intp]:
     distance = mean / norms
     if rank == mean.shape[1]:
         return np.argsort(distance, axis=1, kind="stable")
-    unit = spread / norms[:, :, None]
-    rows = []
-    for k in range(len(mean)):
-        rows.append(_binding_rows(distance[k], unit[k], rank))
-    return np.array(rows)
+    return _binding_rows(distance, spread / norms[:, :, None], int(rank))
 
 
-def _binding_rows(distance: Array, unit: Array, rank: int) -> list[int]:
-    """Return the indices of linearly independent constraints on one vector, the tightest first.
+def _binding_rows(distance: Array, unit: Array, rank: int) -> NDArray[np.intp]:
+    """Return the indices of linearly independent constraints on w vectors, shape (w, rank).
 
-    There are m constraints on a standard normal vector e of q elements. At the most probable e that
-    satisfies all constraints, some constraints hold with equality; these are chosen first. Further
-    constraints are then added one by one until there are ``rank`` constraints. The next constraint
-    is always the one whose row has the longest component perpendicular to the rows of all
-    constraints chosen before. The result is sorted by increasing ``distance``.
+    There are m constraints on each of w standard normal vectors e of q elements. At the most
+    probable e that satisfies all constraints, some constraints hold with equality; these are chosen
+    first. Further constraints are then added one by one until there are ``rank`` constraints. The
+    next constraint is always the one whose row has the longest component perpendicular to the rows
+    of all constraints chosen before. The indices of each vector are sorted by increasing
+    ``distance``.
 
     Parameters
     ----------
     distance
-        Mean of each constrained variable divided by its sd, shape (m,). The ratio is smallest for
+        Mean of each constrained variable divided by its sd, shape (w, m). The ratio is smallest for
         the tightest constraint.
     unit
-        Rows of coefficients of the constraints, scaled to length one, shape (m, q).
+        Rows of coefficients of the constraints, scaled to length one, shape (w, m, q).
     rank
         Number of linearly independent constraints.
     """
-    multipliers = np.zeros(len(unit))
-    if (distance < 0.0).any():
-        multipliers = least_distance_multipliers(unit, -distance)
-    chosen: list[int] = []
+    multipliers = np.zeros(distance.shape)
+    for k in np.flatnonzero((distance < 0.0).any(axis=1)):
+        multipliers[k] = least_distance_multipliers(unit[k], -distance[k])
+    vectors = np.arange(len(distance))
+    chosen = np.zeros((len(distance), rank), dtype=np.intp)
     remainder = unit.copy()
-    while len(chosen) < rank:
-        size = np.linalg.norm(remainder, axis=1)
+    for number in range(rank):
+        size = np.linalg.norm(remainder, axis=2)
         priority = np.where(multipliers > 0.0, 2.0 + multipliers, size)
-        row = int(np.argmax(np.where(size > DEPENDENT, priority, -1.0)))
-        chosen.append(row)
-        multipliers[row] = 0.0
-        along = remainder @ remainder[row]
-        remainder = remainder - np.outer(along, remainder[row]) / size[row] ** 2
-        remainder[row] = 0.0
-    return sorted(chosen, key=lambda row: float(distance[row]))
+        row = np.argmax(np.where(size > DEPENDENT, priority, -1.0), axis=1)
+        chosen[:, number] = row
+        multipliers[vectors, row] = 0.0
+        direction = remainder[vectors, row] / size[vectors, row, None]
+        along = np.einsum("wmq,wq->wm", remainder, direction)
+        remainder -= along[:, :, None] * direction[:, None, :]
+        remainder[vectors, row] = 0.0
+    order = np.argsort(np.take_along_axis(distance, chosen, axis=1), axis=1, kind="stable")
+    return np.take_along_axis(chosen, order, axis=1)

@@ -247,10 +247,11 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     # hyper-parameters are central differences. For each set of scores, the variances of the effects
     # are computed at 2 h + 1 points: at the scores (index 0), with each of the h scores increased
     # by a step (indices 1 to h), and with each score decreased by a step (indices h + 1 to 2 h).
-    steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
-    stepped = (scores[:, None] + steps).reshape(-1, size)
-    phi = bound.hyper_prior.quantile(ndtr(stepped))
-    effects = effects_at(bound, phi)
+    phi = np.repeat(_phi_at(bound, scores)[:, None], 2 * size + 1, axis=1)
+    columns = np.arange(size)
+    phi[:, 1 + columns, columns] = _phi_at(bound, scores + _STEP)
+    phi[:, 1 + size + columns, columns] = _phi_at(bound, scores - _STEP)
+    effects = effects_at(bound, phi.reshape(-1, size))
     variances = effects.variances.reshape(points, 2 * size + 1, -1)
     noise = effects.noise_variance.reshape(points, 2 * size + 1)
     spare = sum(test.readings - len(test.factor) for test in bound.reduced)
@@ -266,6 +267,15 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         # is their number. Their information about the noise is added here.
         information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
     return information
+
+
+def _phi_at(bound: BoundModel, scores: Array) -> Array:
+    """Return the h hyper-parameters with given normal scores, shape (K, h), lengths in mm.
+
+    ``scores``, shape (K, h), are standard normal quantiles of the cumulative prior probabilities of
+    the hyper-parameters.
+    """
+    return np.asarray(bound.hyper_prior.quantile(ndtr(scores)))
 
 
 def _information_at(

@@ -113,11 +113,9 @@ def covariances_with_scatter(bound: BoundModel, run: int, candidate: int, phi: A
     """
     repeated = np.tile(phi, (_SCATTERS, 1))
     extended = extend_hyper_parameters(bound, repeated, run, scattering=True)
-    new_circle = run + candidate
     covariances = []
-    for information in informations_of(bound, extended):
-        blocks = information.blocks()
-        rows = np.concatenate([*blocks[:run], blocks[new_circle]])
+    for information in informations_of(bound, extended, tests=[*range(run), run + candidate]):
+        rows = information.rows()
         covariance = np.linalg.inv(np.eye(rows.shape[1]) + rows.T @ rows)
         interest = information.interest
         covariances.append(covariance[np.ix_(interest, interest)])

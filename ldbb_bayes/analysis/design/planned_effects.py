@@ -54,8 +54,8 @@ def inverse_covariance(blocks: list[EffectBlock], variances: Array, noise: float
     inverse = np.zeros((len(shared), len(shared)))
     weighted = np.empty_like(shared)
     for block in on_one_test:
-        covariance = (block.columns * variances[block.effects]) @ block.columns.T
-        covariance[np.diag_indices_from(covariance)] += noise
+        of_effects = (block.columns * variances[block.effects]) @ block.columns.T
+        covariance = of_effects + noise * np.eye(len(of_effects))
         of_test = np.linalg.inv(covariance)
         inverse[block.readings, block.readings] = of_test
         weighted[block.readings] = of_test @ shared[block.readings]
