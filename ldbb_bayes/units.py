@@ -27,6 +27,7 @@ __all__ = [
     "is_direct",
     "is_skewed",
     "is_slope",
+    "keep_with_units",
     "needs_interval",
     "plus_minus",
     "ranked",
@@ -130,6 +131,10 @@ def _units_to_write() -> dict[str, _Size]:
 # Conversions to mm, N and rad of the units that a user may write. The keys are the names of the
 # units. A user may also write quotients and squares of these units.
 UNITS_TO_WRITE = _units_to_write()
+# Spaces at which no line may end: between a number and its unit, and beside ±.
+_SPACE_BESIDE_UNIT = re.compile(
+    r"(?<=\d) (?=(?:%|N|µm|mm|nm|µrad|nrad)(?![^\W\d_])|±)|(?<=±) (?=\d)"
+)
 # Characters for the exponents of powers of ten: superscripts of the minus sign and digits.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Units of settings, such as the standard deviation of a prior. The name of a setting ends with its
@@ -631,6 +636,14 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
         return f"{statement.value} {statement.interval} {label}"
     value, expanded = value_and_uncertainty(mean * factor, 2.0 * sd * factor)
     return f"{value.replace('-', '−')} ± {expanded} {label}"
+
+
+def keep_with_units(text: str) -> str:
+    """Return a text in which no line can end between a number and its unit, or beside ±.
+
+    The spaces there become no-break spaces.
+    """
+    return _SPACE_BESIDE_UNIT.sub("\u00a0", text)
 
 
 def typeset(text: str) -> str:

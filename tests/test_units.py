@@ -161,6 +161,11 @@ def test_typeset(text: str, expected: str) -> None:
     assert units.typeset(text) == expected
 
 
+def test_numbers_stay_with_their_units() -> None:
+    text = units.keep_with_units("U = 3.1 nm/N at 100 N, 0.5 ± 1.3 µm of 12 Nights")
+    assert text == "U = 3.1\u00a0nm/N at 100\u00a0N, 0.5\u00a0±\u00a01.3\u00a0µm of 12 Nights"
+
+
 @pytest.mark.parametrize(("value", "text"), [(999.4, "999"), (999.7, "1000"), (1234.5, "1234")])
 def test_three_digits_need_no_power_of_ten(value: float, text: str) -> None:
     assert units.three_digits(value) == text

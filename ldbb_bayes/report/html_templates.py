@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jinja2
 
-from ldbb_bayes.units import typeset
+from ldbb_bayes.units import keep_with_units, typeset
 
 __all__ = ["template_of"]
 
@@ -17,6 +17,11 @@ def _kind(content: object) -> str:
 def _full_precision(value: float) -> str:
     """Return a number as a string with all digits that are needed to read it back exactly."""
     return repr(float(value))
+
+
+def _typeset_passage(text: str) -> str:
+    """Return a passage with true minus signs, and with numbers that stay with their units."""
+    return keep_with_units(typeset(text))
 
 
 def template_of(name: str) -> jinja2.Template:
@@ -37,7 +42,7 @@ def template_of(name: str) -> jinja2.Template:
         autoescape=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["typeset"] = typeset
+    environment.filters["typeset"] = _typeset_passage
     environment.filters["kind"] = _kind
     environment.filters["number"] = _full_precision
     return environment.get_template(name)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import math
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -22,11 +21,10 @@ from fpdf.fonts import FontFace, TTFFont
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.results import Table
+from ldbb_bayes.units import keep_with_units
 
 __all__ = ["fit_to_pages", "pdf_of"]
 
-# Spaces at which no line may end: between a number and its unit, and beside ±.
-_KEPT_SPACE = re.compile(r"(?<=\d) (?=(?:%|N|µm|mm|nm|µrad|nrad)(?![^\W\d_])|±)|(?<=±) (?=\d)")
 _WIDTH = 182.0  # width of the printed area of an A4 page [mm]
 _LEFT = 14.0  # left margin of an A4 page [mm]
 _TOP = 14.0  # top margin of an A4 page [mm]
@@ -226,8 +224,9 @@ def _write(
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)
     height = _LINE_HEIGHT * size
-    kept = _KEPT_SPACE.sub("\u00a0", text)
-    pdf.multi_cell(width, height, kept, align="L", new_x="LEFT", new_y="NEXT", **options)
+    pdf.multi_cell(
+        width, height, keep_with_units(text), align="L", new_x="LEFT", new_y="NEXT", **options
+    )
 
 
 def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:

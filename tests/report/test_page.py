@@ -421,6 +421,13 @@ def test_every_place_is_escaped() -> None:
     assert sum(SCRIPT in text for text in reader.texts) == 24
 
 
+def test_no_line_of_the_page_ends_between_a_number_and_its_unit() -> None:
+    section = Section("summary", "Summary", ("U is 3.1 nm/N.", ("Up to 100 N",)))
+    page = html_page(Document("Report", ("±5 %, 36 N",), (), (section,), ()))
+    for text in ("36\u00a0N", "3.1\u00a0nm/N", "100\u00a0N"):
+        assert text in page
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "opening"),
