@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -41,7 +42,7 @@ from ldbb_bayes.report.findings import (
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.number_tables import TABLE_FILES, tables
 from ldbb_bayes.report.pdf import fit_to_pages, pdf_of
-from ldbb_bayes.report.pictures import Picture
+from ldbb_bayes.report.pictures import Picture, begin_to_draw
 from ldbb_bayes.report.sections import SECTIONS, Section, beside
 from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.translation import words_of
@@ -131,6 +132,7 @@ def compose(
     annex: bool = False,
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
+    executor: Executor | None = None,
 ) -> Document:
     """Return a complete report, with its sheets and sections, from the results of a fit.
 
@@ -142,7 +144,7 @@ def compose(
         Other campaigns that the report compares with the campaign of the fit.
     shared
         What the other campaigns have in common with the campaign of the fit.
-    language, annex, force_N, progress
+    language, annex, force_N, progress, executor
         See the arguments of `write_report` with the same names.
 
     Returns
@@ -154,18 +156,10 @@ def compose(
         writers = {}
     steps = len(writers) + 1
     show_progress = progress or _ignore_progress
-    show_progress(0, steps)
-    fitted_sheets = fit_to_pages(
-        (
-            *sheets(findings, language=language, force_N=force_N, further=len(others)),
-            *difference_sheets(findings, others, shared, words_of(language)),
-        )
-    )
     sections: list[Section] = []
     for key, (title, write) in writers.items():
-        show_progress(len(sections) + 1, steps)
+        show_progress(len(sections), steps)
         sections.append(Section(key, title, tuple(write(findings))))
-    show_progress(steps, steps)
 
     name = str(findings.result["campaign"]["name"])
     title = f"Loaded double ball bar: {name}"
@@ -178,13 +172,41 @@ def compose(
         _lines_below_title(findings),
         tuple(_alerts(findings, others)),
         tuple(sections),
-        fitted_sheets,
-        annex,
-        language,
+        annex=annex,
+        language=language,
     )
     names = [name, *(other.name for other in others)]
     names += [test.name for test in findings.preview.tests]
-    return _in_language(document, frozenset(names))
+    document = _in_language(document, frozenset(names))
+    # Another process draws the figures of the annex while this one lays out the sheets.
+    document = replace(document, sections=_begin_figures(document.sections, executor))
+    show_progress(steps - 1, steps)
+    fitted_sheets = fit_to_pages(
+        (
+            *sheets(findings, language=language, force_N=force_N, further=len(others)),
+            *difference_sheets(findings, others, shared, words_of(language)),
+        )
+    )
+    show_progress(steps, steps)
+    return replace(document, sheets=fitted_sheets)
+
+
+def _begin_figures(sections: Sequence[Section], executor: Executor | None) -> tuple[Section, ...]:
+    """Return the sections of the annex, whose figures another process has begun to draw.
+
+    If ``executor`` is None, the sections are returned unchanged.
+    """
+    pictures = []
+    for section in sections:
+        pictures += [part for part in section.content if isinstance(part, Picture)]
+    begun = {entry.key: entry for entry in begin_to_draw(pictures, executor)}
+    sections_begun = []
+    for section in sections:
+        content = []
+        for part in section.content:
+            content.append(begun[part.key] if isinstance(part, Picture) else part)
+        sections_begun.append(replace(section, content=tuple(content)))
+    return tuple(sections_begun)
 
 
 def _in_language(document: Document, names: frozenset[str]) -> Document:
@@ -307,6 +329,7 @@ def write_report(
     sheets_only: bool = False,
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
+    executor: Executor | None = None,
 ) -> Document:
     """Write the report of a fit into a folder.
 
@@ -359,6 +382,9 @@ def write_report(
         Function that is called at the start and after each step with two numbers: the number of
         finished steps and the number of all steps. Each section is one step, and all sheets
         together are one step.
+    executor : Executor, optional
+        Executor of ``concurrent.futures`` that draws the figures of the annex in another process.
+        Default: this process draws them. The report does not depend on the executor.
 
     Returns
     -------
@@ -418,6 +444,7 @@ def write_report(
         annex=annex,
         force_N=force_N,
         progress=progress,
+        executor=executor,
     )
     frames = tables(findings, others, force_N=force_N)
     decisions = findings.conformity(force_N)
