@@ -26,6 +26,7 @@ from ldbb_bayes.analysis.tolerances import (
     STIFFNESS_QUANTITIES,
     Tolerance,
     check_force,
+    force_to_state,
     name_in_plane,
     quantities_of,
     tolerances_in,
@@ -191,9 +192,7 @@ def assess_conformity(
     known = quantities_of(bound)
     limits = tolerances_in(known, tolerances)
     check_force(bound.campaign, force_N)
-    force = bound.setting.reference_force_N
-    if force_N is not None:
-        force = float(force_N)
+    force = force_to_state(bound) if force_N is None else float(force_N)
     decisions = ByName[Conformity]()
     if not limits:
         return decisions

@@ -1,9 +1,9 @@
-"""Changes C(F_max) − C(F_min) of compliances over the tested forces, as sums of coefficients.
+"""Compliances C(F), and their changes C(F_max) − C(F_min), as sums of coefficients.
 
-The change of a compliance C(F) depends on its slopes (coefficients of powers of the force). The
-change of a direct compliance also depends on the coefficients of the term `JointLoad` (nonlinear
-deflection of joints under load). Each change is therefore a weighted sum of coefficients of the
-linear model. The uncertainty of this sum can be computed without readings.
+A compliance C(F) depends on its slopes (coefficients of powers of the force F). A direct compliance
+also depends on the coefficients of the term `JointLoad` (nonlinear deflection of joints under
+load). Each compliance, and its change over the tested forces, is therefore a weighted sum of
+coefficients of the linear model. The uncertainty of this sum can be computed without readings.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ldbb_bayes.model.terms import JointLoad
 from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
-__all__ = ["CurveChange", "curve_changes"]
+__all__ = ["CurveChange", "compliance_weights", "curve_changes", "slopes_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,39 +58,75 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
     changes: dict[str, CurveChange] = {}
     if not largest_N > smallest_N > 0.0:
         return changes
-    rows = bound.compliance_at(largest_N) - bound.compliance_at(smallest_N)
-    interest = information.interest
-    for index, compliance in enumerate(bound.compliances):
-        weights = np.zeros(len(information.names))
-        weights[interest] = rows[index]
-        if compliance.kind == "direct":
-            weights += _joint_load_weights(bound, information, compliance.twist)
+    at_largest = compliance_weights(bound, information, largest_N)
+    at_smallest = compliance_weights(bound, information, smallest_N)
+    for compliance in bound.compliances:
+        weights = at_largest[compliance.label] - at_smallest[compliance.label]
         if not weights.any():
             continue
-        slopes = [
-            parameter.name
-            for parameter in bound.parameters
-            if parameter.degree > 0 and parameter.compliance == compliance.label
-        ]
         changes[compliance.label] = CurveChange(
             compliance=compliance.label,
             unit=compliance_unit(compliance),
             smallest_force_N=smallest_N,
             largest_force_N=largest_N,
-            slopes=tuple(slopes),
-            weights=weights * information.scale,
+            slopes=slopes_of(bound, compliance.label),
+            weights=weights,
         )
     return changes
 
 
-def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
-    """Return the effect of each joint-load coefficient on a compliance's change with force.
+def slopes_of(bound: BoundModel, compliance: str) -> tuple[str, ...]:
+    """Return the names of a compliance's slopes, such as C_XXX_1 for the compliance C_XXX."""
+    slopes = []
+    for parameter in bound.parameters:
+        if parameter.degree > 0 and parameter.compliance == compliance:
+            slopes.append(parameter.name)
+    return tuple(slopes)
 
-    The compliance is the direct compliance of ``axis``. Its change is its value at the largest
-    tested force minus its value at the smallest. The result, shape (m,), is this change per unit of
-    each of the m coefficients that ``information`` lists. It is zero for all coefficients that do
-    not belong to the term `JointLoad` (nonlinear deflection of joints under load). All elements are
-    zero if the model does not have this term, or if no circle moves the axis.
+
+def compliance_weights(
+    bound: BoundModel, information: Information, force_N: float
+) -> dict[str, Array]:
+    """Return the effects of all coefficients on every compliance C(F) at one force F.
+
+    An effect is the change of C(F) when one of the m coefficients alone changes by its prior sd. It
+    is in the internal unit of the compliance. C(F) includes the term `JointLoad`.
+
+    Parameters
+    ----------
+    bound
+        Model applied to a campaign or plan.
+    information
+        Linear model of the readings (`Information`), at one value of the hyper-parameters.
+    force_N
+        Force F [N].
+
+    Returns
+    -------
+    dict of array
+        The effects, shape (m,). The keys are the names of the compliances.
+    """
+    rows = bound.compliance_at(force_N)
+    weights_of = {}
+    for index, compliance in enumerate(bound.compliances):
+        weights = np.zeros(len(information.names))
+        weights[information.interest] = rows[index]
+        if compliance.kind == "direct":
+            weights += _joint_load_weights(bound, information, compliance.twist, force_N)
+        weights_of[compliance.label] = weights * information.scale
+    return weights_of
+
+
+def _joint_load_weights(
+    bound: BoundModel, information: Information, axis: str, force_N: float
+) -> Array:
+    """Return the effect of each joint-load coefficient on a compliance at one force.
+
+    The compliance is the direct compliance of ``axis`` at the force ``force_N``. The result, shape
+    (m,), is the change of the compliance per unit of each of the m coefficients that
+    ``information`` lists. It is zero for all coefficients that do not belong to the term
+    `JointLoad` (nonlinear deflection of joints under load). All elements are zero if the model does
+    not have this term, or if no circle moves the axis.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)
@@ -99,11 +135,5 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
     places = [information.names.index(name) for name in columns.names]
     for term in bound.model.nuisances:
         if isinstance(term, JointLoad):
-            force_N = bound.setting.force_N
-            ends_N = np.array([force_N.min(), force_N.max()])
-            # The term `JointLoad` has three coefficients for the axis. ``secants``, shape (2, 3),
-            # holds the change of the compliance per unit of each of these coefficients: first at
-            # the smallest force tested, then at the largest.
-            secants = term.secants(bound.setting, ends_N)
-            weights[places] = secants[1] - secants[0]
+            weights[places] = term.secants(bound.setting, np.array([force_N]))[0]
     return weights

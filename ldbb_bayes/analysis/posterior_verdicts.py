@@ -8,12 +8,18 @@ models, shares and variances are averaged over the models, weighted by the model
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.analysis.confounding_rule import confounding_sources
-from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
+from ldbb_bayes.analysis.curve_changes import (
+    CurveChange,
+    compliance_weights,
+    curve_changes,
+    slopes_of,
+)
 from ldbb_bayes.analysis.variance_sources import (
     AveragedVariance,
     ModelVariance,
@@ -44,6 +50,7 @@ __all__ = [
     "JudgedQuantities",
     "confounded_in",
     "confounded_parameters",
+    "judge_at_force",
     "judge_posterior",
     "judge_quantities",
 ]
@@ -134,6 +141,59 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
         judge_average(variance, bound, _sampled_sd(posterior, bound, variance)),
         judge_changes(variance, all_changes, np.sqrt(prior_variance)),
     )
+
+
+@kept
+@one_blas_thread
+def judge_at_force(posterior: xr.DataTree, force_N: float) -> dict[str, ParameterIdentifiability]:
+    """Return the verdict on every parameter, with the compliances C(F) at one force F.
+
+    The verdicts are those of `judge_posterior`, except that each compliance is judged at the force
+    ``force_N`` [N] instead of the reference force. It then depends on its slopes and, if it is a
+    direct compliance, on the term `JointLoad`. Their share grows with the distance from the
+    reference force.
+    """
+    bound = bound_of(posterior)
+    if force_N == bound.setting.reference_force_N:
+        return judge_quantities(posterior).parameters
+    models = averaged_models(posterior)
+    number = len(bound.names)
+    at_force = [_variance_at_force(model, force_N) for model in models]
+    at_reference = [_variance_of_model(model, {}) for model in models]
+    variance = AveragedVariance(tuple(at_force), number)
+    reported = _sampled_sd(posterior, bound, AveragedVariance(tuple(at_reference), number))
+    # What slopes and joint loads add to the prior variance of a compliance at this force.
+    added = np.zeros(number)
+    for model_at_force, model_at_reference in zip(at_force, at_reference, strict=True):
+        difference = model_at_force.weights**2 - model_at_reference.weights**2
+        added += difference.sum(axis=1) / len(models)
+    prior_sd = np.sqrt(reported.prior**2 + np.maximum(added, 0.0))
+    slopes = {entry.label: slopes_of(bound, entry.label) for entry in bound.compliances}
+    return judge_average(variance, bound, SampledSd(prior_sd, np.sqrt(variance.variance)), slopes)
+
+
+def _variance_at_force(model: AveragedModel, force_N: float) -> ModelVariance:
+    """Return the variances of all parameters in one model, with compliances at one force [N].
+
+    ``model`` is one of several models whose results are averaged.
+    """
+    variance = _variance_of_model(model, {})
+    bound = model.bound
+    beta = model.beta[:, model.places]
+    forces_N = np.array([force_N])
+    curves = compliance_curves(bound, model.phi, beta, forces_N, np.random.default_rng(0))[:, 0]
+    weights_of = compliance_weights(bound, variance.information, force_N)
+    weights = variance.weights.copy()
+    mean = variance.mean.copy()
+    sd = variance.sd.copy()
+    for index, compliance in enumerate(bound.compliances):
+        if compliance.label not in bound.names:
+            continue
+        place = model.places[bound.names.index(compliance.label)]
+        weights[place] = weights_of[compliance.label]
+        mean[place] = curves[:, index].mean()
+        sd[place] = curves[:, index].std()
+    return replace(variance, weights=weights, mean=mean, sd=sd)
 
 
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:

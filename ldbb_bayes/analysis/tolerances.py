@@ -21,6 +21,7 @@ __all__ = [
     "Quantity",
     "Tolerance",
     "check_force",
+    "force_to_state",
     "name_in_plane",
     "quantities",
     "quantities_of",
@@ -225,14 +226,35 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
         return
     least = float(campaign.forces_N.min())
     largest = float(campaign.forces_N.max())
-    lower = _LEAST_FORCE_SHARE * least
-    upper = _LARGEST_FORCE_SHARE * largest
+    lower, upper = _forces_allowed(campaign)
     require(
         force_N > 0.0 and lower <= force_N <= upper,
         f"force_N (--force-N) must be a force from {lower:g} to {upper:g} N, for {campaign.name!r}"
         f" was tested from {least:g} to {largest:g} N, got {force_N}. Choose one within what was"
         " tested, or test at that force.",
     )
+
+
+def force_to_state(bound: BoundModel) -> float:
+    """Return the force [N] at which results are stated if the user names none.
+
+    It is the model's reference force. If that is too far from the tested forces (`check_force`), it
+    is their middle instead. The reference force of a plan is that of the campaign from which the
+    plan was designed; the forces of the plan may all be smaller.
+    """
+    reference_N = bound.setting.reference_force_N
+    lower, upper = _forces_allowed(bound.campaign)
+    if lower <= reference_N <= upper:
+        return reference_N
+    forces_N = bound.campaign.forces_N
+    return 0.5 * float(forces_N.min() + forces_N.max())
+
+
+def _forces_allowed(campaign: Campaign) -> tuple[float, float]:
+    """Return the smallest and the largest force [N] at which results of a campaign are stated."""
+    lower = _LEAST_FORCE_SHARE * float(campaign.forces_N.min())
+    upper = _LARGEST_FORCE_SHARE * float(campaign.forces_N.max())
+    return lower, upper
 
 
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
@@ -292,21 +293,26 @@ def judge_parameters(
 
 
 def judge_average(
-    variance: AveragedVariance, bound: BoundModel, sampled_sd: SampledSd
+    variance: AveragedVariance,
+    bound: BoundModel,
+    sampled_sd: SampledSd,
+    slopes: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> dict[str, ParameterIdentifiability]:
     """Return how well the readings determine each parameter; the keys are names of parameters.
 
     The results are averaged over the models in ``variance``, which holds the variances of the
     parameters under each of one or more models. ``bound`` is a model that has all the parameters.
     ``sampled_sd`` holds the prior and posterior standard deviations that are reported for the
-    parameters.
+    parameters. ``slopes`` are the names of the slopes (changes with force) on which a compliance
+    depends, because it is judged at another force than the reference force. The keys are names of
+    compliances.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):
         name = parameter.name
         variance_ratio = float(sampled_sd.posterior[i] / sampled_sd.prior[i]) ** 2
         contraction = 1.0 - variance_ratio
-        sources = variance.sources(i, (name,))
+        sources = variance.sources(i, (name, *slopes.get(name, ())))
         judgement = judge(sources.sources, contraction, sources.likeness)
         partner_shares = shares_by_name(judgement.partners)
         sd_if_known = None

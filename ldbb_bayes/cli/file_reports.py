@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.model_comparison import begin_comparison
-from ldbb_bayes.analysis.tolerances import check_force
+from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
+from ldbb_bayes.analysis.tolerances import check_force, force_to_state
 from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
 from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
 from ldbb_bayes.cli.goal_designs import running_order
@@ -22,7 +23,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import staged_folder
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.fit import ConcernKind
-from ldbb_bayes.inference.posterior import campaign_of, fit_of, model_of, record_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_of, record_of
 from ldbb_bayes.parallel import second_process, start_early
 from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.report import fit_tables, wording
@@ -157,7 +158,7 @@ def report_files(
                 executor=executor,
             )
             _write_beside_page(staging, fit, fit_result, imported, analyses)
-    parts = _printed_parts(source_campaign, stated_posterior, stated_result, analyses)
+    parts = _printed_parts(source_campaign, stated_posterior, stated_result, analyses, settings)
     if not settings["sheets_only"]:
         parts += _printed_annex(analyses)
     return WrittenReport(document, parts, record_of(fit)["sampler"]["converged"])
@@ -389,15 +390,21 @@ def _write_beside_page(
 
 
 def _printed_parts(
-    source: SourceCampaign, stated: xr.DataTree, result: dict[str, Any], analyses: _Analyses
+    source: SourceCampaign,
+    stated: xr.DataTree,
+    result: dict[str, Any],
+    analyses: _Analyses,
+    settings: Mapping[str, Any],
 ) -> tuple[Any, ...]:
     """Return the assumptions, remarks and results of a report, to be printed at the terminal.
 
     ``source`` is the campaign with the record of its import. ``stated`` is the posterior whose
     results are stated: the average over constant and linear compliance or, if there is no average,
     the fit of linear compliance. ``result`` is the summary of ``stated``. ``analyses`` are the
-    further results of the report.
+    further results of the report. ``settings`` are the options of the report.
     """
+    force_N = settings.get("force_N") or force_to_state(bound_of(stated))
+    result = fit_tables.result_at_force(stated, result, settings["prob"], force_N)
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names
     parameters = {
@@ -410,8 +417,9 @@ def _printed_parts(
         *assumed_parts(campaign, source.imported),
         *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
+        wording.at_force_words(force_N),
         fit_tables.results_table(
-            result | {"parameters": parameters}, lb.analysis.judge_posterior(stated)
+            result | {"parameters": parameters}, judge_at_force(stated, force_N)
         ),
     ]
     concerns = fit_of(stated).concerns

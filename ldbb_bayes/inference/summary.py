@@ -26,6 +26,7 @@ from ldbb_bayes.tables import with_rows_instead
 
 __all__ = [
     "interval_numbers",
+    "json_entry",
     "priors_of",
     "result_json",
     "summarize",
@@ -159,21 +160,21 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
         name = str(key)
         unit = variable.attrs.get("unit", "")
         if name in record["model"]["groups"]:
-            entry = _json_entry(variable.values, unit, prior_sd[name], prob)
+            entry = json_entry(variable.values, unit, prior_sd[name], prob)
             result["parameters"][name] = entry | {"prior_mean": prior_mean.get(name)}
         elif unit == "mm":
             sd_mm = prior_sd[name]
             sd_um = None if sd_mm is None else sd_mm * 1e3
-            result["hyper"][f"{name}_um"] = _json_entry(variable.values * 1e3, "um", sd_um, prob)
+            result["hyper"][f"{name}_um"] = json_entry(variable.values * 1e3, "um", sd_um, prob)
         else:
-            result["hyper"][name] = _json_entry(variable.values, unit, prior_sd[name], prob)
+            result["hyper"][name] = json_entry(variable.values, unit, prior_sd[name], prob)
     for section in ("averaged", "sampler", "fit", "provenance"):
         if section in record:
             result[section] = record[section]
     return result
 
 
-def _json_entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
+def json_entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
     """Return the entry of one parameter or hyper-parameter in the JSON result of a fit.
 
     ``draws`` are the posterior draws of the parameter in ``unit``, and ``prior_sd`` is its prior

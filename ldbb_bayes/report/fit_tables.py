@@ -16,9 +16,10 @@ from ldbb_bayes.analysis.posterior_verdicts import confounded_in
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, not_modelled
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
 from ldbb_bayes.inference.fit import Fit
+from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
-from ldbb_bayes.inference.summary import result_json, summarize_nuisances
+from ldbb_bayes.inference.summary import json_entry, result_json, summarize_nuisances
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
@@ -47,6 +48,7 @@ __all__ = [
     "nuisance_table",
     "parameter_table",
     "parts_of_fit",
+    "result_at_force",
     "results_table",
     "words_of_fit",
 ]
@@ -96,6 +98,39 @@ def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
         decisions = assess_conformity(posterior)
         result["conformity"] = {name: decision.as_dict() for name, decision in decisions.items()}
     return result
+
+
+def result_at_force(
+    posterior: xr.DataTree, result: Mapping[str, Any], prob: float, force_N: float
+) -> dict[str, Any]:
+    """Return the results of a fit with the compliances C(F) at one force F.
+
+    Parameters
+    ----------
+    posterior
+        Posterior of the fit.
+    result
+        Results of the fit, see `full_result`. Their compliances are those at the model's reference
+        force.
+    prob
+        Probability of the credible intervals.
+    force_N
+        Force F of the bar [N].
+
+    Returns
+    -------
+    dict
+        The same results; only the entries of the compliances in ``parameters`` differ.
+    """
+    draws_by_name = draws_at(posterior, force_N)
+    parameters = dict(result["parameters"])
+    for compliance in bound_of(posterior).compliances:
+        name = compliance.label
+        if name in parameters:
+            entry = parameters[name]
+            at_force = json_entry(draws_by_name[name], entry["unit"], entry["prior_sd"], prob)
+            parameters[name] = entry | at_force
+    return {**result, "parameters": parameters}
 
 
 class FitWords(Shown, dict[str, Any]):

@@ -19,6 +19,7 @@ from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
+from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
 from ldbb_bayes.analysis.tilt_levers import largest_lever_mm
 from ldbb_bayes.analysis.usability import Judgement, Use, state_of, undetermined_parameters
 from ldbb_bayes.inference.fit import limits_of_compliances_near_zero
@@ -92,6 +93,11 @@ class SheetNumbers:
         }
 
     @cached_property
+    def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
+        """Verdicts on the parameters, with the compliances at the force ``force_N``."""
+        return judge_at_force(self.findings.posterior_of_certificate, self.force_N)
+
+    @cached_property
     def judgement(self) -> Judgement:
         """Whether the values on the certificate can be used, and the reasons against their use."""
         comparison = None
@@ -99,7 +105,7 @@ class SheetNumbers:
             comparison = self.findings.comparison
         return state_of(
             fit_of(self.findings.posterior),
-            self.findings.verdicts,
+            self.verdicts,
             self.parameters,
             comparison=comparison,
         )
@@ -209,7 +215,7 @@ class SheetNumbers:
         """
         bound = bound_of(self.findings.posterior_of_certificate)
         names = _names_by_label(bound)
-        undetermined = undetermined_parameters(self.findings.verdicts)
+        undetermined = undetermined_parameters(self.verdicts)
         beta = np.stack([self._draws[name] for name in bound.names], axis=-1)
         limits = limits_of_compliances_near_zero(bound, beta)
         stated = {}
@@ -225,7 +231,7 @@ class SheetNumbers:
                 sd=summary["sd"],
                 interval=(summary["ci_low"], summary["ci_high"]),
                 unit=parameter.unit,
-                entry=self.findings.verdicts.get(parameter.name),
+                entry=self.verdicts.get(parameter.name),
                 limit_near_zero=limits.get(parameter.name),
                 is_undetermined=parameter.name in undetermined,
             )
@@ -318,7 +324,7 @@ class SheetNumbers:
             sd=sd,
             interval=(1.0 / high, 1.0 / low),
             unit="N/mm",
-            entry=self.findings.verdicts.get(compliance.label),
+            entry=self.verdicts.get(compliance.label),
             limit=limit,
             note=self._place_of_compliance(compliance.joint),
         )

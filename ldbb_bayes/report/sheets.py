@@ -7,7 +7,8 @@ from typing import Any
 
 from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.machine_description import describe_machine
-from ldbb_bayes.inference.posterior import campaign_of
+from ldbb_bayes.analysis.tolerances import force_to_state
+from ldbb_bayes.inference.posterior import bound_of, campaign_of
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.figure_translation import translate_figure
@@ -62,7 +63,7 @@ def sheets(
     """
     words = words_of(language)
     if force_N is None:
-        force_N = findings.result["model"]["reference_force_N"]
+        force_N = force_to_state(bound_of(findings.posterior_of_certificate))
     numbers = SheetNumbers(findings, words, float(force_N))
     name = str(findings.result["campaign"]["name"])
     first = ReportSheet(

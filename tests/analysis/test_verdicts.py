@@ -12,6 +12,7 @@ from campaigns import clocked, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
 from ldbb_bayes.analysis.variance_sources import VarianceSource, sources_of
 from ldbb_bayes.analysis.verdicts import Verdict, judge, judge_parameters, variance_share_removed
 from ldbb_bayes.model.bound_information import information_of
@@ -296,6 +297,26 @@ def test_four_lobes_are_separated_from_rotation_by_force_only(recovered: lb.Camp
     separated = lb.identify(model, all_forces).parameters["C_CCY"]
     assert separated.confounding["BallForm"] < 0.9
     assert separated.verdict == "identified"
+
+
+@pytest.mark.slow
+def test_a_compliance_is_judged_at_the_force_at_which_it_is_stated(recovered: lb.Campaign) -> None:
+    """As in a model with this reference force, whose parameters are the compliances there."""
+    model = lb.HybridModel.default(1)
+    posterior = lb.sample(model, recovered, sampler="independent", seed=1)
+    there = lb.sample(
+        replace(model, reference_force_N=600.0), recovered, sampler="independent", seed=1
+    )
+    at_force = judge_at_force(posterior, 600.0)
+    at_reference = lb.analysis.judge_posterior(posterior)
+    wanted = lb.analysis.judge_posterior(there)
+    for name in ("C_XXX", "C_YYY", "C_XYX", "C_CXY"):
+        assert at_force[name].verdict == wanted[name].verdict
+        for term, share in wanted[name].shares.items():
+            assert at_force[name].shares[term] == pytest.approx(share, abs=0.02)
+    moved = at_reference["C_XXX"].shares["JointLoad"] - at_force["C_XXX"].shares["JointLoad"]
+    assert moved > 0.05
+    assert judge_at_force(posterior, 389.0) == at_reference
 
 
 def test_verdicts_of_a_posterior(recovered: lb.Campaign) -> None:

@@ -14,7 +14,13 @@ from ldbb_bayes.report.wording.sentence_file import SentenceFile
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
 
-__all__ = ["averaged_over", "comparison_screen", "comparison_sentences", "strength_words"]
+__all__ = [
+    "at_force_words",
+    "averaged_over",
+    "comparison_screen",
+    "comparison_sentences",
+    "strength_words",
+]
 
 _STRENGTHS = (
     # Words for the strength of evidence expressed by a Bayes factor B. Each entry has an upper
@@ -53,6 +59,11 @@ def strength_words(log_bayes_factor: float) -> str:
         if abs(log_bayes_factor) < limit:
             return words
     return "very strong evidence"
+
+
+def at_force_words(force_N: float) -> str:
+    """Return a sentence that names the force at which a table states compliances."""
+    return f"Compliances and stiffness at a force of {force_N:.4g} N."
 
 
 def averaged_over(probabilities: Mapping[str, float]) -> str:
