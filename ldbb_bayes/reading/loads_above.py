@@ -1,7 +1,8 @@
 """Reading of loads from a line above the header of a table.
 
 An example is the line ``Force [N],100,300,600``, which states the loads of three columns. Names,
-planes and directions for the columns may stand in further lines next to the line of loads.
+planes and directions for the columns may stand in further lines next to the line of loads. If the
+header itself states the loads, planes and directions may stand in lines above it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ldbb_bayes.reading.merged_cells import with_merged_cells_filled
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
-from ldbb_bayes.reading.planes import plane_named
+from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
 from ldbb_bayes.reading.travel_direction import direction_named
@@ -36,13 +37,14 @@ _FEWEST_COLUMNS = 3
 def with_loads_in_header(sheet: Sheet) -> Sheet:
     """Return a sheet in which loads from a line above the header are added to the header.
 
-    Loads are forces and pressures. For example, the header ``Deviation [um]`` below the cell 100 N
+    The name is short for loads and what stands beside them: planes and directions are added even
+    if the loads stand in the header. Loads are forces and pressures. For example, the header ``Deviation [um]`` below the cell 100 N
     is changed to ``100 N Deviation [um]``. The line of loads must state a load for each column
     except the first. If the first cell of this line names force or pressure with a unit, the other
     cells may be numbers without units. Lines next to the line of loads may state a name, a plane or
     a direction for each column; these words are added to the header, too. In all of these lines, a
     text in merged cells applies to all columns below. The headers of columns of angles are not
-    changed. A sheet without a line of loads is returned unchanged.
+    changed. A sheet without such a line is returned unchanged.
     """
     rows = _with_angles_named_below(sheet.rows)
     header = first_header(rows)
@@ -57,6 +59,8 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
         if filled is not row:
             merged_lines.add(row.line)
     lines = _lines_of_columns(rows_above, len(names.cells), merged_lines)
+    if not lines and _are_loads(names.cells):
+        lines = _lines_of_conditions(rows_above, len(names.cells))
     if not lines:
         return sheet
     first = header - len(lines)
@@ -167,6 +171,36 @@ def _lines_of_columns(
     if not line_of_loads:
         return []
     return [line_of_loads, *lines]
+
+
+def _are_loads(names: Sequence[str]) -> bool:
+    """Return whether every header of a table except that of the angles states a load."""
+    is_named = _columns_named(names)
+    of_readings = [name for name, is_reading in zip(names, is_named, strict=True) if is_reading]
+    return all(load_in_name([name]) is not None for name in of_readings)
+
+
+def _lines_of_conditions(rows: Sequence[Row], width: int) -> list[list[str]]:
+    """Return the texts of the lines with planes or directions above a header that states loads.
+
+    The result holds a list for each line, with one text for each column except the first. The lines
+    stand directly above the header. A plane may have swapped letters, as in XZ; later code raises
+    an error for it. ``rows`` are the rows above the header, and ``width`` is the number of cells of
+    the header.
+    """
+    lines: list[list[str]] = []
+    for row in reversed(rows):
+        if len(row.cells) != width:
+            break
+        words = list(row.cells[1:])
+        directions = [direction_named(word) for word in words]
+        if set(directions) <= {"CW", "CCW"}:
+            lines.insert(0, directions)
+        elif all(plane_named(word) in (*PLANES, *PLANE_OF_SWAPPED) for word in words):
+            lines.insert(0, words)
+        else:
+            break
+    return lines
 
 
 def _words_of_columns(cells: Sequence[str], is_merged: bool) -> list[str]:

@@ -195,16 +195,19 @@ def _names_circle(cells: Sequence[str]) -> bool:
 def _describes_columns(cells: Sequence[str]) -> bool:
     """Return whether a row states a direction, or a load, for each column except the first.
 
-    The first cell of such a row is a label. A load is a force or a pressure. Examples are
-    ``Direction;CW;CCW`` and ``Force;100 N;300 N``.
+    The first cell of such a row is a label. Further cells may be empty, because they are merged
+    with the cell to the left of them. A load is a force or a pressure. Examples are
+    ``Direction;CW;;CCW;`` and ``Force;100 N;300 N``.
     """
-    if len(cells) < 3:  # the row may be a label and its value, as in Force;300 N
+    stated = [cell for cell in cells[1:] if cell]
+    # A row of two cells may be a label and its value, as in Force;300 N.
+    if len(cells) < 3 or not stated:
         return False
-    if {direction_named(cell) for cell in cells[1:]} <= {"CW", "CCW"}:
+    if {direction_named(cell) for cell in stated} <= {"CW", "CCW"}:
         return True
     label = unit_of(cells[0]).name
     is_load = has_role(label, "force") or has_role(label, "pressure")
-    return is_load and all(load_in_name([cell]) is not None for cell in cells[1:])
+    return is_load and all(load_in_name([cell]) is not None for cell in stated)
 
 
 def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int:

@@ -21,6 +21,16 @@ def table(folder: Path, *header: str) -> Path:
     return path
 
 
+def four_columns(folder: Path, *above: str) -> Path:
+    """Write a table with one column of angles and four of readings, whose header states loads."""
+    lines = [*above, "Angle [deg];36 N [um];490 N [um];36 N [um];490 N [um]"]
+    for k in range(72):
+        lines.append(f"{5 * k};{0.1 * k:.2f};{0.2 * k:.2f};{0.3 * k:.2f};{0.4 * k:.2f}")
+    path = folder / "loads.csv"
+    path.write_text("\n".join([*lines, ""]))
+    return path
+
+
 @pytest.mark.parametrize(
     "header",
     [
@@ -49,3 +59,26 @@ def test_a_load_in_brackets_above_the_header_is_not_cut_off(tmp_path: Path) -> N
     path = table(tmp_path, ";Run 1 (36 N);Run 2 (490 N)", "Angle [deg];Dev. [um];Dev. [um]")
     tests = lb.import_campaign(path).campaign.tests
     assert [test.force_N for test in tests] == [36.0, 490.0]
+
+
+@pytest.mark.parametrize(
+    "above", [";CW;;CCW;", ";CW;CW;CCW;CCW", "Direction;CW;;CCW;", ";im UZS;;gegen den UZS;"]
+)
+def test_directions_above_loads_are_those_of_their_columns(above: str, tmp_path: Path) -> None:
+    path = four_columns(tmp_path, above)
+    tests = lb.import_campaign(path).campaign.tests
+    assert [test.direction for test in tests] == ["CW", "CW", "CCW", "CCW"]
+
+
+@pytest.mark.parametrize("above", [";XY;;YZ;", ";XY;XY;YZ;YZ", "Ebene;XY-Ebene;;YZ-Ebene;"])
+def test_planes_above_loads_are_those_of_their_columns(above: str, tmp_path: Path) -> None:
+    path = four_columns(tmp_path, above)
+    tests = lb.import_campaign(path).campaign.tests
+    assert [test.plane for test in tests] == ["XY", "XY", "YZ", "YZ"]
+
+
+def test_planes_and_directions_stand_above_loads(tmp_path: Path) -> None:
+    path = four_columns(tmp_path, ";XY;;YZ;", ";CW;CCW;CW;CCW")
+    tests = lb.import_campaign(path).campaign.tests
+    stated = [(test.plane, test.direction) for test in tests]
+    assert stated == [("XY", "CW"), ("XY", "CCW"), ("YZ", "CW"), ("YZ", "CCW")]
