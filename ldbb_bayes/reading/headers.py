@@ -24,6 +24,7 @@ from ldbb_bayes.reading.column_roles import (
     names_columns,
     unit_of,
 )
+from ldbb_bayes.reading.derived_columns import check_none_is_derived
 from ldbb_bayes.reading.formats import advice_on_format, format_of
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME
@@ -171,6 +172,8 @@ def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
     if header.line:
         place = f"{sheet.place}, line {header.line}"
     column_roles = find_columns(place, layout, header.headers, header.units)
+    if "reading" not in layout.columns:
+        check_none_is_derived(place, [header.headers[column] for column in column_roles.readings])
     units = list(header.units)
     for column in column_roles.readings:
         name = header.headers[column]

@@ -37,14 +37,14 @@ _FEWEST_COLUMNS = 3
 def with_loads_in_header(sheet: Sheet) -> Sheet:
     """Return a sheet in which loads from a line above the header are added to the header.
 
-    The name is short for loads and what stands beside them: planes and directions are added even
-    if the loads stand in the header. Loads are forces and pressures. For example, the header ``Deviation [um]`` below the cell 100 N
+    Loads are forces and pressures. For example, the header ``Deviation [um]`` below the cell 100 N
     is changed to ``100 N Deviation [um]``. The line of loads must state a load for each column
     except the first. If the first cell of this line names force or pressure with a unit, the other
     cells may be numbers without units. Lines next to the line of loads may state a name, a plane or
-    a direction for each column; these words are added to the header, too. In all of these lines, a
-    text in merged cells applies to all columns below. The headers of columns of angles are not
-    changed. A sheet without such a line is returned unchanged.
+    a direction for each column; these words are added to the header, too. If the header itself
+    states the loads, planes and directions from lines above it are added to it. In all of these
+    lines, a text in merged cells applies to all columns below. The headers of columns of angles are
+    not changed. A sheet without such a line is returned unchanged.
     """
     rows = _with_angles_named_below(sheet.rows)
     header = first_header(rows)

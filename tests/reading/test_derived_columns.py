@@ -1,0 +1,69 @@
+"""Columns of means, deviations and models beside the circles that they are computed from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.layout import Layout
+
+
+def table(folder: Path, *headers: str) -> Path:
+    """Write a table with one column of angles, and one of readings for each of the headers."""
+    lines = [";".join(["Angle [deg]", *headers])]
+    for k in range(72):
+        lines.append(";".join([f"{5 * k}", *[f"{0.1 * k + n:.2f}" for n in range(len(headers))]]))
+    path = folder / "columns.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "derived", ["mean 36 N [um]", "36 N sd [um]", "Δ 36 N [um]", "U 36 N [um]"]
+)
+def test_a_column_computed_from_another_is_refused(derived: str, tmp_path: Path) -> None:
+    path = table(tmp_path, "36 N [um]", "490 N [um]", derived)
+    message = r"must be a circle of its own, got '.*36 N.*' beside '36 N \[um\]'"
+    with pytest.raises(lb.InputError, match=message):
+        lb.import_campaign(path)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [("mean", "sd"), ("raw", "comp."), ("measured", "simulated")]
+)
+def test_two_kinds_of_numbers_for_one_load_are_refused(
+    first: str, second: str, tmp_path: Path
+) -> None:
+    path = table(tmp_path, f"36 N {first} [um]", f"36 N {second} [um]")
+    with pytest.raises(lb.InputError, match="must be a circle of its own"):
+        lb.import_campaign(path)
+
+
+def test_the_refusal_names_the_columns_of_circles_alone(tmp_path: Path) -> None:
+    path = table(tmp_path, "36 N run 1 [um]", "36 N run 2 [um]", "36 N mean [um]")
+    step = (
+        r"for example --reading-column '36 N run 1 \[um\]' --reading-column '36 N run 2 \[um\]'\."
+    )
+    with pytest.raises(lb.InputError, match=step):
+        lb.import_campaign(path)
+
+
+def test_the_columns_that_are_named_are_read(tmp_path: Path) -> None:
+    path = table(tmp_path, "36 N [um]", "sd 36 N [um]", "490 N [um]", "sd 490 N [um]")
+    layout = Layout(columns={"reading": ["36 N [um]", "490 N [um]"]})
+    assert len(lb.import_campaign(path, layout=layout).campaign.tests) == 2
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        ("mean 36 N [um]", "mean 490 N [um]"),
+        ("mean 36 N CW [um]", "mean 36 N CCW [um]"),
+        ("36 N [um]", "mean 490 N [um]"),
+        ("Δr 36 N CW [um]", "Δr 36 N CCW [um]"),
+    ],
+)
+def test_columns_of_one_kind_are_a_circle_each(headers: tuple[str, str], tmp_path: Path) -> None:
+    assert len(lb.import_campaign(table(tmp_path, *headers)).campaign.tests) == 2
