@@ -201,6 +201,9 @@ _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
 _LOADS = ("force_N", "pressure_bar")
 # Fields of a test whose value in a line is one number, and never a list of numbers.
 _FIELDS_OF_ONE_NUMBER = ("force_N", "pressure_bar", "radius_mm")
+# Largest number that is taken for the angle at which a circle starts if it has no unit [deg]. A
+# larger number, as in ``Start: 1772706000``, may be the time of the start.
+_LARGEST_START_DEG = 360.0
 # Regular expression for a further number in a list of numbers, with its unit if it has one, such as
 # 390 N in "36 N, 390 N".
 _FURTHER_NUMBER = rf"[\s;,|]+{NUMBER_IN_TEXT}(?:\s?[^\W\d_]+)?"
@@ -338,7 +341,8 @@ def _stated_number(
 
     The number is NaN if it can be read in two ways, such as 1,000, or if the line lists several
     numbers where only one is allowed. Return None if the number belongs to another quantity, is
-    part of a title, has a unit that is not permitted, or is too large for computations.
+    part of a title, has a unit that is not permitted, or is too large for computations. The same
+    holds for a start angle without a unit that is larger than a turn.
 
     Parameters
     ----------
@@ -361,6 +365,8 @@ def _stated_number(
         unit = _unit_among(named, quantity.units)
     value = number_in_text(match["number"])
     if not unit or value is None:
+        return None
+    if quantity.field == "start_deg" and not named and abs(value) > _LARGEST_START_DEG:
         return None
     if may_be_thousands(quantity.field, match["number"]):
         return LineStatement(math.nan, named, line)

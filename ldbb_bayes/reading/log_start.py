@@ -29,6 +29,12 @@ _COORDINATES = re.compile(
     rf"(?:{WORDS['angle_convention']['start']}).*?(?<![A-Za-z])[XYZ]\s*[:=]?\s*[+\-−]?\d",
     re.IGNORECASE,
 )
+# Regular expression for a line that says at which hour of a clock face, or towards which side, a
+# circle starts.
+_NO_AXIS = re.compile(
+    rf"(?:{WORDS['angle_convention']['start']}).*?(?:{WORDS['angle_convention']['start_no_axis']})",
+    re.IGNORECASE,
+)
 # Regular expression for a line with a number and a word for a run-in before the circle or a run-out
 # after it.
 _RUN_IN = re.compile(rf"(?:{WORDS['angle_convention']['run_in']})\D*\d", re.IGNORECASE)
@@ -100,8 +106,9 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     ------
     InputError
         If lines name different axes, if an axis lies outside the plane, or if a line states the
-        coordinates of the starting point. The error is also raised if a line says that angles run
-        clockwise or do not begin at +X, because a table with times holds no angles.
+        starting point by its coordinates or by a word such as "north". The error is also raised if
+        a line says that angles run clockwise or do not begin at +X, because a table with times
+        holds no angles.
     """
     axes: dict[str, CitedLine] = {}
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
@@ -110,7 +117,7 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
         if match is not None:
             sign = "-" if {match["sign"], match["behind"]} & {"-", "−"} else "+"
             axes.setdefault(f"{sign}{match['axis'].upper()}", cited_line(line))
-        elif says_where_angles_begin(text) or _COORDINATES.search(text):
+        elif _is_unclear(text):
             raise InputError(
                 f"{recording.place}: a log over time must say where its circle starts, got"
                 f" {text.strip()[:_TEXT_SHOWN]!r} in line {line}. Give --start-deg and"
@@ -126,6 +133,12 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
         recording.note("start_deg", f"{angle:g}°, {axis}", source, "--start-deg")
         return angle
     return None
+
+
+def _is_unclear(text: str) -> bool:
+    """Return whether a line says where a circle starts, but names no axis at which it starts."""
+    is_place = _COORDINATES.search(text) is not None or _NO_AXIS.search(text) is not None
+    return is_place or says_where_angles_begin(text)
 
 
 def start_of_programme(recording: Recording, plane: str, direction: str | None) -> float | None:

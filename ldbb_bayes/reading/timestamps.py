@@ -43,6 +43,18 @@ _TIME_WITH_MARKS = re.compile(
 _HALF_DAY_IN_FRONT = re.compile(
     rf"(?:(?P<morning>{_MARKS['morning']})|{_MARKS['afternoon']})\s?(?P<time>\d\d?:\d\d(?::\d\d)?)"
 )
+# Regular expression for Greek and Turkish words for the morning or afternoon behind a time.
+_HALF_DAY_BEHIND = re.compile(
+    r"(?P<time>\d\d?:\d\d(?::\d\d)?)\s?"
+    rf"(?:(?P<morning>{_MARKS['morning_behind']})|(?:{_MARKS['afternoon_behind']}))(?!\w)",
+    re.IGNORECASE,
+)
+# Regular expression for a date and a time of day that are written as one number of fourteen digits,
+# such as 20261120140312 or 20261120T140312.
+_STAMP_OF_DIGITS = re.compile(
+    r"(?<![\d.,])(?P<year>20\d\d)(?P<month>[01]\d)(?P<day>[0-3]\d)T?"
+    r"(?P<hours>[0-2]\d)(?P<minutes>[0-5]\d)(?P<seconds>[0-5]\d)(?![\d.,])"
+)
 # Regular expression for a time of day with points and the word Uhr, such as 14.30 Uhr.
 _TIME_WITH_POINTS = re.compile(
     r"(?<![\d.,:])(?P<hours>\d\d?)\.(?P<minutes>\d\d)(?:\.(?P<seconds>\d\d))?(?=\s?uhr\b)", re.I
@@ -67,7 +79,7 @@ _DATE = (
 # Regular expression for a time of day, with or without seconds, AM or PM, and time zone.
 _TIME = (
     r"(?P<hours>\d{1,2}):(?P<minutes>\d\d)(?::(?P<seconds>\d\d(?:[.,]\d{1,9})?))?(?![\d:])"
-    r"(?:\s?(?P<half_day>[AaPp])\.?[Mm]\b\.?)?"
+    r"(?:\s?(?P<half_day>[AaPp])\.?\s?[Mm]\b\.?)?"
     r"(?P<zone>Z\b|\s?(?:UTC|GMT)(?!\s?[+-])|\s?(?:UTC|GMT)?\s?[+-]\d\d:?\d\d)?"
 )
 # Regular expression for a date and a time of day in either order, for a date alone, or for a time
@@ -187,13 +199,17 @@ def _in_usual_form(text: str) -> str:
     """Replace dates and times with words or marks, such as 14.30 Uhr, by usual forms.
 
     For example, ``2026年11月20日 14时3分`` becomes ``2026-11-20 14:03``, ``下午2:03`` becomes
-    ``2:03 PM``, and ``10 de junio de 2026`` becomes ``10 junio 2026``. A time such as ``14h30``
-    becomes ``14:30`` only beside a word for a start, a date or a clock; it may be a duration
-    elsewhere. Other dates and times are not changed.
+    ``2:03 PM``, ``10 de junio de 2026`` becomes ``10 junio 2026``, and ``20261120140312`` becomes
+    ``2026-11-20 14:03:12``. A time such as ``14h30`` becomes ``14:30`` only beside a word for a
+    start, a date or a clock; it may be a duration elsewhere. Other dates and times are not changed.
     """
     text = _DATE_WITH_MARKS.sub(r"\g<year>-\g<month>-\g<day>", text)
     text = _TIME_WITH_MARKS.sub(_time_without_marks, text)
     text = _HALF_DAY_IN_FRONT.sub(_time_with_half_day, text)
+    text = _HALF_DAY_BEHIND.sub(_time_with_half_day, text)
+    text = _STAMP_OF_DIGITS.sub(
+        r"\g<year>-\g<month>-\g<day> \g<hours>:\g<minutes>:\g<seconds>", text
+    )
     text = _TIME_WITH_POINTS.sub(_time_without_marks, text)
     if _WORDS["start"].search(text) or _WORDS["clock"].search(text):
         text = _TIME_WITH_H.sub(_time_without_marks, text)
@@ -209,8 +225,8 @@ def _time_without_marks(match: re.Match[str]) -> str:
 def _time_with_half_day(match: re.Match[str]) -> str:
     """Return a time with AM or PM, such as ``2:03 PM``, for a time such as 下午2:03.
 
-    ``match`` matches a word for morning or afternoon, which in East Asian languages stands before
-    the time, and the time itself.
+    ``match`` matches a word for morning or afternoon and the time. In East Asian languages the word
+    stands before the time.
     """
     return f"{match['time']} {'AM' if match['morning'] else 'PM'}"
 

@@ -28,9 +28,12 @@ __all__ = [
 ]
 
 _WORDS: Mapping[str, Any] = WORDS["directions"]
-# Regular expression for any word for clockwise or counter-clockwise.
+# Regular expression for any word for clockwise or counter-clockwise. Words beside it may turn it
+# into its opposite, as in "opposite to clockwise", or leave open what is meant.
 _SENSE = re.compile(
-    rf"(?<![a-zA-Z])({_WORDS['clock_hand']}|ccw|cw|{_WORDS['in_words']})(?![a-z])",
+    rf"(?<![a-zA-Z])(?:(?:(?P<doubted>{_WORDS['doubted']})|(?P<opposed>{_WORDS['opposed']}))[\s_-]*)?"
+    rf"(?P<word>{_WORDS['clock_hand']}|ccw|cw|{_WORDS['in_words']})(?![a-z])"
+    rf"(?P<behind>{_WORDS['opposed_behind']})?",
     re.IGNORECASE,
 )
 # Regular expression for a word of G-code for a circle: G2 or G02 (clockwise), G3 or G03. The
@@ -129,7 +132,8 @@ def direction_named(word: str) -> str:
         return capitals
     letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", capitals)
     if letters not in _SENSES_BY_WORD and is_direction(word.strip()):
-        return "".join(senses_in(word))
+        senses = senses_in(word)
+        return senses.pop() if len(senses) == 1 else word
     return _SENSES_BY_WORD.get(letters, word)
 
 
@@ -146,14 +150,35 @@ def with_sides_in_full(cells: Sequence[str]) -> list[str]:
 
 
 def senses_in(text: str) -> set[str]:
-    """Return the senses, clockwise (CW) or counter-clockwise (CCW), that a text names."""
-    senses = set()
+    """Return the senses, clockwise (CW) or counter-clockwise (CCW), that a text names.
+
+    The result holds both if the text leaves open which is meant, as in ``reversed clockwise``, or
+    if it compares both, as in ``CW against CCW``.
+    """
+    senses: set[str] = set()
+    end = 0
     for match in _SENSE.finditer(text):
-        if _COUNTER.search(match[1]):
+        follows_another = bool(senses) and not text[end : match.start()].strip()
+        is_compared = match["opposed"] is not None and follows_another
+        end = match.end()
+        if match["doubted"] or is_compared:
+            senses |= {"CW", "CCW"}
+        elif _means_counter(match):
             senses.add("CCW")
         else:
             senses.add("CW")
     return senses
+
+
+def _means_counter(match: re.Match[str]) -> bool:
+    """Return whether a word for a sense means counter-clockwise, with the words beside it.
+
+    ``match`` is the match of the word. A word such as "against" in front of it, or such as 反対
+    behind it, turns the sense into its opposite.
+    """
+    is_counter = _COUNTER.search(match["word"]) is not None
+    turned = [is_counter, match["opposed"] is not None, match["behind"] is not None]
+    return turned.count(True) % 2 == 1
 
 
 def is_direction(text: str) -> bool:

@@ -48,3 +48,24 @@ def test_missing_readings_further_on_are_left_out(tmp_path: Path) -> None:
     path.write_text("\n".join(lines), encoding="utf-8")
     (test,) = lb.import_campaign(path).campaign.tests
     assert len(test.angle_deg) == len(lines) - 6
+
+
+def with_start(folder: Path, line: str) -> Path:
+    """Write a log of one turn with a line on its start."""
+    path = log(folder, 0)
+    path.write_text(f"{line}\n{path.read_text(encoding='utf-8')}", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "line", ["Start at 6 o'clock", "Start in 6-Uhr-Position", "Start: north", "Start oben"]
+)
+def test_a_start_that_is_no_axis_is_asked_for(line: str, tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match=r"where its circle starts, .* Give --start-deg"):
+        lb.import_campaign(with_start(tmp_path, line))
+
+
+@pytest.mark.parametrize("line", ["Start: 1772706000", "Start 20260305102000", "Start: 1405"])
+def test_a_number_beyond_a_turn_is_no_angle_of_the_start(line: str, tmp_path: Path) -> None:
+    (test,) = lb.import_campaign(with_start(tmp_path, line)).campaign.tests
+    assert test.angle_deg[0] == pytest.approx(0.0)

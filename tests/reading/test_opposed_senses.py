@@ -1,0 +1,131 @@
+"""Words that turn a word for clockwise into its opposite, or leave open which sense is meant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.travel_direction import direction_named, senses_in
+
+OPPOSED = [
+    "entgegengesetzt zum Uhrzeigersinn",
+    "entgegen d. Uhrzeigersinn",
+    "gg. UZS",
+    "opposite to clockwise",
+    "against the clockwise direction",
+    "anti-CW",
+    "contre le sens horaire",
+    "sens contraire au sens des aiguilles d'une montre",
+    "sens inverse du sens des aiguilles d'une montre",
+    "contro il senso orario",
+    "contrario al sentido horario",
+    "oposto ao sentido horário",
+    "逆時計回り",
+    "時計回りと逆",
+    "反顺时针",
+    "顺时针反向",
+    "시계방향의 반대",
+]
+
+
+def circle(folder: Path, line: str) -> Path:
+    """Write a circle with a line above its table."""
+    lines = [line, "Angle [deg];Reading [um]"]
+    for angle_deg in range(0, 360, 10):
+        lines.append(f"{angle_deg};{5.0 * np.sin(np.deg2rad(angle_deg)):.3f}")
+    path = folder / "100N.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("words", OPPOSED)
+def test_the_opposite_of_clockwise_is_counter_clockwise(words: str) -> None:
+    assert senses_in(words) == {"CCW"}
+
+
+@pytest.mark.parametrize(
+    ("words", "sense"),
+    [
+        ("gegen den Uhrzeigersinn", "CCW"),
+        ("im Uhrzeigersinn", "CW"),
+        ("sens anti-trigonométrique", "CW"),
+        ("math. neg.", "CW"),
+        ("mathematisch positiver Drehsinn", "CCW"),
+        ("по ходу часовой стрелки", "CW"),
+        ("против хода часовой стрелки", "CCW"),
+        ("v smere hodinových ručičiek", "CW"),
+        ("proti smere hodinových ručičiek", "CCW"),
+        ("反時計方向", "CCW"),
+    ],
+)
+def test_other_words_keep_their_sense(words: str, sense: str) -> None:
+    assert senses_in(words) == {sense}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "reversed clockwise",
+        "umgekehrter Uhrzeigersinn",
+        "非顺时针",
+        "CW against CCW",
+        "CCW gegen CW",
+        "im UZS gegen den UZS",
+    ],
+)
+def test_words_that_leave_the_sense_open_name_both(words: str) -> None:
+    assert senses_in(words) == {"CW", "CCW"}
+
+
+@pytest.mark.parametrize(
+    ("cell", "direction"),
+    [
+        ("horário", "CW"),
+        ("anti-horário", "CCW"),
+        ("trigo", "CCW"),
+        ("по часовой стрелке", "CW"),
+        ("против часовой стрелки", "CCW"),
+        ("po směru hodin", "CW"),
+        ("proti směru hodin", "CCW"),
+        ("saat yönü", "CW"),
+        ("saat yönünün tersi", "CCW"),
+    ],
+)
+def test_cells_of_a_column_of_directions(cell: str, direction: str) -> None:
+    assert direction_named(cell) == direction
+
+
+def test_a_direction_against_the_clock_hand_is_read(tmp_path: Path) -> None:
+    path = circle(tmp_path, "Drehrichtung: entgegengesetzt zum Uhrzeigersinn")
+    assert lb.import_campaign(path).campaign.tests[0].direction == "CCW"
+
+
+def test_angles_opposite_to_clockwise_are_not_mirrored(tmp_path: Path) -> None:
+    path = circle(tmp_path, "Angle measured opposite to clockwise from +X")
+    assert lb.import_campaign(path).campaign.tests[0].angle_deg[1] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["12 o'clock = 0 deg, clockwise", "North = 0°, clockwise", "Top = 0 deg, CW"],
+)
+def test_a_zero_that_is_no_axis_is_asked_for(line: str, tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match="--angle-zero"):
+        lb.import_campaign(circle(tmp_path, line))
+
+
+def test_an_encoder_that_counts_to_the_right_is_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match="--angle-sense"):
+        lb.import_campaign(circle(tmp_path, "Drehgeber zählt rechts herum positiv"))
+
+
+@pytest.mark.parametrize("header", ["Angle (neg.) [deg]", "Winkel neg [°]"])
+def test_negative_angles_are_asked_for(header: str, tmp_path: Path) -> None:
+    path = circle(tmp_path, "")
+    text = path.read_text(encoding="utf-8").replace("Angle [deg]", header)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(lb.InputError, match="--angle-sense"):
+        lb.import_campaign(path)
