@@ -364,15 +364,22 @@ def _stated_number(
     if named:
         unit = _unit_among(named, quantity.units)
     value = number_in_text(match["number"])
-    if not unit or value is None:
-        return None
-    if quantity.field == "start_deg" and not named and abs(value) > _LARGEST_START_DEG:
+    if not unit or value is None or (not named and _is_no_start(quantity, value)):
         return None
     if may_be_thousands(quantity.field, match["number"]):
         return LineStatement(math.nan, named, line)
     if quantity.field in _FIELDS_OF_ONE_NUMBER and _lists_numbers(match, quantity.units):
         return LineStatement(math.nan, named, line, _LIST_OF_NUMBERS)
     return LineStatement(value * quantity.units[unit], named, line)
+
+
+def _is_no_start(quantity: _Quantity, value: float) -> bool:
+    """Return whether a number without a unit is too large for the angle at which a circle starts.
+
+    ``quantity`` is the quantity that the line states, which may be another, and ``value`` is the
+    number.
+    """
+    return quantity.field == "start_deg" and abs(value) > _LARGEST_START_DEG
 
 
 def _unit_beside(quantity: _Quantity, match: re.Match[str]) -> str:

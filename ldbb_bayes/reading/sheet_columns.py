@@ -23,6 +23,7 @@ from ldbb_bayes.reading.decimal_marks import check_thousands, decimal_mark_of
 from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import LineStatement, statements_in
+from ldbb_bayes.reading.merged_rows import with_merged_rows_filled
 from ldbb_bayes.reading.missing_readings import missing_in
 from ldbb_bayes.reading.numbering_columns import columns_that_number, conditions_that_number
 from ldbb_bayes.reading.numerals import constant_value, is_clock, is_missing, numbers_in
@@ -277,6 +278,7 @@ def read_columns(
     columns_of_units = unit_columns(heading.headers, cells_with_units, _numeric_columns(heading))
     heading = replace(heading, unit_columns=frozenset(columns_of_units.values()))
     check_angle_columns(sheet, heading, cells)
+    cells = with_merged_rows_filled(sheet, heading, lines, cells, log)
     heading = with_condition_that_names_tests(sheet, heading, cells, layout)
     heading = name_plane_column(sheet, heading, cells, stated_plane, log)
     check_directions(sheet, heading, cells, layout)

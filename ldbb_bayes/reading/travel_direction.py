@@ -31,7 +31,8 @@ _WORDS: Mapping[str, Any] = WORDS["directions"]
 # Regular expression for any word for clockwise or counter-clockwise. Words beside it may turn it
 # into its opposite, as in "opposite to clockwise", or leave open what is meant.
 _SENSE = re.compile(
-    rf"(?<![a-zA-Z])(?:(?:(?P<doubted>{_WORDS['doubted']})|(?P<opposed>{_WORDS['opposed']}))[\s_-]*)?"
+    rf"(?<![a-zA-Z])(?:(?:(?P<doubted>{_WORDS['doubted']})|(?P<opposed>{_WORDS['opposed']}))"
+    r"[\s_-]*)?"
     rf"(?P<word>{_WORDS['clock_hand']}|ccw|cw|{_WORDS['in_words']})(?![a-z])"
     rf"(?P<behind>{_WORDS['opposed_behind']})?",
     re.IGNORECASE,
