@@ -13,6 +13,7 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = [
     "are_repeated",
+    "column_that_repeats",
     "columns_that_number",
     "conditions_that_number",
     "divides_a_circle",
@@ -24,6 +25,13 @@ _NUMBERS_CIRCLES = re.compile(
     r"(?:runs?|pass(?:es)?|laps?|repeat|repetition|rep|cycle|test|trial|series?|serie|set"
     r"|lauf|umlauf|durchgang|durchlauf|zyklus|wiederholung|messung|versuch|passage|essai|ciclo"
     r"|prova|prueba|circle|kreis|cercle|cerchio|wdh)(?:[ _.]?(?:no|nr|id|number|index))?\.?"
+)
+# Regular expression for the header of a column with the numbers of repetitions of a whole circle. A
+# cycle or a pass may also be a lap of one circle.
+_NUMBERS_REPETITIONS = re.compile(
+    r"(?:repeat|repetition|rep|series?|serie|messreihe|wiederholung|wdh|répétition|ripetizione"
+    r"|repetición|repetição|powtórzenie|opakování|повтор|повторение|回数|重复|반복)"
+    r"\.?(?:[ _.]?(?:no|nr|id|number|index))?\.?"
 )
 # Smallest number of rows of a circle.
 _FEWEST_ROWS = 9
@@ -59,6 +67,39 @@ def columns_that_number(
         for columns in combinations(candidates, n_columns):
             if _determine_conditions(cells, columns, conditions):
                 return list(columns)
+    return []
+
+
+def column_that_repeats(
+    headers: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    conditions: Sequence[int],
+    angle: int | None,
+) -> list[int]:
+    """Return the index of the column that numbers repetitions of a circle, as a list of one.
+
+    All rows must have the same conditions, and the same angles must occur in several repetitions.
+    The list is empty if there is no such column.
+
+    Parameters
+    ----------
+    headers
+        Header of each column.
+    cells
+        Cells of each column.
+    conditions
+        Indices of the columns with the conditions of the circles, such as the force.
+    angle
+        Index of the column of angles; None if there is none.
+    """
+    if angle is None or any(len(set(cells[column])) > 1 for column in conditions):
+        return []
+    for column, header in enumerate(headers):
+        is_repetition = _NUMBERS_REPETITIONS.fullmatch(comparable(header)) is not None
+        if not is_repetition or len(set(cells[column])) < 2:
+            continue
+        if are_repeated(cells[angle]) and _identify_circles(headers, cells, [column], angle):
+            return [column]
     return []
 
 
@@ -226,10 +267,16 @@ def _have_the_same_angles(labels: Sequence[tuple[str, ...]], angles: Sequence[st
     """Return whether all circles of a table have the same angles, each angle once.
 
     There must be at least nine angles. The angle 360 counts as 0, because circles in both
-    directions may begin there. ``labels`` holds the conditions in each row, and ``angles`` the
-    angle in each row.
+    directions may begin there, unless every circle has both angles. ``labels`` holds the conditions
+    in each row, and ``angles`` the angle in each row.
     """
-    angles = [_FULL_TURN.sub("0", angle) for angle in angles]
+    return _agree_in(labels, angles) or _agree_in(
+        labels, [_FULL_TURN.sub("0", angle) for angle in angles]
+    )
+
+
+def _agree_in(labels: Sequence[tuple[str, ...]], angles: Sequence[str]) -> bool:
+    """Return whether rows with the same label have the same angles as all other rows, each once."""
     angles_by_label: dict[tuple[str, ...], list[str]] = {}
     for label, angle in zip(labels, angles, strict=True):
         angles_by_label.setdefault(label, []).append(angle)

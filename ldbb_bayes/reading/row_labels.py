@@ -29,7 +29,9 @@ def _labels_of_several_columns(columns: SheetColumns, log: AssumptionLog) -> lis
     headings = columns.heading.headers
     numbers = [column for column in columns.numbering if numbers_circles(headings[column])]
     reason = "only both together name tests of one force"
-    if len(numbers) < len(columns.numbering):
+    if len(columns.numbering) == 1:
+        reason = "it numbers the repetitions of a circle"
+    elif len(numbers) < len(columns.numbering):
         reason = "the rows of each test have the same cells in these columns"
     log.add(columns.sheet.place, "test of each row", ", ".join(headers), reason, "--test-column")
     labels = []

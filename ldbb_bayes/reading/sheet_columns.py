@@ -25,7 +25,11 @@ from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import LineStatement, statements_in
 from ldbb_bayes.reading.merged_rows import with_merged_rows_filled
 from ldbb_bayes.reading.missing_readings import missing_in
-from ldbb_bayes.reading.numbering_columns import columns_that_number, conditions_that_number
+from ldbb_bayes.reading.numbering_columns import (
+    column_that_repeats,
+    columns_that_number,
+    conditions_that_number,
+)
 from ldbb_bayes.reading.numerals import constant_value, is_clock, is_missing, numbers_in
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import RowUnits
@@ -390,12 +394,13 @@ def _numeric_columns(heading: Heading) -> list[int]:
 def _numbering_columns(
     heading: Heading, cells: Sequence[Sequence[str]], layout: Layout
 ) -> list[int]:
-    """Return the indices of columns that together identify the tests, but do not do so alone.
+    """Return the indices of columns without the role of naming tests that identify the tests.
 
     Examples are the columns ``run`` and ``pass``. All rows with the same cells in both columns have
-    the same force, pressure and direction. This is not true of either column alone. If no column
-    numbers the tests, the conditions themselves may identify them, such as force, direction and
-    plane. Return an empty list if there are no such columns. ``cells`` holds the cells of each
+    the same force, pressure and direction. This is not true of either column alone. A column such
+    as ``rep`` identifies the tests alone if all rows have the same conditions. If no column numbers
+    the tests, the conditions themselves may identify them, such as force, direction and plane.
+    Return an empty list if there are no such columns. ``cells`` holds the cells of each
     column, and ``layout`` is the layout that the user states.
     """
     roles = heading.roles
@@ -405,9 +410,16 @@ def _numbering_columns(
         numbering = columns_that_number(heading.headers, cells, conditions)
     if len(numbering) > 1:
         return numbering
-    if numbering or len(heading.readings) > 1:
+    if len(heading.readings) > 1:
         return []
     without_role = _columns_without_role(heading, cells)
+    if "test" not in roles:
+        stated = sorted({*conditions, *without_role})
+        repeated = column_that_repeats(heading.headers, cells, stated, roles.get("angle"))
+        if repeated:
+            return repeated
+    if numbering:
+        return []
     columns = conditions_that_number(
         heading.headers,
         cells,

@@ -61,6 +61,8 @@ _FEWEST_ANGLES_OF_TURN = 4
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out in addition to its circle.
 _MORE_THAN_A_TURN = 1.02
+# Angles from 0 to 360, with rounding, are those of one turn whose first angle stands again [deg].
+_CLOSED_TURN_DEG = 360.01
 # Words for the directions of travel and the senses of angles.
 _IN_WORDS = {"CW": "clockwise", "CCW": "counter-clockwise"}
 # An error message shows at most this number of characters of a list of columns.
@@ -453,11 +455,12 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     """Add a note if the stated direction of travel contradicts the order of the angles.
 
     The angles of a single lap may have been sorted, so that their order does not show the
-    direction. Angles that continue over several laps cannot have been sorted, and falling angles
-    that the file counts clockwise were hardly sorted: "Angle CW" may name the direction of travel.
-    If such angles contradict the stated direction, an `InputError` is raised instead, unless the
-    layout states in which sense angles are counted. ``n_laps`` is the number of laps. ``trace``
-    holds the angles and the stated direction of travel.
+    direction. This also holds if the first angle stands again at the end, as in 0 to 360. Angles
+    that continue over several laps cannot have been sorted, and falling angles that the file counts
+    clockwise were hardly sorted: "Angle CW" may name the direction of travel. If such angles
+    contradict the stated direction, an `InputError` is raised instead, unless the layout states in
+    which sense angles are counted. ``n_laps`` is the number of laps. ``trace`` holds the angles and
+    the stated direction of travel.
     """
     run = direction_of_travel(trace.angle_deg)
     if trace.direction is None or run in (None, trace.direction):
@@ -467,7 +470,9 @@ def _check_direction(recording: Recording, trace: Trace, n_laps: float) -> None:
     steps = np.diff(recording.numbers["angle"])
     rises = float(np.median(steps)) > 0.0
     falls_clockwise = run == "CCW" and bool(np.all(steps < 0.0))
-    was_not_sorted = n_laps >= _MORE_THAN_A_TURN or falls_clockwise
+    span_deg = float(abs(trace.angle_deg[-1] - trace.angle_deg[0]))
+    is_longer = n_laps >= _MORE_THAN_A_TURN and span_deg > _CLOSED_TURN_DEG
+    was_not_sorted = is_longer or falls_clockwise
     if was_not_sorted and not is_sense_stated:
         other_sense = "CCW"
         # Nothing states in which sense the angles are counted. ``run`` is the direction of travel

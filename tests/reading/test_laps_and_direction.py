@@ -64,6 +64,13 @@ def test_the_angles_of_one_lap_may_have_been_sorted(tmp_path: Path) -> None:
     assert "the angles run CCW: taken as sorted" in notes
 
 
+def test_the_angles_of_a_closed_lap_may_have_been_sorted(tmp_path: Path) -> None:
+    angles_deg = np.arange(0.0, 361.0, 10.0)
+    imported = lb.import_campaign(written(tmp_path, "CW", angles_deg))
+    notes = [note.because for note in imported.assumptions if note.what == "direction"]
+    assert "the angles run CCW: taken as sorted" in notes
+
+
 def test_falling_angles_headed_clockwise_are_asked_for_where_the_machine_ran_so(
     tmp_path: Path,
 ) -> None:
