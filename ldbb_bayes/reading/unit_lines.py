@@ -120,6 +120,12 @@ _FACTOR_BEHIND = re.compile(r"[^\W\d]\s?[/x×*·]\s?\d[\d.,]*\s*(?:$|[;,|)\]])")
 _LABEL_IN_FRONT = re.compile(rf"\W*(?:{_WORDS['label']})(?!\w)\s*[-–]?\s*", re.IGNORECASE)
 # Regular expression for a factor in front of a unit, such as "x 10" in "x 10 µm".
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
+# Regular expression for a power of ten in front of a unit, such as 1e-3, E-3, 10^-3 or 10-3.
+_POWER_OF_TEN = re.compile(
+    r"(?<![^\W_])\d*[.,]?\d*e[+\-−–]?\d+\s?[^\W\d]"
+    r"|(?<!\d)10\s?\^?\s?[(]?[\-−–⁻]\s?[1-9¹²³⁴⁵⁶⁷⁸⁹][)]?\s?[^\W\d]",
+    re.IGNORECASE,
+)
 _UNREAD_FACTOR = re.compile(r"(?<!\d)(?<!\d )[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
 _LABEL_WORD = re.compile(r"[^\W\d_]+")
 _UNIT_WORD = re.compile(_WORDS["label"], re.IGNORECASE)
@@ -411,9 +417,11 @@ def _unit_alone(text: str) -> str:
 def _has_unread_factor(text: str) -> bool:
     """Return whether a unit has a factor that this package does not read.
 
-    Examples are x 10 µm, µm/10 and thousandths of a mm.
+    Examples are x 10 µm, µm/10, thousandths of a mm, and the second unit of ``deg; 1e-3 mm``.
     """
     if SHARE.search(text) or _FACTOR_BEHIND.search(text):
+        return True
+    if _POWER_OF_TEN.search(text) and not scaled_unit(text):
         return True
     return _FACTOR.match(text) is not None and not scaled_unit(text)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from ldbb_bayes.reading.unit_lines import units_stated
 from ldbb_bayes.reading.unit_sentences import fraction_mentioned, units_in_sentences
 
 READINGS = {
@@ -64,3 +65,15 @@ def test_a_fraction_of_a_unit_in_a_line_about_readings_is_mentioned() -> None:
 
 def test_a_fraction_of_a_unit_in_another_line_is_not_mentioned() -> None:
     assert fraction_mentioned("Roundness 0.0001 inch") == ""
+
+
+@pytest.mark.parametrize(
+    "units", ["deg; 1e-3 mm", "deg, 1E-3 mm", "deg; 10^-3 mm", "Grad; 10-3 mm", "deg / 10⁻³ mm"]
+)
+def test_a_power_of_ten_in_a_list_of_units_is_not_dropped(units: str) -> None:
+    assert units_stated(f"Units: {units}") == {"reading_unit": units}
+
+
+@pytest.mark.parametrize("units", ["deg; mm", "deg, 0.1 um"])
+def test_a_list_of_units_without_a_power_of_ten_is_read(units: str) -> None:
+    assert units_stated(f"Units: {units}")["angle_unit"] == "deg"
