@@ -288,6 +288,7 @@ def read_columns(
     check_directions(sheet, heading, cells, layout)
     _check_rows_hold_readings(sheet, heading, lines, cells)
     numbering = _numbering_columns(heading, cells, layout)
+    _check_radii_have_a_unit(sheet, heading, cells, numbering, layout)
     if numbering and "test" not in layout.columns:
         heading = _without_test_column(heading)
     note_heading(sheet, heading, layout, log)
@@ -445,6 +446,32 @@ def _columns_without_role(heading: Heading, cells: Sequence[Sequence[str]]) -> l
         if header in _CONDITIONS or _states_radius(header, cells[column][0]):
             columns.append(column)
     return columns
+
+
+def _check_radii_have_a_unit(
+    sheet: Sheet,
+    heading: Heading,
+    cells: Sequence[Sequence[str]],
+    numbering: Sequence[int],
+    layout: Layout,
+) -> None:
+    """Raise an `InputError` if tests differ in a radius whose unit nothing states.
+
+    An example is a column ``R`` with the numbers 100 and 150. No error is raised if the layout
+    states radii. ``numbering`` are the indices of the columns that identify the tests, and
+    ``cells`` holds the cells of each column.
+    """
+    if any(entry.radius_mm is not None for entry in layout.test):
+        return
+    for column in numbering:
+        header = heading.headers[column][:LONGEST_NAME]
+        line = f"{_with_unit_in_brackets(header)}: {cells[column][0]}"
+        if not names_circle(header) or "radius_mm" in statements_in([(0, line)]):
+            continue
+        raise InputError(
+            f"{sheet.place}, line {heading.line}: radii must have a unit, got none in column"
+            f" {header!r}. Write it into the header, for example '{header} [mm]'."
+        )
 
 
 def _states_radius(header: str, cell: str) -> bool:

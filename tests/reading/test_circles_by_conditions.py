@@ -367,3 +367,19 @@ def test_a_load_above_numbers_without_header_is_no_fault_of_the_program(tmp_path
     path.write_text("\n".join(lines))
     with pytest.raises(lb.InputError, match="rows must hold readings"):
         lb.import_campaign(path)
+
+
+@pytest.mark.parametrize("header", ["R", "Ø"])
+def test_different_radii_without_a_unit_are_refused(header: str, tmp_path: Path) -> None:
+    lines = [f"{header};force_N;angle_deg;reading_um"]
+    for radius in (100, 150):
+        for force_N in (100, 300):
+            for angle_deg in range(0, 360, 10):
+                lines.append(f"{radius};{force_N};{angle_deg};{force_N / 50 + angle_deg / 100}")
+    path = tmp_path / "radii.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    message = rf"radii must have a unit, got none in column '{header}'\. Write it into the header"
+    with pytest.raises(lb.InputError, match=message):
+        lb.import_campaign(path)
+    path.write_text("\n".join([*lines, ""]).replace(header, f"{header} [mm]"), encoding="utf-8")
+    assert len(lb.import_campaign(path).campaign.tests) == 4
