@@ -31,7 +31,7 @@ def with_merged_rows_filled(
     lines: Sequence[int],
     cells: Sequence[Sequence[str]],
     log: AssumptionLog,
-) -> list[Sequence[str]]:
+) -> list[list[str]]:
     """Return the cells of each column, with the empty cells of conditions filled from above.
 
     Conditions are the force, the direction, the plane and others that hold for a whole circle. A
@@ -50,7 +50,7 @@ def with_merged_rows_filled(
     log
         Log to which the filled columns are added.
     """
-    filled = list(cells)
+    filled = [list(words) for words in cells]
     headers = []
     first_rows = _first_rows_of_tests(heading, cells)
     for column, words in enumerate(cells):
