@@ -153,14 +153,14 @@ def with_sides_in_full(cells: Sequence[str]) -> list[str]:
 def senses_in(text: str) -> set[str]:
     """Return the senses, clockwise (CW) or counter-clockwise (CCW), that a text names.
 
-    The result holds both if the text leaves open which is meant, as in ``reversed clockwise``, or
-    if it compares both, as in ``CW against CCW``.
+    The result holds both if the text leaves open which is meant, as in ``reversed clockwise`` and
+    ``force against CW``, or if it compares both, as in ``CW against CCW``.
     """
     senses: set[str] = set()
     end = 0
     for match in _SENSE.finditer(text):
         follows_another = bool(senses) and not text[end : match.start()].strip()
-        is_compared = match["opposed"] is not None and follows_another
+        is_compared = match["opposed"] is not None and (follows_another or _may_be_against(match))
         end = match.end()
         if match["doubted"] or is_compared:
             senses |= {"CW", "CCW"}
@@ -169,6 +169,16 @@ def senses_in(text: str) -> set[str]:
         else:
             senses.add("CW")
     return senses
+
+
+def _may_be_against(match: re.Match[str]) -> bool:
+    """Return whether something may be against a run CW or CCW, as in ``force against CW``.
+
+    ``match`` is the match of a word for a sense, and of an opposing word in front of it. In anti-CW
+    and counter-CW, this word is a part of the sense.
+    """
+    is_short = match["word"].upper() in ("CW", "CCW")
+    return is_short and match["opposed"].lower() not in ("anti", "counter")
 
 
 def _means_counter(match: re.Match[str]) -> bool:

@@ -73,6 +73,7 @@ def test_other_words_keep_their_sense(words: str, sense: str) -> None:
         "非顺时针",
         "CW against CCW",
         "CCW gegen CW",
+        "force against CW",
         "im UZS gegen den UZS",
     ],
 )
