@@ -45,8 +45,10 @@ __all__ = [
 LOG_LIKELIHOOD = "log_likelihood"
 # Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
-_MIN_REPLICATES = 10
-_MIN_DRAWS = 9
+# Smallest number of replicates (simulated campaigns) that a caller may ask for.
+_FEWEST_REPLICATES = 10
+# Smallest number of posterior draws of each replicate that a caller may ask for.
+_FEWEST_DRAWS = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,7 +364,7 @@ def check_numbers_of_replicates(replicates: int, draws: int) -> None:
     ``replicates`` is the number of simulated campaigns, and ``draws`` the number of posterior draws
     of each campaign.
     """
-    limits = (("replicates", replicates, _MIN_REPLICATES), ("draws", draws, _MIN_DRAWS))
+    limits = (("replicates", replicates, _FEWEST_REPLICATES), ("draws", draws, _FEWEST_DRAWS))
     for name, number, least in limits:
         require_whole(name, number)
         require(number >= least, f"{name} must be at least {least}, got {number}. Ask for more.")
@@ -436,9 +438,10 @@ def _values_without_effect(hyper_prior: HyperPrior) -> dict[str, float]:
     medians = hyper_prior.quantile(np.full(len(hyper_prior.names), 0.5))
     values = {}
     for name, law, median in zip(hyper_prior.names, hyper_prior.laws, medians, strict=True):
-        values[name] = 0.0
         if law == "circle":
             values[name] = 1.0
         elif law == "decay":
             values[name] = float(median)
+        else:
+            values[name] = 0.0
     return values

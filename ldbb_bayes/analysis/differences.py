@@ -79,8 +79,8 @@ def compare_posteriors(
     ----------
     posterior, other : DataTree
         First and second posterior, from `sample` or `load`, or, if instruments and machines are
-        independent, from `average`. Their machines must have the
-        same topology and joint frames, and the same planes must have been tested.
+        independent, from `average`. Their machines must have the same topology and joint frames,
+        and the same planes must have been tested.
     same_instrument : bool
         Whether bar, balls, mount and force device were the same in both campaigns. If so, the
         errors of these parts largely cancel in the difference.

@@ -71,6 +71,9 @@ _SMALLEST_SHARE = 0.1
 # A direction counts as not determined if its credible interval is at least this wide [°]. An
 # interval of this width may contain both axes of the plane.
 _WIDEST_DEG = 90.0
+# The direction of a principal axis in space counts as not determined if the half angle of the cone
+# about it is at least this large [°]. A cone of this half angle may contain two principal axes.
+_WIDEST_CONE_DEG = 45.0
 # Radius [mm] of a circle so small that the compliance on it practically equals the compliance at
 # its centre.
 _CENTRE_RADIUS_MM = 1e-6
@@ -557,6 +560,8 @@ def _counts_tilts(bound: BoundModel, r: int) -> bool:
 
 
 class _NamedDraws(NamedTuple):
+    """Name of a compliance, and posterior draws of the compliance [mm/N], shape (draws,)."""
+
     name: str
     draws: Array
 
@@ -647,7 +652,10 @@ def _principal_stiffness(
         x, y, z = direction.tolist()
         axes.append(
             PrincipalAxis(
-                _stated_stiffness(eigenvalues, prob), (x, y, z), cone_deg, cone_deg < 45.0
+                stiffness=_stated_stiffness(eigenvalues, prob),
+                direction=(x, y, z),
+                cone_deg=cone_deg,
+                is_determined=cone_deg < _WIDEST_CONE_DEG,
             )
         )
     return PrincipalStiffness(force_N, tuple(axes))

@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -38,9 +38,6 @@ from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.results import Array, Finite, Number, Result
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = [
     "CONTRACTION_LIMIT",

@@ -57,9 +57,9 @@ __all__ = [
     "to_units",
 ]
 
-# Names of the groups of arrays that a netCDF file must contain to be read as a posterior.
 # First bytes of a netCDF file of version 4, which is an HDF5 file.
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# Names of the groups of arrays that a netCDF file must contain to be read as a posterior.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of the arrays in a posterior (an xarray DataTree), except for arrays of random draws.
 # The keys are the names of the arrays. The dimension ``test`` has one entry for each test, and

@@ -116,9 +116,8 @@ def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> p
 
     A change is the difference of a compliance C(F) between the smallest and the largest force
     tested. The coefficients, such as C_XXX_1, are the parameters that describe how C(F) depends on
-    F. ``prob``
-    is the probability of the credible interval of each change, and ``posterior`` the posterior that
-    the table summarizes.
+    F. ``prob`` is the probability of the credible interval of each change, and ``posterior`` the
+    posterior that the table summarizes.
     """
     curves = force_curves(posterior)
     if not curves.compliances:
