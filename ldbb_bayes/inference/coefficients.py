@@ -18,7 +18,7 @@ circle. There are three kinds of prediction:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
+from ldbb_bayes.model.terms.columns import Hyper
 from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
@@ -35,6 +36,7 @@ __all__ = [
     "ElasticDraws",
     "ModelDraws",
     "compliance_curves",
+    "draw_from_prior",
     "draw_of_circle",
     "draw_shared",
     "draw_shared_coefficients",
@@ -172,6 +174,21 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
         shifted = beta[chunk] - bound.centre
         draws.append(bound.given_interest.conditional(phi[chunk], shifted)[1].draw(rng))
     return np.concatenate(draws)
+
+
+def draw_from_prior(
+    term: Columns, value: Mapping[Hyper, Array], size: int, rng: np.random.Generator
+) -> Array:
+    """Return ``size`` random draws of a term's v coefficients from their prior, shape (size, v).
+
+    ``term`` describes an effect that tests share. ``value`` holds ``size`` draws of each
+    hyper-parameter (such as the standard deviation of the noise), shape (size,); its keys are the
+    names of the hyper-parameters.
+    """
+    draws = term.sd_at(value) * rng.standard_normal((size, len(term.names)))
+    if term.mean is not None:
+        draws = draws + term.mean
+    return draws
 
 
 def compliance_curves(

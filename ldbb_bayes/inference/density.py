@@ -263,7 +263,8 @@ class LogDensity(Shown):
         ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h), holds the h
         hyper-parameters φ.
         """
-        return _log_joint(self.bound, beta, phi, self.bound.hyper_prior.log_density(phi))
+        log_hyper_prior = self.bound.hyper_prior.log_density(phi)
+        return _log_joint_density(self.bound, beta, phi, log_hyper_prior)
 
     def _log_prior(self, beta: Array, phi: Array) -> Array:
         """Return the log prior density ln p(β) + ln p(φ) at n points, shape (n,).
@@ -321,7 +322,7 @@ class LogDensity(Shown):
         return of_points
 
 
-def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
+def _log_joint_density(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
     """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior`` at n points, shape (n,).
 
     y are the readings. ``beta``, shape (n, p), holds the p parameters β; ``phi``, shape (n, h),
@@ -357,7 +358,8 @@ class JointDensity:
         """
         beta, free = self.split(x)
         prior = self.bound.hyper_prior
-        return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
+        log_hyper_prior = prior.log_density_of_free(free)
+        return _log_joint_density(self.bound, beta, prior.phi(free), log_hyper_prior)
 
     def split(self, x: Array) -> tuple[Array, Array]:
         """Convert a sampler's points to parameters and free coordinates of hyper-parameters.

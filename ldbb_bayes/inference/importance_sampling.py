@@ -22,7 +22,7 @@ from threading import Lock
 import numpy as np
 from scipy.stats import qmc
 
-from ldbb_bayes.inference.integrals import Integral, LogDensity, in_chunks
+from ldbb_bayes.inference.integrals import Integral, LogFunction, in_chunks
 from ldbb_bayes.inference.mixture_proposals import Mixture, SplitT, fit_split_t, refit_mixture
 from ldbb_bayes.results import Array
 
@@ -133,7 +133,7 @@ def _sobol_sequences(dimensions: int, seed: int) -> _SobolSequences:
 
 
 def importance_sample(
-    log_density: LogDensity,
+    log_density: LogFunction,
     modes: Sequence[tuple[Array, Array]],
     *,
     tolerance: float = 1e-2,
@@ -191,7 +191,7 @@ def importance_sample(
 
 
 def _best_of_rounds(
-    log_density: LogDensity,
+    log_density: LogFunction,
     modes: Sequence[tuple[Array, Array]],
     tolerance: float,
     seed: int,
@@ -215,7 +215,7 @@ def _best_of_rounds(
 
 
 def sample_similar(
-    log_density: LogDensity,
+    log_density: LogFunction,
     earlier: Integral,
     *,
     tolerance: float = 1e-2,
@@ -250,7 +250,7 @@ def sample_similar(
 
 
 def refit_sample(
-    log_density: LogDensity, earlier: Integral, points: Array, values: Array, *, seed: int = 0
+    log_density: LogFunction, earlier: Integral, points: Array, values: Array, *, seed: int = 0
 ) -> Integral:
     """Return a sample from a proposal that is fitted to an earlier sample and to more points.
 
@@ -285,7 +285,7 @@ def refit_sample(
 
 def _best_after(
     first: Integral,
-    log_density: LogDensity,
+    log_density: LogFunction,
     fitted: Mixture,
     size: int,
     tolerance: float,
@@ -335,7 +335,7 @@ def _untrusted_and_error(sample: Integral) -> tuple[bool, float]:
 
 
 def _draw_round(
-    log_density: LogDensity,
+    log_density: LogFunction,
     proposal: Mixture,
     size: int,
     uniform: _UniformPoints,
@@ -373,7 +373,7 @@ def _draw_round(
 
 
 def _extend_sample(
-    log_density: LogDensity,
+    log_density: LogFunction,
     proposal: Mixture,
     uniform: _UniformPoints,
     size: int,
@@ -399,7 +399,7 @@ def _extend_sample(
     return Integral(free, values, log_volume, scramble, no_edge, proposal)
 
 
-def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
+def _fit_along_axes(log_density: LogFunction, mode: Array, root: Array) -> SplitT:
     """Return a split Student-t distribution fitted to a density along h directions through a mode.
 
     ``log_density`` is the logarithm of the density to fit. ``mode``, shape (h,), is a maximum of

@@ -24,13 +24,16 @@ __all__ = [
     "LARGEST_PARETO_K",
     "Index",
     "Integral",
-    "LogDensity",
+    "LogFunction",
     "ProposalDensity",
     "in_chunks",
 ]
 
+# Type of an array of indices.
 Index = NDArray[np.intp]
-LogDensity = Callable[[Array], Array]
+# Type of a function that takes n points, shape (n, h), and returns the logarithm of a density at
+# each of them, shape (n,).
+LogFunction = Callable[[Array], Array]
 # Number of points at which a density is evaluated in one call. It is small, so that the arrays fit
 # into the processor's cache.
 CHUNK = 256

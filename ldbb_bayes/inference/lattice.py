@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.inference.integrals import Integral, LogDensity, in_chunks
+from ldbb_bayes.inference.integrals import Integral, LogFunction, in_chunks
 from ldbb_bayes.results import Array
 
 __all__ = ["grow_lattice"]
@@ -50,7 +50,7 @@ _FINER = 0.85
 
 
 def grow_lattice(
-    log_density: LogDensity,
+    log_density: LogFunction,
     modes: Sequence[tuple[Array, Array]],
     *,
     tolerance: float = 1e-3,
@@ -120,7 +120,7 @@ def _first_step(h: int, tolerance: float) -> float:
 
 
 def _integrate_on_grids(
-    log_density: LogDensity,
+    log_density: LogFunction,
     centre: Array,
     cell: Array,
     starts: Sequence[Array],
@@ -179,7 +179,7 @@ class _Grid(NamedTuple):
 
 
 def _grow_grid(
-    log_density: LogDensity,
+    log_density: LogFunction,
     centre: Array,
     cell: Array,
     starts: Sequence[Array],

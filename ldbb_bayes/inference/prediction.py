@@ -25,9 +25,11 @@ from ldbb_bayes.errors import check_probability, check_seed, require
 from ldbb_bayes.inference.circle_spread import draw_new_noise_factors
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
+    draw_from_prior,
     draw_of_circle,
     draw_shared,
     machine_coefficients,
+    names_of_shared,
     shared_columns,
     shared_terms,
 )
@@ -197,16 +199,11 @@ def _draw_shared_of_plan(
     shape (draws, p), holds posterior draws of the p parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
-    learnt: list[str] = []
-    for term in shared_terms(measured.nuisance_columns):
-        learnt += term.names
+    learnt = names_of_shared(measured)
     posterior_draws = draw_shared(measured, phi, beta, rng)
     total = machine_coefficients(planned, beta)
     for term in shared_terms(planned.nuisance_columns):
-        standard = rng.standard_normal((len(beta), len(term.names)))
-        nuisances = term.sd_at(value) * standard
-        if term.mean is not None:
-            nuisances = nuisances + term.mean
+        nuisances = draw_from_prior(term, value, len(beta), rng)
         for column, name in enumerate(term.names):
             if name in learnt:
                 nuisances[:, column] = posterior_draws[:, learnt.index(name)]

@@ -11,9 +11,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ldbb_bayes.inference.coefficients import draw_of_circle, machine_coefficients, shared_terms
+from ldbb_bayes.inference.coefficients import (
+    draw_from_prior,
+    draw_of_circle,
+    machine_coefficients,
+    shared_terms,
+)
 from ldbb_bayes.inference.prediction import readings_drawn
 from ldbb_bayes.inference.record import prior_draws_of
+from ldbb_bayes.inference.residuals import tests_in_order
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
@@ -34,12 +40,8 @@ def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Ite
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     total = machine_coefficients(bound, beta)
     for term in shared_terms(bound.nuisance_columns):
-        nuisances = term.sd_at(value) * rng.standard_normal((size, len(term.names)))
-        if term.mean is not None:
-            nuisances = nuisances + term.mean
+        nuisances = draw_from_prior(term, value, size, rng)
         total = total + np.einsum("tkq,wq->wtk", term.values, nuisances)
-    sigma = value["sigma"]
-    tests = {test.name: test for test in bound.campaign.tests}
-    for r, name in enumerate(bound.test_names):
+    for r, test in enumerate(tests_in_order(bound)):
         circle = total[:, r] + draw_of_circle(bound, phi, r, rng)
-        yield readings_drawn(circle, sigma, tests[name].angles_rad(), rng)
+        yield readings_drawn(circle, value["sigma"], test.angles_rad(), rng)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ldbb_bayes.inference.importance_sampling import importance_sample
-from ldbb_bayes.inference.integrals import Integral, LogDensity
+from ldbb_bayes.inference.integrals import Integral, LogFunction
 from ldbb_bayes.inference.lattice import grow_lattice
 from ldbb_bayes.results import Array
 
@@ -29,7 +29,7 @@ _SHARE_OF_TOLERANCE = 0.8
 
 
 def integrate(
-    log_density: LogDensity,
+    log_density: LogFunction,
     modes: Sequence[tuple[Array, Array]],
     *,
     tolerance: float = 1e-3,

@@ -21,6 +21,7 @@ from ldbb_bayes.inference.density import JointDensity
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.integrals import in_chunks
 from ldbb_bayes.inference.posterior import MODEL_EDITION, campaign_record
+from ldbb_bayes.inference.residuals import tests_in_order
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
@@ -87,8 +88,7 @@ def groups_of(
     densities : mapping
         Log densities as `densities_of` returns them, but each of shape (chains, draws).
     """
-    by_name = {test.name: test for test in bound.campaign.tests}
-    tests = [by_name[name] for name in bound.test_names]
+    tests = tests_in_order(bound)
     prior_beta, prior_phi = prior
     readings = [len(test.angle_deg) for test in tests]
     return {

@@ -15,7 +15,7 @@ import xarray as xr
 
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability
-from ldbb_bayes.inference.coefficients import ModelDraws, shared_terms
+from ldbb_bayes.inference.coefficients import ModelDraws, names_of_shared, shared_terms
 from ldbb_bayes.inference.diagnostics import diagnose
 from ldbb_bayes.inference.force_curves import force_curves
 from ldbb_bayes.inference.posterior import bound_of, fit_of, model_draws_of, record_of
@@ -291,10 +291,7 @@ def _nuisance_moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array
     bound = draws.bound
     shifted = draws.beta - bound.centre
     _, conditional = bound.given_interest.conditional(draws.phi, shifted)
-    of_model: list[str] = []
-    for term in shared_terms(bound.nuisance_columns):
-        of_model += term.names
-    position = np.array([names.index(name) for name in of_model], dtype=int)
+    position = np.array([names.index(name) for name in names_of_shared(bound)], dtype=int)
     mean = np.zeros((len(draws.phi), len(names)))
     variance = np.zeros((len(draws.phi), len(names)))
     mean[:, position] = conditional.mean
