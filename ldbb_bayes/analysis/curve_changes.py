@@ -12,11 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ldbb_bayes.inference.elastic_deflections import added_compliances, joint_load_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.prior import compliance_unit
-from ldbb_bayes.model.terms import JointLoad
-from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
 __all__ = ["CurveChange", "compliance_weights", "curve_changes", "slopes_of"]
@@ -111,29 +110,29 @@ def compliance_weights(
     for index, compliance in enumerate(bound.compliances):
         weights = np.zeros(len(information.names))
         weights[information.interest] = rows[index]
-        if compliance.kind == "direct":
-            weights += _joint_load_weights(bound, information, compliance.twist, force_N)
+        weights += _joint_load_weights(bound, information, compliance.label, force_N)
         weights_of[compliance.label] = weights * information.scale
     return weights_of
 
 
 def _joint_load_weights(
-    bound: BoundModel, information: Information, axis: str, force_N: float
+    bound: BoundModel, information: Information, compliance: str, force_N: float
 ) -> Array:
     """Return the effect of each joint-load coefficient on a compliance at one force.
 
-    The compliance is the direct compliance of ``axis`` at the force ``force_N``. The result, shape
+    ``compliance`` is the name of the compliance, and ``force_N`` the force [N]. The result, shape
     (m,), is the change of the compliance per unit of each of the m coefficients that
     ``information`` lists. It is zero for all coefficients that do not belong to the term
-    `JointLoad` (nonlinear deflection of joints under load). All elements are zero if the model does
-    not have this term, or if no circle moves the axis.
+    `JointLoad` (nonlinear deflection of joints under load). All elements are zero if the term adds
+    nothing to the compliance, for example because no circle moves its axis.
     """
     weights = np.zeros(len(information.names))
-    columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)
-    if columns is None:
+    joint_load = joint_load_of(bound)
+    if joint_load is None:
         return weights
-    places = [information.names.index(name) for name in columns.names]
-    for term in bound.model.nuisances:
-        if isinstance(term, JointLoad):
-            weights[places] = term.secants(bound.setting, np.array([force_N]))[0]
+    # Change of a direct compliance per unit of each of the three coefficients of its axis.
+    (secants,) = joint_load.secants(bound.setting, np.array([force_N]))
+    for added in added_compliances(bound):
+        if added.label == compliance:
+            weights[added.places_in(information.names)] = secants
     return weights

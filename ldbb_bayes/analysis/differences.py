@@ -24,7 +24,7 @@ from ldbb_bayes.analysis.differing_models import differing_parts
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
-from ldbb_bayes.inference.coefficients import joint_load_secants
+from ldbb_bayes.inference.elastic_deflections import joint_load_secants
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import bound_of, draws_of, fit_of, record_of

@@ -34,7 +34,8 @@ from ldbb_bayes.analysis.extremes import (
 )
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_probability, require
-from ldbb_bayes.inference.coefficients import ElasticDraws, ModelDraws, elastic_draws
+from ldbb_bayes.inference.coefficients import ModelDraws
+from ldbb_bayes.inference.elastic_deflections import ElasticDraws, elastic_draws
 from ldbb_bayes.inference.posterior import bound_of, elastic_draws_of
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.machine.chain import LINEAR

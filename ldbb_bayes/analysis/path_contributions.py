@@ -21,7 +21,8 @@ from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.campaign.circular_test import CENTRE
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
-from ldbb_bayes.inference.coefficients import ModelDraws, joint_load_circles
+from ldbb_bayes.inference.coefficients import ModelDraws
+from ldbb_bayes.inference.elastic_deflections import joint_load_circles
 from ldbb_bayes.inference.posterior import bound_of, model_draws_of
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel

@@ -35,7 +35,7 @@ from ldbb_bayes.analysis.verdicts import (
     shares_by_name,
 )
 from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
-from ldbb_bayes.inference.coefficients import compliance_curves
+from ldbb_bayes.inference.elastic_deflections import compliance_curves
 from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.bound_information import information_of

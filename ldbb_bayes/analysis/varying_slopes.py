@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.coefficients import ModelDraws, elastic_draws_with
+from ldbb_bayes.inference.coefficients import ModelDraws
+from ldbb_bayes.inference.elastic_deflections import elastic_draws_with
 from ldbb_bayes.inference.evidence import probabilities
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import Nodes

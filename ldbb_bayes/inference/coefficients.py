@@ -18,33 +18,25 @@ circle. There are three kinds of prediction:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.inference.integrals import CHUNK
-from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
+from ldbb_bayes.model.terms import BasisNoise, Columns
 from ldbb_bayes.model.terms.columns import Hyper
-from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
 __all__ = [
-    "ElasticDraws",
     "ModelDraws",
-    "compliance_curves",
     "draw_from_prior",
     "draw_of_circle",
     "draw_shared",
     "draw_shared_coefficients",
-    "elastic_draws",
-    "elastic_draws_with",
     "evenly_spaced",
-    "joint_load_circles",
-    "joint_load_secants",
     "machine_coefficients",
     "mean_shared_coefficients",
     "names_of_shared",
@@ -86,18 +78,6 @@ class PrivateTerm(NamedTuple):
     #: standard deviations of the v coefficients of an effect on one circle, for every random draw
     #: of the hyper-parameters, shape (draws, v)
     sd: Array
-
-
-class ElasticDraws(NamedTuple):
-    """Posterior draws of compliances C(F) and of deflections along the bar, at n bar forces F."""
-
-    #: draws of the compliances C(F) at n bar forces F, shape (draws, n, compliances) [mm/N, rad/N,
-    #: rad/(N mm)]
-    compliances: Array
-    #: draws of the elastic deflection along the bar divided by the bar force [mm/N], shape (draws,
-    #: circles, n, 25). The deflection of a circle at one of n bar forces is described by 25 Fourier
-    #: coefficients.
-    per_force: Array
 
 
 def evenly_spaced(total: int, size: int) -> Array:
@@ -189,152 +169,6 @@ def draw_from_prior(
     if term.mean is not None:
         draws = draws + term.mean
     return draws
-
-
-def compliance_curves(
-    bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator
-) -> Array:
-    """Return the compliances C(F) at n bar forces F, shape (draws, n, compliances).
-
-    ``force_N``, shape (n,), holds the forces [N]. C(F) is computed from the compliance at the
-    reference force and from its change with force. There is one curve for each draw of the p
-    parameters ``beta``, shape (draws, p), and of the h hyper-parameters ``phi``, shape (draws, h).
-    The direct compliance of a machine axis is the deflection of the axis divided by the bar force
-    along the axis. If the model has the term `JointLoad` (joints that deflect under their own
-    load), the direct compliances include the contribution of this term. The coefficients of the
-    term are then drawn at random, conditional on the parameters, the hyper-parameters and the
-    readings. ``bound`` is the model of the campaign.
-    """
-    return elastic_draws(ModelDraws(bound, phi, beta), (), force_N, rng).compliances
-
-
-def elastic_draws(
-    draws: ModelDraws, circles: Sequence[int], force_N: Array, rng: np.random.Generator
-) -> ElasticDraws:
-    """Return posterior draws of compliances and of the elastic deflection around circles.
-
-    If the model has the term `JointLoad` (joints that deflect under their own load), compliances
-    and deflections both include the contribution of this term. The coefficients of the term are
-    drawn at random, conditional on the parameters, the hyper-parameters and the readings.
-    Compliances and deflections are computed from the same draws of these coefficients.
-
-    Parameters
-    ----------
-    draws
-        Posterior draws of a model.
-    circles
-        Indices of the tests for whose circles the deflection is returned.
-    force_N
-        The n forces F of the bar, shape (n,), none of them zero [N]. Forces other than those tested
-        are allowed.
-    rng
-        Generator of the random draws.
-
-    Returns
-    -------
-    ElasticDraws
-    """
-    shared = np.zeros((len(draws.beta), 0))
-    if _joint_load_of(draws.bound) is not None:
-        shared = draw_shared(draws.bound, draws.phi, draws.beta, rng)
-    return elastic_draws_with(shared, draws, circles, force_N)
-
-
-def elastic_draws_with(
-    shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
-) -> ElasticDraws:
-    """Return draws of compliances and elastic deflections, for given nuisance coefficients.
-
-    The function does the same as `elastic_draws`, but takes the coefficients of the shared
-    nuisances as an argument instead of drawing them. Shared nuisances are effects that are modelled
-    but not of interest and that are common to several tests. ``shared``, shape (draws, q), holds q
-    coefficients of these nuisances for each draw. The coefficients are used only if the model has
-    the term `JointLoad` (joints that deflect under their own load). The other arguments are the
-    same as in `elastic_draws`.
-    """
-    bound = draws.bound
-    at_forces = np.stack([bound.compliance_at(force) for force in force_N])
-    compliances = np.einsum("fcp,wp->wfc", at_forces, draws.beta)
-    elastic = bound.setting.elastic[list(circles)]
-    per_force = np.einsum("rkc,wfc->wrfk", elastic, compliances)
-    joint_load = _joint_load_of(bound)
-    if joint_load is None:
-        return ElasticDraws(compliances, per_force)
-    names = names_of_shared(bound)
-    secants = joint_load.secants(bound.setting, force_N)
-    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[type(joint_load)])
-    for index, compliance in enumerate(bound.compliances):
-        if compliance.kind != "direct" or compliance.twist not in columns_by_axis:
-            continue
-        along_axis = [names.index(name) for name in columns_by_axis[compliance.twist].names]
-        of_axis = shared[:, along_axis]
-        compliances[:, :, index] += of_axis @ secants.T
-        axis = LINEAR.index(compliance.twist)
-        for k, r in enumerate(circles):
-            deflections = joint_load.deflections(bound.setting, axis, r, force_N)
-            added = deflections / force_N[:, None, None]
-            per_force[:, k] += np.einsum("fkl,wl->wfk", added, of_axis)
-    return ElasticDraws(compliances, per_force)
-
-
-def joint_load_circles(
-    draws: ModelDraws, r: int, force_N: float, rng: np.random.Generator
-) -> dict[str, Array]:
-    """Return posterior draws of what `JointLoad` adds to each direct compliance around one circle.
-
-    The keys of the result are the names of the direct compliances. Each value holds the Fourier
-    coefficients of the deflection that is added to that of the compliance, shape (draws, 25) [mm].
-    The result is empty if the model has no such term. ``r`` is the index of the test whose circle
-    is run, and ``force_N`` the force of the bar [N].
-    """
-    bound = draws.bound
-    joint_load = _joint_load_of(bound)
-    if joint_load is None:
-        return {}
-    shared = draw_shared(bound, draws.phi, draws.beta, rng)
-    names = names_of_shared(bound)
-    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[type(joint_load)])
-    circles = {}
-    for compliance in bound.compliances:
-        if compliance.kind == "direct" and compliance.twist in columns_by_axis:
-            along_axis = [names.index(name) for name in columns_by_axis[compliance.twist].names]
-            axis = LINEAR.index(compliance.twist)
-            (deflections,) = joint_load.deflections(bound.setting, axis, r, np.array([force_N]))
-            circles[compliance.label] = shared[:, along_axis] @ deflections.T
-    return circles
-
-
-def joint_load_secants(bound: BoundModel, force_N: float) -> dict[str, dict[str, float]]:
-    """Return by how much the coefficients of `JointLoad` change direct compliances at a force.
-
-    The keys of the result are the names of the direct compliances; the keys of each value are the
-    names of the coefficients. The result is empty if the model has no such term, or if ``force_N``
-    [N] is the reference force, at which the term changes no compliance. ``bound`` is the model of
-    the campaign.
-    """
-    setting = bound.setting
-    joint_load = _joint_load_of(bound)
-    if joint_load is None or force_N == setting.reference_force_N:
-        return {}
-    (secants,) = joint_load.secants(setting, np.array([force_N])).tolist()
-    columns_by_axis = joint_load_columns(setting, bound.columns_of[type(joint_load)])
-    changes = {}
-    for compliance in bound.compliances:
-        if compliance.kind == "direct" and compliance.twist in columns_by_axis:
-            names = columns_by_axis[compliance.twist].names
-            changes[compliance.label] = dict(zip(names, secants, strict=True))
-    return changes
-
-
-def _joint_load_of(bound: BoundModel) -> JointLoad | None:
-    """Return the term of a model for joints that deflect under their own load.
-
-    The result is None if the model has no such term. ``bound`` is the model of a campaign.
-    """
-    for term in bound.model.nuisances:
-        if isinstance(term, JointLoad):
-            return term
-    return None
 
 
 def names_of_shared(bound: BoundModel) -> list[str]:

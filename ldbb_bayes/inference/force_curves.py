@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from ldbb_bayes.inference.elastic_deflections import added_compliances, joint_load_of
 from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
-from ldbb_bayes.model.terms import JointLoad
-from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
 __all__ = ["CurveDraws", "ForceCurves", "draws_at", "force_curves", "prior_changes"]
@@ -138,8 +137,8 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
     for index, compliance in enumerate(bound.compliances):
         if compliance.label in changing:
             change = beta @ rows[index]
-            if compliance.kind == "direct" and compliance.twist in joint_load_sd:
-                sd = joint_load_sd[compliance.twist]
+            if compliance.label in joint_load_sd:
+                sd = joint_load_sd[compliance.label]
                 change = change + has_joint_load * rng.normal(0.0, sd, len(beta))
             changes[compliance.label] = change
     return changes
@@ -161,17 +160,18 @@ def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, floa
 
     `JointLoad` is the term of a model for joints that deflect under their own load. Because of this
     term, the direct compliance along a machine axis changes from the smallest force tested to the
-    largest; ``ends_N`` holds these two forces [N]. The result is a dict; its keys are the letters
-    of the machine axes. ``bound`` is the model of the campaign.
+    largest; ``ends_N`` holds these two forces [N]. The result is a dict; its keys are the names of
+    the direct compliances. ``bound`` is the model of the campaign.
     """
-    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
-    sd_by_axis: dict[str, float] = {}
-    for term in bound.model.nuisances:
-        if isinstance(term, JointLoad):
-            secants = term.secants(bound.setting, ends_N)
-            for axis, columns in columns_by_axis.items():
-                sd_by_axis[axis] = float(np.linalg.norm((secants[1] - secants[0]) * columns.sd))
-    return sd_by_axis
+    joint_load = joint_load_of(bound)
+    if joint_load is None:
+        return {}
+    at_smallest, at_largest = joint_load.secants(bound.setting, ends_N)
+    sd_by_compliance = {}
+    for added in added_compliances(bound):
+        sd = np.linalg.norm((at_largest - at_smallest) * added.columns.sd)
+        sd_by_compliance[added.label] = float(sd)
+    return sd_by_compliance
 
 
 def _changing_compliances(bound: BoundModel) -> set[str]:
@@ -181,8 +181,4 @@ def _changing_compliances(bound: BoundModel) -> set[str]:
     deflect under their own load) contributes to it.
     """
     changing = {parameter.compliance for parameter in bound.parameters if parameter.degree > 0}
-    of_joints = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
-    for compliance in bound.compliances:
-        if compliance.kind == "direct" and compliance.twist in of_joints:
-            changing.add(compliance.label)
-    return changing
+    return changing | {added.label for added in added_compliances(bound)}

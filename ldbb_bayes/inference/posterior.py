@@ -26,13 +26,8 @@ from pydantic import ValidationError
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import write_whole
-from ldbb_bayes.inference.coefficients import (
-    ElasticDraws,
-    ModelDraws,
-    compliance_curves,
-    elastic_draws,
-    evenly_spaced,
-)
+from ldbb_bayes.inference.coefficients import ModelDraws, evenly_spaced
+from ldbb_bayes.inference.elastic_deflections import ElasticDraws, compliance_curves, elastic_draws
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml

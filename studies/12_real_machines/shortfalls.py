@@ -17,7 +17,7 @@ from study import Effort, replicated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes, judge_parameters
-from ldbb_bayes.inference.coefficients import compliance_curves
+from ldbb_bayes.inference.elastic_deflections import compliance_curves
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.bound_information import information_of
 

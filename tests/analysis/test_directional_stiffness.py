@@ -17,7 +17,8 @@ from ldbb_bayes.analysis.directional_stiffness import (
     PlaneStiffness,
     stiffness_draws,
 )
-from ldbb_bayes.inference.coefficients import ModelDraws, elastic_draws
+from ldbb_bayes.inference.coefficients import ModelDraws
+from ldbb_bayes.inference.elastic_deflections import elastic_draws
 from ldbb_bayes.machine.exact import exact_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.model.fourier import basis

@@ -14,7 +14,7 @@ from oracle import Estimate, Oracle, OracleMachine, Stated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import Ball, Campaign, CircularTest, Instrument, MountCompensation
-from ldbb_bayes.inference.coefficients import compliance_curves
+from ldbb_bayes.inference.elastic_deflections import compliance_curves
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.model.hybrid import BoundModel
 
