@@ -42,7 +42,12 @@ from ldbb_bayes.inference.evidence import (
     probabilities,
     require_models,
 )
-from ldbb_bayes.inference.evidences import Evidences, leave_one_out, left_out_log_densities
+from ldbb_bayes.inference.evidences import (
+    Evidences,
+    leave_one_out,
+    left_out_log_densities,
+    report_nothing,
+)
 from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import Evidence, Nodes
 from ldbb_bayes.inference.residuals import fit_quality
@@ -287,10 +292,6 @@ class _StepCounter:
         self.progress(self.done, self.total)
 
 
-def _report_nothing() -> None:
-    """Do nothing. This function is called in place of a progress report."""
-
-
 @dataclass(frozen=True, eq=False)
 class _BegunComparison:
     """Comparison of models of which some parts may be computed in another process.
@@ -338,7 +339,7 @@ class _BegunComparison:
             self.nodes_by_model, left_out_nodes, log_densities, self.seed, evidences.tolerance
         )
         assumptions, assumption_evidences = self.by_assumption()
-        evidences.progress = _report_nothing
+        evidences.progress = report_nothing
         all_evidences = [
             *evidences.every,
             *subset_evidences,

@@ -241,12 +241,12 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     one value of the h hyper-parameters (such as the standard deviation of the noise). ``bound`` is
     the model of the campaign.
     """
+    if not tests:
+        return 0.0
     sigma = bound.hyper_prior.names.index("sigma")
-    fails = np.isin(bound.test_names, tests)
-    variance_ratio = np.ones(1)
-    if fails.any():
-        measured_ratio = _noise_variance_above_order_12(bound) / phi[sigma] ** 2
-        variance_ratio = np.where(fails, np.maximum(measured_ratio, 1.0), 1.0)
+    is_noisier = np.isin(bound.test_names, tests)
+    measured_ratio = _noise_variance_above_order_12(bound) / phi[sigma] ** 2
+    variance_ratio = np.where(is_noisier, np.maximum(measured_ratio, 1.0), 1.0)
     noisy = phi.copy()
     noisy[sigma] *= np.sqrt(variance_ratio.mean())
     variance = information_of(bound, phi).variances()
@@ -267,14 +267,24 @@ def _noise_variance_above_order_12(bound: BoundModel) -> Array:
     conditions = list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
     for condition in set(conditions):
         tests = [r for r, of_test in enumerate(conditions) if of_test == condition]
-        deviation = coefficients[tests]
-        freedom = len(tests)
-        if len(tests) > 1:
-            deviation = deviation - deviation.mean(axis=0)
-            freedom = len(tests) - 1
-        mean_square[tests] = np.mean(deviation**2, axis=1) * (len(tests) / freedom)
+        mean_square[tests] = _mean_square_of_scatter(coefficients[tests])
     # White noise of variance s² in n readings gives a Fourier coefficient the variance 2 s² / n.
     return mean_square * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
+
+
+def _mean_square_of_scatter(coefficients: Array) -> Array:
+    """Return the mean square of each test's coefficients, without what the tests repeat.
+
+    ``coefficients``, shape (tests, m), holds m coefficients of every test. Their means over the
+    tests are subtracted; of two or more tests, the mean squares are enlarged, because the means
+    were computed from the same tests. A single test has nothing to be compared with, and all of its
+    coefficients count as scatter. The result has the shape (tests,).
+    """
+    n = len(coefficients)
+    if n == 1:
+        return np.asarray(np.mean(coefficients**2, axis=1))
+    deviation = coefficients - coefficients.mean(axis=0)
+    return np.asarray(np.mean(deviation**2, axis=1) * (n / (n - 1)))
 
 
 def _coefficients_above_order_12(test: CircularTest) -> Array:
@@ -450,8 +460,9 @@ def average_checks(
         for order in first.orders_p:
             orders_p[order] = float(np.dot(shares, [checks.orders_p[order] for checks in of_test]))
         noise_p = None
-        if first.noise_p is not None:
-            noise_p = float(np.dot(shares, [checks.noise_p or 0.0 for checks in of_test]))
+        noise_p_by_model = [checks.noise_p for checks in of_test if checks.noise_p is not None]
+        if noise_p_by_model:
+            noise_p = float(np.dot(shares, noise_p_by_model))
         averaged[name] = TestChecks(
             orders_p, noise_p, first.autocorrelation, first.autocorrelation_p
         )

@@ -28,7 +28,7 @@ from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms.columns import Hyper
 from ldbb_bayes.results import Array, Shown
 
-__all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
+__all__ = ["Evidences", "leave_one_out", "left_out_log_densities", "report_nothing"]
 
 # Error allowed in a log evidence [nat] that is computed only to decide whether a model is rejected.
 # The tolerance of the `Evidences` object is used instead if it is larger.
@@ -46,7 +46,7 @@ _FEWEST_TESTS = 16
 _BOTH_ERRORS = 2.0
 
 
-def _silent() -> None:
+def report_nothing() -> None:
     """Do nothing, in place of a function that reports progress.
 
     Unlike a lambda, it can be sent to other processes.
@@ -90,7 +90,7 @@ class Evidences(Shown):
         campaign: Campaign,
         *,
         tolerance: float = 1e-2,
-        progress: Callable[[], object] = _silent,
+        progress: Callable[[], object] = report_nothing,
         keep_tests: Sequence[str] | None = None,
     ) -> None:
         """Prepare the evidences for the readings of a campaign, without computing any of them.
@@ -224,7 +224,7 @@ class Evidences(Shown):
         tolerance: float,
         keep_tests: Sequence[str] | None,
         modes: Mapping[tuple[Hyper, ...], Array],
-        progress: Callable[[], object] = _silent,
+        progress: Callable[[], object] = report_nothing,
     ) -> Evidences:
         """Return a new ``Evidences`` object, in which no evidence has been computed yet.
 
@@ -323,7 +323,7 @@ def leave_one_out(
     nodes_by_model: Mapping[str, Nodes],
     *,
     tolerance: float = 1e-2,
-    progress: Callable[[], object] = _silent,
+    progress: Callable[[], object] = report_nothing,
 ) -> dict[str, dict[str, Nodes]]:
     """Return the quadrature nodes of every model for the readings with each test left out in turn.
 

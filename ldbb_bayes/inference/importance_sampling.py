@@ -72,7 +72,7 @@ _FITTED_PER_DIMENSION = 40.0
 # A proposal (the density from which points are drawn) is fitted to points with importance weights.
 # If a few weights dominate, all weights are made more equal by raising them to a power. The power
 # starts at one. The power is multiplied by ``_EVENING`` until the effective sample size of the
-# weights suffices, or until the power is at most ``_LEAST_POWER``.
+# weights suffices, or until the next power would be at most ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 
@@ -241,11 +241,8 @@ def sample_similar(
     max_points : int
         Largest number of points of a round.
     """
-    proposal = earlier.proposal
-    if not isinstance(proposal, Mixture):
-        raise TypeError("a lattice has no proposal to fit. Give a sample of importance_sample.")
+    fitted = _without_wider(_proposal_of(earlier))
     size = 1 << int(np.log2(len(earlier.free) // (2 * _SCRAMBLES)))
-    fitted = _without_wider(proposal)
     return _best_after(earlier, log_density, fitted, size, tolerance, seed, max_points)
 
 
@@ -270,9 +267,7 @@ def refit_sample(
     seed : int
         Seed of the randomised quasi-random sequences.
     """
-    proposal = earlier.proposal
-    if not isinstance(proposal, Mixture):
-        raise TypeError("a lattice has no proposal to fit. Give a sample of importance_sample.")
+    proposal = _proposal_of(earlier)
     all_points = np.concatenate([earlier.free, points])
     all_values = np.concatenate([earlier.log_density, values])
     h = all_points.shape[1]
@@ -281,6 +276,16 @@ def refit_sample(
     size = 1 << int(np.log2(len(all_points) // _SCRAMBLES))
     uniform = _sobol_sequences(h + 1, seed).of_round(_ROUNDS)
     return _draw_round(log_density, _add_wider(fitted), size, uniform)
+
+
+def _proposal_of(sample: Integral) -> Mixture:
+    """Return the density from which the points of a sample were drawn.
+
+    Raise a `TypeError` if the points are a lattice, because they were then not drawn at random.
+    """
+    if not isinstance(sample.proposal, Mixture):
+        raise TypeError("a lattice has no proposal to fit. Give a sample of importance_sample.")
+    return sample.proposal
 
 
 def _best_after(
@@ -473,7 +478,7 @@ def _even_out(log_weight: Array, h: int) -> Array:
     while True:
         weight = np.exp(power * (log_weight - log_weight.max()))
         weight = weight / weight.sum()
-        power = _EVENING * power
-        too_few = 1.0 / (weight**2).sum() < sufficient
-        if not too_few or power <= _LEAST_POWER:
+        is_too_small = 1.0 / (weight**2).sum() < sufficient
+        if not is_too_small or _EVENING * power <= _LEAST_POWER:
             return np.asarray(weight)
+        power = _EVENING * power

@@ -185,12 +185,7 @@ def _effective_number(free: Array) -> float:
 
 
 class _ProposedBlock(NamedTuple):
-    """Block of 256 proposed draws of hyper-parameters φ, and the accepted draws of φ and β.
-
-    ``free``, shape (accepted, h), holds the accepted φ in unbounded coordinates, mostly ln(φ −
-    lower bound); ``beta``, shape (accepted, p), holds a draw of the p parameters β for each of
-    these φ; ``log_posterior``, shape (accepted,), holds the log posterior density of both.
-    """
+    """Block of 256 proposed draws of hyper-parameters φ, and the accepted draws of φ and β."""
 
     #: draws of h hyper-parameters that the rejection sampler accepted, in unbounded coordinates
     #: (mostly ln(value − lower bound)), shape (accepted, h)
@@ -297,14 +292,11 @@ def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
 class _StandardDraws(NamedTuple):
     """Random draws of the p parameters, in coordinates in which they are standard normal.
 
-    ``standard``, shape (w, tries, p), holds several draws for each of w values of the
-    hyper-parameters. If the model forbids negative compliances, draws with negative compliances are
-    not usable. ``usable``, shape (w,), is the number of usable draws for each value; these draws
-    come first.
+    There are several draws for each of w values of the hyper-parameters, the usable ones first.
     """
 
     #: random draws of p parameters, in coordinates in which they are standard normal, for each of w
-    #: values of the hyper-parameters, shape (w, tries, p)
+    #: values of the hyper-parameters, shape (w, tries, p); usable draws come first
     standard: Array
     #: number of usable draws for each of w values of the hyper-parameters, shape (w,); if the model
     #: forbids negative compliances, draws with negative compliances are not usable

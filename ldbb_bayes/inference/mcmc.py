@@ -58,11 +58,7 @@ _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """Plan of one block of the sampler's steps.
-
-    It states the number of draws to store for each walker, and the number of steps from one stored
-    draw to the next.
-    """
+    """Plan of one block of the sampler's steps: how many draws are stored, and how far apart."""
 
     draws: int  #: number of draws that one block of the sampler's steps stores for each walker
     #: number of steps from one stored draw to the next, in one block of the sampler's steps

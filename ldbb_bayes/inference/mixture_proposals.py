@@ -137,7 +137,7 @@ class SplitT:
         above = z > 0.0
         scale = np.where(above, self.scale[1], self.scale[0])
         freedom = np.where(above, self.freedom[1], self.freedom[0])
-        tails = (0.5 * (freedom + 1.0) * np.log1p(z**2 / (freedom * scale**2))).sum(axis=1)
+        tails = _log_tail(z**2, scale, freedom).sum(axis=1)
         log_mass = np.log(_side_masses(self.scale, self.freedom).sum(axis=0)).sum()
         log_volume = np.linalg.slogdet(self.root)[1] + coordinates.log_width
         return np.asarray(-log_mass - tails - log_volume)
@@ -209,9 +209,9 @@ def _side_masses(scale: Array, freedom: Array) -> Array:
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
     """Return −ln of an unnormalised Student-t density, which is 1 at z = 0, shape (n, h).
 
-    ``square``, shape (n, h), holds z² for n points along h directions; ``scale``, shape (h,), holds
-    the scales of the density. ``freedom`` holds its degrees of freedom, shape (h,), or is one
-    number.
+    ``square``, shape (n, h), holds z² for n points along h directions. ``scale`` holds the scales
+    of the density, and ``freedom`` its degrees of freedom: one for each direction, shape (h,), or
+    one for each point and direction, shape (n, h). ``freedom`` may also be one number.
     """
     return np.asarray(0.5 * (freedom + 1.0) * np.log1p(square / (freedom * scale**2)))
 
@@ -405,15 +405,20 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
     freedoms = _FREEDOMS
     if h <= _FEW_DIMENSIONS:
         freedoms = _FREEDOMS[:_HEAVY_TAILS]
-    best = _AxisFit(np.zeros(h), np.ones((2, h)), np.ones((2, h)), np.full(h, -np.inf))
+    best = _AxisFit(
+        offset=np.zeros(h),
+        scale=np.ones((2, h)),
+        freedom=np.ones((2, h)),
+        log_likelihood=np.full(h, -np.inf),
+    )
     for offset in _OFFSETS:
         candidate = _fit_about(float(offset), z, weight, freedoms)
-        better = candidate.log_likelihood > best.log_likelihood
+        is_better = candidate.log_likelihood > best.log_likelihood
         best = _AxisFit(
-            np.where(better, candidate.offset, best.offset),
-            np.where(better, candidate.scale, best.scale),
-            np.where(better, candidate.freedom, best.freedom),
-            np.where(better, candidate.log_likelihood, best.log_likelihood),
+            offset=np.where(is_better, candidate.offset, best.offset),
+            scale=np.where(is_better, candidate.scale, best.scale),
+            freedom=np.where(is_better, candidate.freedom, best.freedom),
+            log_likelihood=np.where(is_better, candidate.log_likelihood, best.log_likelihood),
         )
     return SplitT(centre + root @ best.offset, root, _WIDER * best.scale, best.freedom)
 

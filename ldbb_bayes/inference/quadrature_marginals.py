@@ -127,9 +127,8 @@ def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
     warning is given; the draws are then resampled from weighted points. ``seed`` is the seed of the
     random numbers.
     """
-    rng = np.random.default_rng(seed)
     try:
-        return draw_jointly(posterior, _DRAWS, rng).free
+        return draw_jointly(posterior, _DRAWS, np.random.default_rng(seed)).free
     except TooRoughError as error:
         warnings.warn(
             "quantiles of the hyper-parameters must come from independent draws, got weights that"
