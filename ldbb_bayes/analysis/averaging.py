@@ -28,9 +28,8 @@ from scipy.special import expit, logit
 from ldbb_bayes.analysis.rival_explanations import subsets
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.inference import evidence
 from ldbb_bayes.inference.coefficients import ModelDraws
-from ldbb_bayes.inference.evidence import probabilities, require_models
+from ldbb_bayes.inference.evidence import log_prob_truncation, probabilities, require_models
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.fit import Concern, ConcernKind, assess_fit
 from ldbb_bayes.inference.mcmc import StoppingRule, assess
@@ -194,12 +193,12 @@ def average(
     )
     prior_draws = _draw_priors(weighted, draws, prior_rng)
     order = posterior_rng.permutation(len(model_of_draw)).reshape(_CHAINS, draws_per_chain)
-    beta, phi = _pool_draws(bound, posterior_draws)
+    beta, phi = _join_draws_of_models(bound, posterior_draws)
     groups = groups_of(
         bound,
         beta[order],
         phi[order],
-        _pool_draws(bound, prior_draws),
+        _join_draws_of_models(bound, prior_draws),
         _log_densities(posterior_draws, order),
     )
     groups["sample_stats"]["model"] = model_of_draw[order]
@@ -214,7 +213,7 @@ def average(
         bound,
         posterior_draws,
         groups,
-        _log_prob_truncation(weighted),
+        _truncation_of_most_probable(weighted),
         concerns,
         check_rng,
         np.array(prior_levels)[model_of_draw[order]],
@@ -331,7 +330,9 @@ def _draw_priors(
     return draws_of_models
 
 
-def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tuple[Array, Array]:
+def _join_draws_of_models(
+    bound: BoundModel, draws_of_models: Sequence[ModelDraws]
+) -> tuple[Array, Array]:
     """Return the draws of all models in one array for parameters and one for hyper-parameters.
 
     The n draws of the p parameters have the shape (n, p), those of the h hyper-parameters the shape
@@ -342,13 +343,11 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
     pooled_beta = []
     for draws_of_model in draws_of_models:
         beta = np.zeros((len(draws_of_model.phi), len(bound.names)))
-        beta[:, [bound.names.index(name) for name in draws_of_model.bound.names]] = (
-            draws_of_model.beta
-        )
+        columns = [bound.names.index(name) for name in draws_of_model.bound.names]
+        beta[:, columns] = draws_of_model.beta
         pooled_beta.append(beta)
-    return np.concatenate(pooled_beta), np.concatenate(
-        [draws_of_model.phi for draws_of_model in draws_of_models]
-    )
+    pooled_phi = [draws_of_model.phi for draws_of_model in draws_of_models]
+    return np.concatenate(pooled_beta), np.concatenate(pooled_phi)
 
 
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
@@ -367,16 +366,15 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
     return pooled
 
 
-def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
-    """Return the log normalizing constant of the truncated posterior, and its error [nat].
+def _truncation_of_most_probable(weighted: _WeightedModels) -> tuple[float, float]:
+    """Return the log probability that no compliance is negative, and its numerical error [nat].
 
-    Truncation means that compliances must not be negative. The normalizing constant is the
-    probability that no compliance is negative, under the posterior without truncation. Both results
-    are computed for the most probable model. The error is the numerical error of the logarithm.
+    It is the probability under the posterior of the most probable model in which compliances may be
+    negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.without_truncation.mode
-    return evidence.log_prob_truncation(HyperPosterior(most_probable, truncated=True, near=near))
+    return log_prob_truncation(HyperPosterior(most_probable, truncated=True, near=near))
 
 
 def _free_coordinates(beta: Array, phi: Array) -> Array:
@@ -402,13 +400,13 @@ def _averaged_prior(
     unchanged.
     """
     names = weighted.bound.names
-    moments = np.zeros((2, len(names)))
+    mean = np.zeros(len(names))
+    mean_square = np.zeros(len(names))
     for bound in weighted.bounds:
         columns = [names.index(name) for name in bound.names]
-        second_moment = bound.prior_mean**2 + bound.prior_sd**2
-        moments[:, columns] += np.stack([bound.prior_mean, second_moment]) / len(weighted.nodes)
-    mean = moments[0]
-    sd = np.sqrt(moments[1] - moments[0] ** 2)
+        mean[columns] += bound.prior_mean / len(weighted.nodes)
+        mean_square[columns] += (bound.prior_mean**2 + bound.prior_sd**2) / len(weighted.nodes)
+    sd = np.sqrt(mean_square - mean**2)
     return {
         "prior_sd": {**prior_sd, **dict(zip(names, sd.tolist(), strict=True))},
         "prior_mean": dict(zip(names, mean.tolist(), strict=True)),

@@ -35,7 +35,7 @@ from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.terms import Columns, Term
+from ldbb_bayes.model.terms import Term
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import ranked
 
@@ -174,18 +174,14 @@ def joint_difference(
     ]
     joint = _joint_posterior(campaigns, places, common, size)
     joint = joint + _correlation(campaigns, places, similar, bounds, size)
-    joint_rows = np.stack(
-        [
-            _joint_rows(first, places[0], rows[0], size),
-            _joint_rows(second, places[1], rows[1], size),
-        ]
-    )
-    difference_rows = joint_rows[1] - joint_rows[0]
+    rows_of_first = _joint_rows(first, places[0], rows[0], size)
+    rows_of_second = _joint_rows(second, places[1], rows[1], size)
+    difference_rows = rows_of_second - rows_of_first
     return JointDifference(
-        joint_rows @ joint.mean,
-        difference_rows @ joint.mean,
-        np.sqrt((joint.spread(difference_rows) ** 2).sum(axis=1)),
-        _conflict(campaigns, common, similar, bounds),
+        means=np.stack([rows_of_first, rows_of_second]) @ joint.mean,
+        difference=difference_rows @ joint.mean,
+        sd=np.sqrt((joint.spread(difference_rows) ** 2).sum(axis=1)),
+        conflict=_conflict(campaigns, common, similar, bounds),
     )
 
 
@@ -304,6 +300,19 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     )
 
 
+def _terms_in_common(shared: Shared, bounds: Sequence[BoundModel]) -> frozenset[str]:
+    """Return the class names of the terms of the instrument and machine that two campaigns share.
+
+    ``shared`` states what the campaigns have in common, and ``bounds`` are their models.
+    """
+    terms: frozenset[str] = frozenset()
+    if shared.instrument:
+        terms |= {name for name, kind in Term.kinds.items() if kind.instrument}
+    if shared.machine:
+        terms |= machine_terms(bounds)
+    return terms
+
+
 def _common_coefficients(
     first: _Campaign, second: _Campaign, shared: Shared, bounds: Sequence[BoundModel]
 ) -> list[str]:
@@ -314,13 +323,8 @@ def _common_coefficients(
     of which a part is another in every campaign is among them only if a certificate of one of the
     campaigns states it. ``bounds`` are the models.
     """
-    terms: set[str] = set()
-    if shared.instrument:
-        terms |= {name for name, kind in Term.kinds.items() if kind.instrument}
-    if shared.machine:
-        terms |= machine_terms(bounds)
     names = []
-    for name in _coefficients_in_both(first, second, terms):
+    for name in _coefficients_in_both(first, second, _terms_in_common(shared, bounds)):
         is_constant = Term.owner(name).campaign_correlation == 1.0
         if is_constant or any(_is_stated(name, bound) for bound in bounds):
             names.append(name)
@@ -348,12 +352,7 @@ def _similar_coefficients(
     of the instrument that are not ``common``, if the instrument is the same. ``bounds`` are the
     models of the campaigns.
     """
-    terms: set[str] = set()
-    if shared.machine:
-        terms |= machine_terms(bounds)
-    if shared.instrument:
-        terms |= {name for name, kind in Term.kinds.items() if kind.instrument}
-    in_both = _coefficients_in_both(first, second, terms)
+    in_both = _coefficients_in_both(first, second, _terms_in_common(shared, bounds))
     return [name for name in in_both if name not in common]
 
 
@@ -587,10 +586,7 @@ def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
     """
     _, parameters = bound.given(phi[None])
     beta = parameters.mean[0]
-    has_shared_nuisances = any(
-        isinstance(term, Columns) and not term.private for term in bound.nuisance_columns
-    )
-    if not has_shared_nuisances:
+    if not shared_terms(bound.nuisance_columns):
         return np.asarray(beta)
     _, nuisances = bound.given_interest.conditional(phi[None], (beta - bound.centre)[None])
     return np.concatenate([beta, nuisances.mean[0]])

@@ -195,39 +195,45 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     'Mount'
     """
     require_model(model)
-    judged = _judged_plan if campaign.is_plan else _judged_campaign
-    bound, weight, nodes, expected, averaged_sd, contradicted = judged(model, campaign)
-    phi = weight @ nodes
-    information = information_of(bound, phi)
+    if campaign.is_plan:
+        tests = _judged_plan(model, campaign)
+    else:
+        tests = _judged_campaign(model, campaign)
+    bound = tests.bound
+    mean_phi = tests.weight @ tests.phi
+    information = information_of(bound, mean_phi)
     combinations = degeneracies(bound)
     effective_parameters = float(len(bound.names))
     certificates: dict[str, dict[str, float]] = {}
     if not information.flat:
         effective_parameters -= float(information.variances().sum())
-        certificates = worth_of_certificates(bound, weight, nodes, contradicted=contradicted)
-    if expected is not None and certificates:
-        certificates = _scaled_to_forecast(expected, bound, certificates)
+        certificates = worth_of_certificates(
+            bound, tests.weight, tests.phi, contradicted=tests.contradicted
+        )
+    if tests.expected is not None and certificates:
+        certificates = _scaled_to_forecast(tests.expected, bound, certificates)
     changes = curve_changes(bound, information)
-    variance = _averaged_over_scales(bound, information, changes, weight, nodes)
-    prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
-    posterior_sd = variance.models[0].sd[: variance.number_of_parameters]
+    variance = _averaged_over_scales(bound, information, changes, tests.weight, tests.phi)
+    expected = tests.expected
     if expected is None:
+        prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
+        posterior_sd = variance.models[0].sd[: variance.number_of_parameters]
         expected = SampledSd(prior_sd, posterior_sd)
     parameters = judge_average(variance, bound, expected)
     changes_judged = judge_changes(variance, changes, _prior_sd_of_changes(information, changes))
-    tried = TriedRemedies(bound, phi, contradicted)
-    found = _remedies_of(tried, parameters, changes_judged)
-    found |= _with_averaged_certificates(found, certificates)
+    tried = TriedRemedies(bound, mean_phi, tests.contradicted)
+    remedy_by_name = _remedies_of(tried, parameters, changes_judged)
+    remedy_by_name |= _with_averaged_certificates(remedy_by_name, certificates)
     sd_by_parameter = {name: entry.sd for name, entry in parameters.items()}
     confounded = [name for name, entry in parameters.items() if entry.partners]
-    pairs = paired_remedies(tried, found, sd_by_parameter, confounded)
+    pairs = paired_remedies(tried, remedy_by_name, sd_by_parameter, confounded)
     return Identifiability(
         parameters={
-            name: replace(entry, remedy=found[name], paired_remedy=pairs.get(name))
+            name: replace(entry, remedy=remedy_by_name[name], paired_remedy=pairs.get(name))
             for name, entry in parameters.items()
         },
         changes={
-            name: replace(entry, remedy=found[f"change of {name}"])
+            name: replace(entry, remedy=remedy_by_name[f"change of {name}"])
             for name, entry in changes_judged.items()
         },
         degeneracies=combinations,
@@ -237,11 +243,11 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         alias=_alias_matrix(bound, information),
         correlation=_correlation(information),
         certificates=certificates,
-        hyper_um=bound.hyper_prior.named(phi),
+        hyper_um=bound.hyper_prior.named(mean_phi),
         measured=not campaign.is_plan,
-        averaged_sd=averaged_sd,
+        averaged_sd=tests.averaged_sd,
         scales_from_pilot=_has_measured_pilot(campaign),
-        contradicted_certificates=contradicted,
+        contradicted_certificates=tests.contradicted,
         truncated=model.prior.truncated,
     )
 
@@ -361,19 +367,19 @@ def _has_measured_pilot(campaign: Campaign) -> bool:
 
 
 def _with_averaged_certificates(
-    found: Mapping[str, Remedy | None], certificates: Mapping[str, Mapping[str, float]]
+    remedy_by_name: Mapping[str, Remedy | None], certificates: Mapping[str, Mapping[str, float]]
 ) -> dict[str, Remedy | None]:
     """Return the remedies that are certificates, with uncertainties averaged over the scales.
 
     A remedy is found at one value of the hyper-parameters (scales of noise and effects). The
     uncertainties with further certificates, ``certificates``, are averaged over the
-    hyper-parameters instead; both are stated, and must agree. The keys of ``found`` and of the
-    result are names of parameters; those of ``certificates`` are names of certificates, the first
-    of which stands for no further certificate.
+    hyper-parameters instead; both are stated, and must agree. The keys of ``remedy_by_name`` and of
+    the result are names of parameters; those of ``certificates`` are names of certificates, the
+    first of which stands for no further certificate.
     """
     averaged: dict[str, Remedy | None] = {}
     without = next(iter(certificates.values()), {})
-    for name, remedy in found.items():
+    for name, remedy in remedy_by_name.items():
         if remedy is None or not remedy.certificate or name not in without:
             continue
         ratio = certificates[remedy.certificate][name] / without[name]

@@ -18,8 +18,8 @@ __all__ = [
     "Reason",
     "ReasonKind",
     "Use",
+    "judge_certificate",
     "judge_fit",
-    "state_of",
     "undetermined_parameters",
 ]
 
@@ -124,7 +124,7 @@ def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
     return float(np.exp(0.5 * (logarithms[widest] + logarithms[widest + 1])))
 
 
-def state_of(
+def judge_certificate(
     fit: Fit,
     verdicts: Mapping[str, ParameterIdentifiability],
     stated: Collection[str],
@@ -172,9 +172,9 @@ def state_of(
 def judge_fit(fit: Fit) -> Judgement:
     """Return whether the results of a fit can be used, as far as the fit alone decides it.
 
-    The reasons are those of `state_of` that do not concern single parameters.
+    The reasons are those of `judge_certificate` that do not concern single parameters.
     """
-    return state_of(fit, verdicts={}, stated=())
+    return judge_certificate(fit, verdicts={}, stated=())
 
 
 def _grave_reasons(fit: Fit) -> list[Reason]:

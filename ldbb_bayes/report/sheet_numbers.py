@@ -21,7 +21,7 @@ from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
 from ldbb_bayes.analysis.tilt_levers import largest_lever_mm
-from ldbb_bayes.analysis.usability import Judgement, Use, state_of, undetermined_parameters
+from ldbb_bayes.analysis.usability import Judgement, Use, judge_certificate, undetermined_parameters
 from ldbb_bayes.inference.fit import limits_of_compliances_near_zero
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import bound_of, fit_of
@@ -103,7 +103,7 @@ class SheetNumbers:
         comparison = None
         if not isinstance(self.findings.comparison, str):
             comparison = self.findings.comparison
-        return state_of(
+        return judge_certificate(
             fit_of(self.findings.posterior),
             self.verdicts,
             self.parameters,

@@ -1,5 +1,5 @@
 """conformity(): probabilities against the normal distribution and the draws, decisions by the guard
-band; state_of()."""
+band; judge_certificate()."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ldbb_bayes.analysis.tolerances import (
     quantities_of,
     tolerances_in,
 )
-from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, state_of
+from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, judge_certificate
 from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.fit import Concern, ConcernKind
@@ -328,7 +328,9 @@ def test_may_the_numbers_be_used(posterior: Any) -> None:
     fit = fit_of(posterior)
     verdicts = lb.analysis.judge_posterior(posterior)
     assert (
-        state_of(replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX", "C_YYY")).use
+        judge_certificate(
+            replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX", "C_YYY")
+        ).use
         == Use.CAN_BE_USED
     )
     weak = {
@@ -336,19 +338,19 @@ def test_may_the_numbers_be_used(posterior: Any) -> None:
             verdicts["E_C0YX"], verdict=Verdict.CONFOUNDED, partners=("BallForm",), contraction=0.4
         )
     }
-    squareness = state_of(
+    squareness = judge_certificate(
         replace(fit, concerns=(), sensitivity={}), verdicts | weak, ("C_XXX", "E_C0YX")
     )
     assert squareness.use == Use.WITH_RESERVATION
     assert squareness.reasons == (Reason(ReasonKind.NOT_DETERMINED, ("E_C0YX",), ("BallForm",)),)
     for kind in (ConcernKind.NOT_CONVERGED, ConcernKind.TRUNCATION):
-        refused = state_of(replace(fit, concerns=(Concern(kind, 1.0, 2.0),)), verdicts, ())
+        refused = judge_certificate(replace(fit, concerns=(Concern(kind, 1.0, 2.0),)), verdicts, ())
         assert refused.use == Use.DO_NOT_USE
         assert refused.reasons[0].kind == kind
     open_sign: Any = SimpleNamespace(
         within_tolerance=True, sign="depends on assumptions that the readings allow"
     )
-    state = state_of(
+    state = judge_certificate(
         replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX",), comparison=open_sign
     )
     assert [reason.kind for reason in state.reasons] == [ReasonKind.OPEN_SIGN]
