@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.special import expit, logit
 
+from ldbb_bayes.analysis.comparison_plan import largest_model
 from ldbb_bayes.analysis.rival_explanations import subsets
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import InputError, require
@@ -262,8 +263,7 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
             combinations.append(_Combination(name, rivals))
             variants.append(model.with_rivals(*rivals))
     nodes = evidences.of(*variants)
-    largest = max(models.values(), key=lambda model: (model.degree, -len(model.fixed)))
-    bound = evidences.of(largest)[0].bound
+    bound = evidences.of(largest_model(models))[0].bound
     for variant_nodes in nodes:
         _check_nested(variant_nodes.bound, bound)
     log_evidence = np.array([variant_nodes.evidence.log_value for variant_nodes in nodes])

@@ -18,7 +18,8 @@ from campaigns import plan, refuses, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import outlying_tests
 from ldbb_bayes.analysis.comparison import Comparison, Sign
-from ldbb_bayes.analysis.model_comparison import SLOPE_SCALES, interpolate_crossings
+from ldbb_bayes.analysis.comparison_plan import SLOPE_SCALES
+from ldbb_bayes.analysis.model_comparison import interpolate_crossings
 from ldbb_bayes.analysis.rival_explanations import Explained, Explanations
 from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.inference.evidences import Evidences
