@@ -23,19 +23,25 @@ out.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from ldbb_bayes.analysis.compliance_meaning import Meaning, same_meaning
 from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.fleet.campaign_likelihood import SLOPE_NAME, campaign_likelihood
+from ldbb_bayes.fleet.common_priors import (
+    NormalPriors,
+    best_priors,
+    contradictory_statements,
+    reference_sd,
+    usual_priors,
+)
 from ldbb_bayes.fleet.machine_effects import (
     VARIANCE_OF_CAMPAIGN,
     has_usual_circles,
@@ -45,24 +51,12 @@ from ldbb_bayes.fleet.machine_effects import (
     with_effects_of_campaigns,
 )
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, labels, moment
-from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.prior import Prior, geometric_unit
-from ldbb_bayes.model.terms import JointLoad, Position, Term
-from ldbb_bayes.model.terms.joints import joint_load_names, secants_along_axis
+from ldbb_bayes.model.terms import Position, Term
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import inside_name
 
-__all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
-
-# Pattern of the names of the coefficients of a compliance's change with force: slopes, such as
-# C_XXX_1, and curvatures, such as C_XXX_2.
-_SLOPE = re.compile(r"(C_.+)_([12])")
-# Two relative standard deviations count as equal if they differ by less than this share.
-_SAME_SD = 1e-6
-# What a campaign states of the common instrument contradicts the best statement if the probability
-# of a larger difference by chance is below this number.
-_CONTRADICTION = 0.01
+__all__ = ["FleetStatistics", "fleet_statistics"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,33 +162,31 @@ def fleet_statistics(
     instrument = _instrument_errors(rows) if one_instrument else ()
     force = _reference_force(rows, reference_force_N)
     machines = _machine_names(rows)
-    kept: tuple[str, ...] = ()
-    kept_by: Sequence[str] = machines
+    # With one machine, it does not matter which machine the campaigns name.
+    owners: Sequence[str] = machines
     if one_machine:
-        kept_by = ["the machine"] * len(machines)
+        owners = ["the machine"] * len(machines)
+    effects: tuple[str, ...] = ()
     if one_machine or len(set(machines)) < len(machines):
-        kept = machine_effects(rows, kept_by)
+        effects = machine_effects(rows, owners)
     c = len(chosen)
     s = len(instrument)
     unit_by_name = dict(
         zip(rows["gaussian_names"].iloc[0], rows["gaussian_units"].iloc[0], strict=True)
     )
     units = tuple(unit_by_name[name] for name in chosen)
-    of_campaigns = _likelihoods(rows, (*chosen, *instrument), kept, force)
-    parameter_sd = reference_sd(
-        chosen, units, of_campaigns.prior_mean[:, :c], of_campaigns.prior_sd[:, :c]
-    )
-    priors = of_campaigns.prior_mean, of_campaigns.prior_sd
-    stated = _CommonPrior(*(values[:, c : c + s] for values in priors))
-    of_instrument = _best_prior(instrument, stated)
-    of_machine = _usual_prior(*(values[:, c + s :] for values in priors))
+    of_campaigns = _likelihoods(rows, (*chosen, *instrument), effects, force)
+    parameter_priors, instrument_priors, effect_priors = _split_priors(of_campaigns, c, s)
+    parameter_sd = reference_sd(chosen, units, *parameter_priors)
+    of_instrument = best_priors(instrument, instrument_priors)
+    of_machine = usual_priors(effect_priors)
     scale = np.concatenate([parameter_sd, of_instrument.sd, of_machine.sd])
     centre = np.concatenate([np.zeros(c), of_instrument.mean, of_machine.mean])
     shift = of_campaigns.shift - of_campaigns.precision @ centre
     likelihood = Gaussian(of_campaigns.precision * (scale[:, None] * scale), shift * scale)
-    if kept:
-        other_circles = np.flatnonzero(~has_usual_circles(rows, kept_by))
-        likelihood = _with_parts_of_campaigns(likelihood, kept, other_circles)
+    if effects:
+        other_circles = np.flatnonzero(~has_usual_circles(rows, owners))
+        likelihood = _without_parts_of_campaigns(likelihood, effects, other_circles)
     return FleetStatistics(
         campaigns=tuple(map(str, rows["campaign"])),
         machines=machines,
@@ -208,111 +200,49 @@ def fleet_statistics(
         forces_N=(float(rows["force_min_N"].max()), float(rows["force_max_N"].min())),
         topology=topology,
         compliances=_common_meanings(rows, chosen),
-        machine=kept,
-        contradictions=_contradictions(instrument, stated, of_instrument, labels(rows, rows)),
+        machine=effects,
+        contradictions=contradictory_statements(
+            instrument, instrument_priors, of_instrument, labels(rows, rows)
+        ),
     )
 
 
-def _with_parts_of_campaigns(
-    likelihood: Gaussian, kept: Sequence[str], other_circles: NDArray[np.intp]
+def _without_parts_of_campaigns(
+    likelihood: Gaussian, effects: Sequence[str], other_circles: NDArray[np.intp]
 ) -> Gaussian:
     """Return likelihoods without the parts of machine effects that each campaign has of its own.
 
-    These parts are integrated out. ``kept`` are the names of the k effects of the machine, which
+    These parts are integrated out. ``effects`` are the names of the k effects of the machine, which
     are the last quantities of the likelihoods. ``other_circles`` are the indices of the campaigns
     with other circles than their machine usually has: their changes of compliance along the travel
     are not those of its other campaigns.
     """
-    first = likelihood.shift.shape[-1] - len(kept)
-    is_along_travel = [Term.owner(name) is Position for name in kept]
+    first = likelihood.shift.shape[-1] - len(effects)
+    is_along_travel = [Term.owner(name) is Position for name in effects]
     likelihood = with_effects_of_campaigns(
         likelihood, other_circles, effects=first + np.flatnonzero(is_along_travel)
     )
-    variance = np.concatenate([np.zeros(first), np.full(len(kept), VARIANCE_OF_CAMPAIGN)])
+    variance = np.concatenate([np.zeros(first), np.full(len(effects), VARIANCE_OF_CAMPAIGN)])
     return with_deviations(likelihood, variance)
 
 
-class _CommonPrior(NamedTuple):
-    """Independent normal priors of quantities that are the same in several campaigns."""
+class _PriorsByKind(NamedTuple):
+    """Priors in the fits of n campaigns, separately for each kind of quantity."""
 
-    mean: Array  #: prior mean of each quantity in internal units
-    sd: Array  #: prior standard deviation of each quantity in internal units
-
-
-def _best_prior(names: Sequence[str], stated: _CommonPrior) -> _CommonPrior:
-    """Return the prior of s instrument errors that all campaigns have in common.
-
-    A certificate that one campaign states of the common instrument is of all campaigns. The prior
-    with the smallest standard deviation, relative to its mean if this is not zero, is therefore
-    that of all. An sd without a unit, such as that of the force's gain, is relative already.
-    Campaigns without a certificate assume the same share of the mount's deflection that they state.
-    If several priors are equally narrow, the one with the median mean is taken. ``names`` are the
-    names of the errors. ``stated`` holds the prior means and sds in n campaigns, shape (n, s); the
-    sd is zero in a campaign whose model lacks the error.
-    """
-    mean, sd = stated
-    best = _CommonPrior(np.zeros(len(names)), np.zeros(len(names)))
-    for j, name in enumerate(names):
-        having = np.flatnonzero(sd[:, j] > 0.0)
-        means = mean[having, j]
-        is_relative = Term.owner(name).unit_of(name).inside == "1"
-        size = np.where((means == 0.0) | is_relative, 1.0, np.abs(means))
-        relative_sd = sd[having, j] / size
-        narrowest = having[relative_sd <= relative_sd.min() * (1.0 + _SAME_SD)]
-        by_mean = narrowest[np.argsort(mean[narrowest, j])]
-        median = by_mean[len(by_mean) // 2]
-        best.mean[j] = mean[median, j]
-        best.sd[j] = sd[median, j]
-    return best
+    parameters: NormalPriors  #: priors of the c parameters, shape (n, c)
+    instrument: NormalPriors  #: priors of the s errors of the instrument, shape (n, s)
+    effects: NormalPriors  #: priors of the k effects of the machine, shape (n, k)
 
 
-def _contradictions(
-    names: Sequence[str], stated: _CommonPrior, best: _CommonPrior, campaigns: Sequence[str]
-) -> tuple[Caveat, ...]:
-    """Return one caveat for each instrument error of which campaigns state contradictory values.
-
-    A campaign contradicts the best statement if the probability of a larger difference by chance is
-    below 1 %, multiplied by the number of campaigns (Bonferroni).
-
-    Parameters
-    ----------
-    names
-        Names of s instrument errors.
-    stated
-        Prior means and sds of the errors in n campaigns, shape (n, s). The sd is zero in a campaign
-        whose model lacks the error.
-    best
-        Prior of each error that counts for all campaigns.
-    campaigns
-        Names of the n campaigns for the caveat.
-    """
-    difference_sd = np.hypot(stated.sd, best.sd)
-    distance = np.where(stated.sd > 0.0, np.abs(stated.mean - best.mean) / difference_sd, 0.0)
-    p_values = 2.0 * ndtr(-distance) * len(campaigns)
-    caveats = []
-    for j, name in enumerate(names):
-        contradicts = np.flatnonzero(p_values[:, j] < _CONTRADICTION)
-        others = tuple(campaigns[i] for i in contradicts.tolist())
-        if others:
-            text = Term.owner(name).describe(name)
-            caveats.append(Caveat(CaveatKind.CONTRADICTED_INSTRUMENT, others, text=text))
-    return tuple(caveats)
-
-
-def _usual_prior(mean: Array, sd: Array) -> _CommonPrior:
-    """Return the prior of the part of k effects that belongs to the machine.
-
-    Campaigns size these priors by the compliances that their own readings show, which differ
-    little; the median is that of the machine. ``mean`` and ``sd`` are the prior means and sds in n
-    campaigns, shape (n, k); the sd is zero in a campaign whose model lacks the effect.
-    """
-    k = sd.shape[1]
-    usual = _CommonPrior(np.zeros(k), np.zeros(k))
-    for j in range(k):
-        stated = sd[:, j] > 0.0
-        usual.mean[j] = np.median(mean[stated, j])
-        usual.sd[j] = np.median(sd[stated, j]) / np.sqrt(1.0 + VARIANCE_OF_CAMPAIGN)
-    return usual
+def _split_priors(likelihoods: _Likelihoods, c: int, s: int) -> _PriorsByKind:
+    """Return the priors of c parameters, of s errors of the instrument and of all effects."""
+    mean = likelihoods.prior_mean
+    sd = likelihoods.prior_sd
+    return _PriorsByKind(
+        parameters=NormalPriors(mean[:, :c], sd[:, :c]),
+        instrument=NormalPriors(mean[:, c : c + s], sd[:, c : c + s]),
+        effects=NormalPriors(mean[:, c + s :], sd[:, c + s :]),
+    )
 
 
 class _Likelihoods(NamedTuple):
@@ -325,7 +255,7 @@ class _Likelihoods(NamedTuple):
 
 
 def _likelihoods(
-    rows: pd.DataFrame, wanted: tuple[str, ...], kept: tuple[str, ...], force_N: float
+    rows: pd.DataFrame, wanted: tuple[str, ...], effects: tuple[str, ...], force_N: float
 ) -> _Likelihoods:
     """Return the likelihoods of the parameters, instrument errors and effects of the machine.
 
@@ -335,14 +265,16 @@ def _likelihoods(
         Rows of n campaigns in the table of a batch.
     wanted
         Names of the parameters and instrument errors.
-    kept
+    effects
         Names of the effects of the machine. Their coefficients are given in units of those of the
         first campaign, because they depend on the forces of a campaign.
     force_N
         Reference force common to all campaigns [N].
     """
-    likelihoods = [_likelihood(row, (*wanted, *kept), force_N) for row in rows.to_dict("records")]
-    ratio = np.hstack([np.ones((len(rows), len(wanted))), ratios_of_effects(kept, rows)])
+    likelihoods = [
+        campaign_likelihood(row, (*wanted, *effects), force_N) for row in rows.to_dict("records")
+    ]
+    ratio = np.hstack([np.ones((len(rows), len(wanted))), ratios_of_effects(effects, rows)])
     precision = np.array([likelihood.precision for likelihood in likelihoods])
     shift = np.array([likelihood.shift for likelihood in likelihoods])
     prior_mean = np.array([likelihood.prior_mean for likelihood in likelihoods])
@@ -409,7 +341,7 @@ def _common_parameters(rows: pd.DataFrame) -> list[str]:
     names_by_campaign = [list(names) for names in rows["gaussian_names"]]
     common_names = []
     for name in names_by_campaign[0]:
-        is_parameter = Term.owner(name) is Term and not _SLOPE.fullmatch(name)
+        is_parameter = Term.owner(name) is Term and not SLOPE_NAME.fullmatch(name)
         if is_parameter and all(name in names for names in names_by_campaign):
             common_names.append(name)
     return common_names
@@ -458,114 +390,6 @@ def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
     return tuple(names)
 
 
-def reference_sd(
-    names: Sequence[str], units: Sequence[str], prior_mean: Array, prior_sd: Array
-) -> Array:
-    """Return the reference sd of every parameter, shape (c,), in internal units (mm, N, rad).
-
-    The reference sd of a parameter is the larger of two values: the sd of the parameter's default
-    prior, and the median of the sds of the parameter's priors in the fits of the campaigns. A prior
-    in a fit may be wider than the default prior because a compliance stands for the compliances of
-    several joints, or because the user expects a more compliant machine. Priors whose mean is not
-    zero are left out: they state how well a parameter is known, not how large it may be.
-
-    Parameters
-    ----------
-    names, units : names and internal units of the c parameters.
-    prior_mean, prior_sd : prior means and prior sds of the parameters in n fits, shape (n, c) each.
-    """
-    prior = Prior.first()
-    kind_by_unit = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
-    reference = np.empty(len(names))
-    for j, (name, unit) in enumerate(zip(names, units, strict=True)):
-        if name.startswith("C_"):
-            (default_sd,) = prior.compliance_sd([ComplianceName(*name[2:])])
-        else:
-            (default_sd,) = prior.geometric_sd([GeometricName("X", "X", kind_by_unit[unit])])
-        is_centred = prior_mean[:, j] == 0.0
-        reference[j] = default_sd
-        if is_centred.any():
-            reference[j] = max(default_sd, np.median(prior_sd[is_centred, j]))
-    return reference
-
-
-class _Likelihood(NamedTuple):
-    """Likelihood of q quantities from one campaign, and their prior in the campaign's fit.
-
-    The quantities are parameters of the machine and errors of the instrument.
-    """
-
-    #: precision matrix (inverse covariance) of the likelihood of q quantities (parameters and
-    #: instrument errors), shape (q, q)
-    precision: Array
-    #: precision matrix of the likelihood times the estimate of the q quantities (parameters and
-    #: instrument errors), shape (q,). The estimate is the maximum of the likelihood.
-    shift: Array
-    #: prior means, in the campaign's fit, of the q parameters and instrument errors, shape (q,)
-    prior_mean: Array
-    #: prior standard deviations, in the campaign's fit, of the q parameters and instrument errors,
-    #: shape (q,)
-    prior_sd: Array
-
-
-def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
-    """Return the likelihood of a campaign: the Gaussian posterior of its fit divided by the prior.
-
-    Parameters
-    ----------
-    row
-        Row of the campaign in the table of a batch, with the posterior moments and the priors of
-        the campaign's fit.
-    wanted
-        Names of the q quantities (parameters and instrument errors). In the likelihood, precision
-        and shift are zero for quantities that are not in the campaign's fit.
-    force_N
-        Reference force common to all campaigns [N]. Compliances are converted to this force by
-        means of their slopes and curvatures (linear and quadratic changes with force), and of
-        `JointLoad`.
-    """
-    names = list(row["gaussian_names"])
-    mean = np.array(row["gaussian_mean"], dtype=float)
-    prior_mean = np.array(row["gaussian_prior_mean"], dtype=float)
-    prior_sd = np.array(row["gaussian_prior_sd"], dtype=float)
-    covariance = _full_covariance(row["gaussian_covariance"], len(names))
-    _require_nominal_mount(row, dict(zip(names, prior_mean.tolist(), strict=True)))
-    to_force = _map_to_force(names, wanted, force_N, row)
-    present = np.flatnonzero(to_force.any(axis=1))
-    columns = [names.index(wanted[int(i)]) for i in present]
-    to_force = to_force[present]
-    precision, shift = _divide_out_prior(
-        mean=to_force @ mean,
-        covariance=to_force @ covariance @ to_force.T,
-        prior_mean=to_force @ prior_mean,
-        prior_covariance=(to_force * prior_sd**2) @ to_force.T,
-    )
-    likelihood = _Likelihood(
-        precision=np.zeros((len(wanted), len(wanted))),
-        shift=np.zeros(len(wanted)),
-        prior_mean=np.zeros(len(wanted)),
-        prior_sd=np.zeros(len(wanted)),
-    )
-    likelihood.precision[np.ix_(present, present)] = precision
-    likelihood.shift[present] = shift
-    likelihood.prior_mean[present] = prior_mean[columns]
-    likelihood.prior_sd[present] = prior_sd[columns]
-    return likelihood
-
-
-def _require_nominal_mount(row: Mapping[Any, Any], prior_mean: Mapping[str, float]) -> None:
-    """Raise an `InputError` for a row of an earlier version, without the mount's deflection.
-
-    Such a row states the error of the deflection about an unknown nominal value. ``prior_mean``
-    holds the prior mean of every quantity of the row.
-    """
-    if prior_mean.get("mount") == 0.0:
-        raise InputError(
-            f"the row of {row['campaign']} must hold the mount's deflection, got one of an earlier"
-            " version, which holds its error alone. Run batch again."
-        )
-
-
 def _require_one_version(rows: pd.DataFrame) -> None:
     """Raise an `InputError` if rows of an earlier version stand beside others.
 
@@ -585,97 +409,6 @@ def _require_one_version(rows: pd.DataFrame) -> None:
             f"the row of {rows['campaign'][is_earlier].iloc[0]} must hold the slope of the force"
             " law, got one of an earlier version, which holds its error alone. Run batch again."
         )
-
-
-def _divide_out_prior(
-    *, mean: Array, covariance: Array, prior_mean: Array, prior_covariance: Array
-) -> tuple[Array, Array]:
-    """Return the precision (q, q) and the shift (q,) of a likelihood.
-
-    The likelihood is a posterior divided by its prior; all three are Gaussian functions of q
-    quantities. The arguments are the means, shape (q,), and the covariances, shape (q, q), of the
-    posterior and of the prior. The precision (inverse covariance) of the likelihood is the
-    precision of the posterior minus the precision of the prior. Negative eigenvalues of this
-    difference are set to zero, because the readings add nothing to the prior in the directions of
-    the corresponding eigenvectors. The shift is the precision times the estimate.
-    """
-    scale = np.sqrt(np.diag(prior_covariance))
-    squared_scale = scale[:, None] * scale
-    posterior_precision = np.linalg.inv(covariance / squared_scale)
-    prior_precision = np.linalg.inv(prior_covariance / squared_scale)
-    symmetric_precision = 0.5 * (posterior_precision + posterior_precision.T)
-    gain, directions = np.linalg.eigh(symmetric_precision - prior_precision)
-    informed = directions * (gain > 0.0)
-    posterior_shift = posterior_precision @ (mean / scale)
-    prior_shift = prior_precision @ (prior_mean / scale)
-    precision = (informed * gain) @ informed.T / squared_scale
-    shift = informed @ (informed.T @ (posterior_shift - prior_shift)) / scale
-    return precision, shift
-
-
-def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
-    """Return the covariance matrix of q quantities, shape (q, q), from its lower triangle.
-
-    ``lower_triangle`` lists the elements of the lower triangle row by row.
-    """
-    covariance = np.zeros((q, q))
-    covariance[np.tril_indices(q)] = lower_triangle
-    covariance += np.tril(covariance, -1).T
-    return covariance
-
-
-def _map_to_force(
-    names: Sequence[str], wanted: Sequence[str], force_N: float, row: Mapping[Any, Any]
-) -> Array:
-    """Return the matrix that converts a campaign's quantities to the force ``force_N`` [N].
-
-    The rows of the matrix belong to the quantities ``wanted``, and the columns to the quantities
-    ``names`` that the campaign has. ``row`` is the row of the campaign in the table of a batch. Let
-    ΔF be ``force_N`` minus the reference force of the campaign. A compliance at ``force_N`` is the
-    compliance at the reference force, plus its slope times ΔF, plus its curvature times ΔF². A
-    direct compliance also changes by what `JointLoad` adds. Slopes and coefficients of `JointLoad`
-    are returned as they are; those of quadratic compliance, which depend on the reference force,
-    must not be among ``wanted``.
-    """
-    reference_N = float(row["reference_force_N"])
-    matrix = np.zeros((len(wanted), len(names)))
-    for i, name in enumerate(wanted):
-        for power, coefficient in enumerate((name, f"{name}_1", f"{name}_2")):
-            if coefficient in names:
-                matrix[i, names.index(coefficient)] = (force_N - reference_N) ** power
-        for coefficient, secant in _joint_load(name, force_N, row).items():
-            if coefficient in names:
-                matrix[i, names.index(coefficient)] = secant
-    return matrix
-
-
-def _joint_load(name: str, force_N: float, row: Mapping[Any, Any]) -> dict[str, float]:
-    """Return by how much the coefficients of `JointLoad` change a compliance at another force.
-
-    The keys of the result are the names of the coefficients; it is empty if the compliance ``name``
-    is not a direct one. ``row`` is the row of the campaign in the table of a batch, and ``force_N``
-    the other force [N].
-    """
-    if not name.startswith("C_") or _SLOPE.fullmatch(name) is not None:
-        return {}
-    compliance = ComplianceName(*name.removeprefix("C_"))
-    reference_N = float(row["reference_force_N"])
-    if compliance.kind != "direct" or force_N == reference_N:
-        return {}
-    coefficients = joint_load_names(compliance.twist)
-    if force_N == 0.0 and any(coefficient in row["gaussian_names"] for coefficient in coefficients):
-        raise InputError(
-            "reference_force_N must be positive where joints yield to their own load (JointLoad),"
-            " got 0. Give a force that was tested."
-        )
-    if JointLoad.__name__ in row["terms"] and coefficients[0] not in row["gaussian_names"]:
-        raise InputError(
-            f"the row of {row['campaign']} must hold what JointLoad adds to {name} at"
-            f" {force_N:g} N, got one of an earlier version. Run batch again, or give the force"
-            f" {reference_N:g} N."
-        )
-    secants = secants_along_axis(np.array([force_N]), reference_N, float(row["force_max_N"]))
-    return dict(zip(coefficients, secants[0].tolist(), strict=True))
 
 
 def _common_meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:

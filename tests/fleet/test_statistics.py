@@ -16,14 +16,11 @@ from fleets import doubts, drawn_rows, one_campaign, row
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.compliance_meaning import stands_for
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.fleet.campaign_likelihood import _map_to_force
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.campaign_statistics import SufficientStatistics, sufficient_statistics
-from ldbb_bayes.fleet.fleet_statistics import (
-    FleetStatistics,
-    _map_to_force,
-    fleet_statistics,
-    reference_sd,
-)
+from ldbb_bayes.fleet.common_priors import reference_sd
+from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, choose
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.nodes import HyperPosterior
