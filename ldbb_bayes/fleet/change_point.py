@@ -6,7 +6,8 @@ c_t are the machine's p parameters in campaign t of n campaigns. c are the level
 before any change. From campaign k on, parameter j differs from its level by the step Δ; e_j is the
 unit vector of parameter j. The factor 1[t ≥ k] is one from campaign k on and zero before. w_t is
 the machine's scatter from campaign to campaign, with the standard deviation r. b are the s errors
-of the instrument; they are the same in all campaigns. In units of the prior standard deviations:
+and effects that all campaigns have in common: errors of the instrument, and effects that the
+machine keeps (`machine_effects`). In units of the prior standard deviations:
 
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 
@@ -18,8 +19,8 @@ sums over t ≥ k and one small linear system. The likelihood of a campaign is a
 (c, b), whose precision matrix Λ (inverse covariance) may be singular.
 
 In the shapes of arrays, the letter r has another meaning: the number of values of the scatter. n is
-the number of campaigns, p the number of parameters, s the number of instrument errors, and
-q = p + s.
+the number of campaigns, p the number of parameters, s the number of errors and effects in common,
+and q = p + s.
 """
 
 from __future__ import annotations
@@ -36,10 +37,10 @@ from ldbb_bayes.results import Array
 
 __all__ = [
     "Levels",
+    "common_moments",
     "current_levels",
     "hypotheses",
     "hypothesis_probabilities",
-    "instrument_moments",
     "scatter_rule",
 ]
 
@@ -82,13 +83,13 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
 
 def hypotheses(level_likelihoods: Gaussian, parameters: int, change_scale: float) -> Gaussian:
-    """Return the Gaussian posterior of levels, instrument errors and step under every hypothesis.
+    """Return the Gaussian posterior of levels, common errors and step under every hypothesis.
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
     or that no parameter changed. A Gaussian describes the vector (c, b, Δ): c are the levels of the
-    p parameters before the step, b are the errors of the instrument, and Δ is the step; c and b
-    together have q elements.
+    p parameters before the step, b are the errors and effects that all campaigns have in common,
+    and Δ is the step; c and b together have q elements.
 
     The Gaussians have the shape (r, n, p, q + 1). The indices 0 to n − 2 of the second array axis
     stand for a step just before the campaigns 2 to n; the index n − 1 stands for no step. Values
@@ -158,19 +159,20 @@ def hypothesis_probabilities(
     return np.asarray(np.exp(log_weight - logsumexp(log_weight)))
 
 
-def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
-    """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
+def common_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
+    """Return the posterior mean (s,) and covariance (s, s) of the s errors and effects in common.
 
     The mean and the covariance are those of the mixture of all hypotheses, each weighted by its
     posterior probability. A hypothesis assumes one of r values of the machine's scatter from
     campaign to campaign. It also assumes that one of the p parameters changed by a step just before
     one of the campaigns 2 to n, or that no parameter changed. The mean and the covariance are in
-    units of the prior sds of the errors.
+    units of the prior sds.
 
     Parameters
     ----------
     posteriors : joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels
-        of the parameters before the step, the instrument errors and the size of the step.
+        of the parameters before the step, the errors and effects in common, and the size of the
+        step.
     probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
     """
     count = probabilities.size
@@ -213,7 +215,8 @@ def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 
     Parameters
     ----------
     posteriors : joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels
-        of the parameters before the step, the instrument errors and the size of the step.
+        of the parameters before the step, the errors and effects in common, and the size of the
+        step.
     probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
     prob : probability of the credible intervals.
     """

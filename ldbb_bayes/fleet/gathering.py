@@ -16,21 +16,21 @@ __all__ = ["gather"]
 _LARGEST_LIST = 2**30
 
 
-def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the file paths of the campaigns that the given paths stand for, each campaign once.
+def gather(entries: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
+    """Return the file paths of the campaigns that the user's entries stand for, each campaign once.
 
     Parameters
     ----------
-    given : paths of folders, files and lists. The path of a campaign folder, of a campaign.toml or
-        of a tidy CSV file stands for this one campaign. Any other folder stands for its direct
-        subfolders that hold a campaign.toml, sorted by name. ``@FILE`` or a .txt file stands for
-        the paths that the file lists, one per line; lines that begin with # are comments. A path
-        that does not exist is kept, and its row in the table of the batch will state that it does
-        not exist.
+    entries : paths of folders, files and lists, or a single path. The path of a campaign folder, of
+        a campaign.toml or of a tidy CSV file stands for this one campaign. Any other folder stands
+        for its direct subfolders that hold a campaign.toml, sorted by name. ``@FILE`` or a .txt
+        file stands for the paths that the file lists, one per line; lines that begin with # are
+        comments. A path that does not exist is kept, and its row in the table of the batch will
+        state that it does not exist.
 
     Returns
     -------
-    File paths of the campaigns, in the order and spelling of the given paths.
+    File paths of the campaigns, in the order and spelling of the entries.
 
     Raises
     ------
@@ -38,7 +38,8 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
         If none of the campaigns exists, a file path cannot be written on one line, or a list or
         folder cannot be read.
     """
-    entries = [given] if isinstance(given, str | os.PathLike) else given
+    if isinstance(entries, str | os.PathLike):
+        entries = [entries]
     path_by_folder: dict[str, str] = {}
     for path in _expand_all(entries):
         _check_fits_a_line(path)

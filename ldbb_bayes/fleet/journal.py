@@ -40,6 +40,10 @@ _BATCH_FILES = (
     DATASET,
     PART,
 )
+# SQL statements that make the two tables of a journal. ``batch`` has one row, the identity of the
+# batch as JSON. ``campaigns`` has a row for each campaign: its number, its path as the user wrote
+# it, its absolute path (``place``) and, after the fit, status, state and the row of the batch's
+# table as JSON.
 _TABLES = """
 CREATE TABLE IF NOT EXISTS batch (record TEXT);
 CREATE TABLE IF NOT EXISTS campaigns (

@@ -50,11 +50,12 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
     nodes = Nodes(without_truncation, without_truncation.proposal)
     if model.degree != 1 or not nodes.meet(tolerance):
         campaign = density.bound.campaign
-        evidences = []
-        for degree in (1, 0):
-            evidence = log_evidence(model.with_degree(degree), campaign, tolerance=tolerance)
-            evidences.append(_LogEvidence(evidence.log_value, evidence.error))
-        return _log_ratio(*evidences)
+        of_linear = log_evidence(model.with_degree(1), campaign, tolerance=tolerance)
+        of_constant = log_evidence(model.with_degree(0), campaign, tolerance=tolerance)
+        return _log_ratio(
+            linear=_LogEvidence(of_linear.log_value, of_linear.error),
+            constant=_LogEvidence(of_constant.log_value, of_constant.error),
+        )
     # Nodes are weighted values of the hyper-parameters. The nodes of the model of linear compliance
     # can also be used for the model of constant compliance, but with other weights.
     related = RelatedModels(nodes, tolerance)
@@ -62,8 +63,8 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
     constant = HyperPosterior(constant_model, truncated=True, near=without_truncation.mode)
     constant_nodes = related.nodes(constant.without_truncation)
     return _log_ratio(
-        _log_evidence_from(nodes, density, tolerance, known=density.coarse_probability),
-        _log_evidence_from(constant_nodes, constant, tolerance),
+        linear=_log_evidence_from(nodes, density, tolerance, known=density.coarse_probability),
+        constant=_log_evidence_from(constant_nodes, constant, tolerance),
     )
 
 

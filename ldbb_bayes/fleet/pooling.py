@@ -192,9 +192,13 @@ def fit_population(
     lacks_id = [not isinstance(machine_id, str) for machine_id in used_rows["machine_id"]]
     if any(lacks_id):
         caveats.append(Caveat(CaveatKind.MACHINES_OF_THEIR_OWN, tuple(labels(used_rows[lacks_id]))))
-    readings, circles = (_texts_in(used_rows, column) for column in READINGS_DIGESTS)
-    caveats += pooled.caveats
-    return replace(pooled, caveats=tuple(caveats), readings=readings, circles=circles)
+    with_conditions, without_conditions = READINGS_DIGESTS
+    return replace(
+        pooled,
+        caveats=(*caveats, *pooled.caveats),
+        readings=_texts_in(used_rows, with_conditions),
+        circles=_texts_in(used_rows, without_conditions),
+    )
 
 
 def _texts_in(rows: pd.DataFrame, column: str) -> tuple[str, ...]:
@@ -434,12 +438,8 @@ def _pool_machines(
         by_name[machine] = PooledMachine(
             name=machine,
             campaigns=campaigns[machine],
-            estimate=dict(
-                zip(names, _summarize(scale, _moments_of_machine(pooled, m)), strict=True)
-            ),
-            alone=dict(
-                zip(names, _summarize(scale, _moments_of_machine(separate, m)), strict=True)
-            ),
+            estimate=_summaries_of_machine(names, scale, pooled, m),
+            alone=_summaries_of_machine(names, scale, separate, m),
         )
         if judged is not None:
             p_value = float(judged.p_value[m])
@@ -452,9 +452,16 @@ def _pool_machines(
     return by_name
 
 
-def _moments_of_machine(moments: _Moments, m: int) -> _Moments:
-    """Return mean, sd and credible interval of each parameter of the machine with index ``m``."""
-    return _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
+def _summaries_of_machine(
+    names: Sequence[str], scale: Array, moments: _Moments, m: int
+) -> dict[str, Summary]:
+    """Return mean, sd and interval of each parameter of the machine with index ``m``, by name.
+
+    ``names`` are the names of the parameters, and ``scale`` their prior sds in internal units.
+    ``moments`` holds the moments of all machines in units of these prior sds.
+    """
+    of_machine = _Moments(moments.mean[m], moments.sd[m], moments.interval[:, m])
+    return dict(zip(names, _summarize(scale, of_machine), strict=True))
 
 
 def _estimate_machines_separately(
@@ -464,11 +471,10 @@ def _estimate_machines_separately(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> _Moments:
-    """Return the posterior means and sds of the c parameters of n machines, shape (n, c) each.
+    """Return mean, sd and credible interval of the c parameters of n machines, each by itself.
 
     Each machine is estimated from its own campaigns only. The errors of the instrument, however,
-    are estimated from the campaigns of all machines. The result also holds credible intervals. All
-    values are in units of the prior sds.
+    are estimated from the campaigns of all machines. All values are in units of the prior sds.
 
     Parameters
     ----------

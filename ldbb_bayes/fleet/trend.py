@@ -18,10 +18,9 @@ before and after a change.
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any, NamedTuple
 
@@ -30,21 +29,16 @@ import pandas as pd
 from pydantic import Field, PlainSerializer
 from scipy.special import ndtri
 
-from ldbb_bayes.analysis.conformity import (
-    Conformity,
-    Decision,
-    normal_conformity,
-    stiffness_conformity,
-)
-from ldbb_bayes.analysis.tolerances import Tolerance, quantities, tolerances_in
+from ldbb_bayes.analysis.conformity import Conformity
+from ldbb_bayes.analysis.tolerances import Tolerance
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError, check_known, check_probability
 from ldbb_bayes.fleet.change_point import (
     Levels,
+    common_moments,
     current_levels,
     hypotheses,
     hypothesis_probabilities,
-    instrument_moments,
     scatter_rule,
 )
 from ldbb_bayes.fleet.control_limits import LIMITS, ChartPoints, chart_points
@@ -57,6 +51,7 @@ from ldbb_bayes.fleet.stiffness_series import (
     stiffness_series,
     stiffness_table,
 )
+from ldbb_bayes.fleet.trend_conformity import conformities_of_campaigns
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread
@@ -67,7 +62,6 @@ from ldbb_bayes.results import Array, Result, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,
-    is_direct,
     plus_minus,
     ranked,
     round_uncertainty,
@@ -84,9 +78,6 @@ _UNLIKELY = 5e-4
 # standard uncertainty is below 20 % of the level. The percentage does not take this uncertainty
 # into account.
 _KNOWN_LEVEL = 5.0
-# The readings of a campaign say nothing about a parameter if the precision of its likelihood, in
-# units of the reference standard deviation, is below this number.
-_NO_INFORMATION = 1e-6
 # Columns of the table `Trend.estimates` whose values are in the unit of the parameter.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
 # Text of empty cells in the printed table of a trend's parameters.
@@ -419,8 +410,8 @@ def find_trend(
     level_likelihoods = deviating(series, np.outer(scatter, np.ones(p)))
     posteriors = hypotheses(level_likelihoods, p, change_scale)
     probabilities = hypothesis_probabilities(posteriors.log_integral, scatter_weight, probability)
-    instrument = instrument_moments(posteriors, probabilities)
-    chart = chart_points(series, level_likelihoods, scatter, scatter_weight, instrument)
+    common = common_moments(posteriors, probabilities)
+    chart = chart_points(series, level_likelihoods, scatter, scatter_weight, common)
     step_probabilities = probabilities[:, :-1]
     names = labels(used_rows.iloc[order])
     dates = [statistics.dates[i] for i in order]
@@ -448,7 +439,9 @@ def find_trend(
         most_probable=ranked(changes, lambda name: changes[name].probability)[0],
         caveats=(*caveats, *_caveats_of_series(statistics)),
         estimates=_estimates_table(statistics, visits, chart, step_probabilities, prob),
-        conformity=_conformities(statistics, names, series, chart, tolerances, newest_tolerances),
+        conformity=conformities_of_campaigns(
+            statistics, names, series, chart, tolerances, newest_tolerances
+        ),
         stiffness=stiffness_series(used_rows.iloc[order], names),
     )
 
@@ -572,10 +565,10 @@ def _parameter_changes(
     The result is a dict; its keys are the names of the p parameters. A step is a sudden change of a
     parameter from one campaign to the next; a level is a value of a parameter. ``posteriors``
     holds, for each hypothesis (see `hypotheses`), the joint Gaussian distribution of the levels
-    before the step, the instrument errors and the size of the step. ``probabilities`` are the
-    posterior probabilities of the hypotheses, shape (r, n, p). Under each hypothesis, the machine's
-    scatter from campaign to campaign has one of r values. In addition, either one of the p
-    parameters changed just before one of the campaigns 2 to n, or no parameter changed. ``chart``
+    before the step, the errors and effects in common, and the size of the step. ``probabilities``
+    are the posterior probabilities of the hypotheses, shape (r, n, p). Under each hypothesis, the
+    machine's scatter from campaign to campaign has one of r values. In addition, either one of the
+    p parameters changed just before one of the campaigns 2 to n, or no parameter changed. ``chart``
     holds the points and limits of the control chart. ``prob`` is the probability of the credible
     intervals.
     """
@@ -602,9 +595,10 @@ def _parameter_change(
     A step is a sudden change of a parameter from one campaign to the next. It is estimated under
     the assumption that this parameter has changed; if the probability of this is zero, all
     hypotheses of a change have the same weight. The present value is the value at the last
-    campaign. The result also holds the parameter's standard uncertainty due to the errors of the
-    instrument, as ``common_sd``. The result is in internal units (mm, N, rad), and its step in per
-    cent is None unless the level before the step exceeds five of its standard uncertainties.
+    campaign. The result also holds the parameter's standard uncertainty due to the errors and
+    effects that all campaigns have in common, as ``common_sd``. The result is in internal units
+    (mm, N, rad), and its step in per cent is None unless the level before the step exceeds five of
+    its standard uncertainties.
 
     Parameters
     ----------
@@ -614,7 +608,8 @@ def _parameter_change(
         Index of the parameter.
     posteriors
         Joint Gaussian distribution, for each hypothesis (see `hypotheses`), of the levels before
-        the step, the instrument errors and the size of the step, in units of the prior sds.
+        the step, the errors and effects in common, and the size of the step, in units of the prior
+        sds.
     step_probabilities
         Posterior probabilities of hypotheses, shape (r, n − 1). Under each hypothesis, the
         parameter changed just before one of the campaigns 2 to n, and the machine's scatter from
@@ -623,7 +618,7 @@ def _parameter_change(
         Values of all parameters at the last campaign, in units of the prior sds.
     chart
         Points and limits of the control chart, in units of the prior sds, with the standard
-        uncertainties due to the errors of the instrument, which are the same in all campaigns.
+        uncertainties due to the errors and effects that all campaigns have in common.
     prob
         Probability of the credible intervals.
     """
@@ -738,75 +733,3 @@ def _estimates_table(
             "change_by_here": np.cumsum(change_here, axis=0).ravel(),
         }
     )
-
-
-def _conformities(
-    statistics: FleetStatistics,
-    campaigns: Sequence[str],
-    series: Gaussian,
-    chart: ChartPoints,
-    tolerances: Mapping[str, str | Tolerance] | None,
-    newest_tolerances: Any,
-) -> dict[str, dict[str, Conformity]]:
-    """Return the decisions on conformity with tolerances for each quantity.
-
-    The result is a dictionary of dictionaries. The outer keys are the names of the quantities
-    (parameters or stiffnesses), and the inner keys are the names of the campaigns. Each decision
-    follows from one campaign, and from what the others say of the errors and effects that all have
-    in common. The uncertainties include the uncertainty due to the instrument's errors, which is
-    common to all campaigns.
-
-    Parameters
-    ----------
-    statistics
-        Likelihoods of the campaigns.
-    campaigns
-        Names of the campaigns, in order of time.
-    series
-        Likelihoods of the campaigns, in order of time. Of a parameter on which the readings of a
-        campaign say nothing, no decision is made.
-    chart
-        Estimates from each campaign.
-    tolerances
-        Tolerances of quantities; the keys are the names of the quantities. If there are none,
-        ``newest_tolerances`` are used.
-    newest_tolerances
-        Tolerances in the record of the newest campaign, as JSON text. Tolerances of quantities that
-        are not followed over time are ignored.
-    """
-    followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
-    wanted: Mapping[str, str | Tolerance] = tolerances or {}
-    if not wanted:
-        stated = json.loads(newest_tolerances or "{}")
-        wanted = {name: text for name, text in stated.items() if name in followed}
-    conformities = {}
-    for name, tolerance in tolerances_in(followed, wanted).items():
-        is_stiffness = name.startswith("stiffness_")
-        j = _parameter_of(name, statistics.parameters)
-        mean = chart.estimate[:, j] * statistics.prior_sd[j]
-        sd = np.hypot(chart.sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
-        decide = stiffness_conformity if is_stiffness else normal_conformity
-        force_N = None
-        if statistics.parameters[j].startswith("C_"):
-            force_N = statistics.reference_force_N
-        decisions = {}
-        for i, campaign in enumerate(campaigns):
-            decision = decide(followed[name].unit, float(mean[i]), float(sd[i]), tolerance)
-            if series.precision[i, j, j] < _NO_INFORMATION:
-                decision = replace(decision, decision=Decision.NOT_DECIDED)
-            decisions[campaign] = replace(decision, force_N=force_N)
-        conformities[name] = decisions
-    return conformities
-
-
-def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
-    """Return the index in ``parameters`` of the parameter that determines a quantity.
-
-    The quantity is either a parameter itself or the stiffness along an axis. The stiffness along X,
-    for example, is determined by the compliance C_XXX. Raise an `InputError` if there is no such
-    parameter.
-    """
-    for j, name in enumerate(parameters):
-        if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):
-            return j
-    raise InputError(f"{quantity} must be a quantity of the trend, got another. Leave it out.")

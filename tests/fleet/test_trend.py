@@ -17,10 +17,10 @@ from scipy.stats import halfnorm, multivariate_normal, norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.fleet.change_point import (
+    common_moments,
     current_levels,
     hypotheses,
     hypothesis_probabilities,
-    instrument_moments,
     scatter_rule,
 )
 from ldbb_bayes.fleet.control_chart import _PanelData, _vertical_range
@@ -255,7 +255,7 @@ def analyse(series: Gaussian) -> Analysis:
     carried = carried_by(series, nodes, 2)
     posteriors = hypotheses(carried, 2, CHANGE)
     weights = hypothesis_probabilities(posteriors.log_integral, prior, 0.5)
-    return Analysis(nodes, prior, carried, weights, instrument_moments(posteriors, weights))
+    return Analysis(nodes, prior, carried, weights, common_moments(posteriors, weights))
 
 
 @pytest.mark.slow

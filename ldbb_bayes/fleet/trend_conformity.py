@@ -1,0 +1,99 @@
+"""Conformity with tolerances of one machine, decided from each campaign of its trend.
+
+A decision follows from one campaign, and from what the other campaigns say of the errors and
+effects that all have in common.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ldbb_bayes.analysis.conformity import (
+    Conformity,
+    Decision,
+    normal_conformity,
+    stiffness_conformity,
+)
+from ldbb_bayes.analysis.tolerances import Tolerance, quantities, tolerances_in
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.fleet.control_limits import ChartPoints
+from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
+from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.units import is_direct
+
+__all__ = ["conformities_of_campaigns"]
+
+# The readings of a campaign say nothing about a parameter if the precision of its likelihood, in
+# units of the reference standard deviation, is below this number.
+_NO_INFORMATION = 1e-6
+
+
+def conformities_of_campaigns(
+    statistics: FleetStatistics,
+    campaigns: Sequence[str],
+    series: Gaussian,
+    chart: ChartPoints,
+    tolerances: Mapping[str, str | Tolerance] | None,
+    newest_tolerances: Any,
+) -> dict[str, dict[str, Conformity]]:
+    """Return the decisions on conformity with tolerances for each quantity.
+
+    The result is a dictionary of dictionaries. The outer keys are the names of the quantities
+    (parameters or stiffnesses), and the inner keys are the names of the campaigns. Each decision
+    follows from one campaign, and from what the others say of the errors and effects that all have
+    in common. The uncertainties include the uncertainty that these errors and effects cause in all
+    campaigns together.
+
+    Parameters
+    ----------
+    statistics : likelihoods of the campaigns.
+    campaigns : names of the campaigns, in order of time.
+    series : likelihoods of the campaigns, in order of time. Of a parameter on which the readings of
+        a campaign say nothing, no decision is made.
+    chart : estimates from each campaign.
+    tolerances : tolerances of quantities; the keys are the names of the quantities. If there are
+        none, ``newest_tolerances`` are used.
+    newest_tolerances : tolerances in the record of the newest campaign, as JSON text. Tolerances of
+        quantities that are not followed over time are ignored.
+    """
+    followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
+    wanted: Mapping[str, str | Tolerance] = tolerances or {}
+    if not wanted:
+        stated = json.loads(newest_tolerances or "{}")
+        wanted = {name: text for name, text in stated.items() if name in followed}
+    conformities = {}
+    for name, tolerance in tolerances_in(followed, wanted).items():
+        j = _parameter_of(name, statistics.parameters)
+        mean = chart.estimate[:, j] * statistics.prior_sd[j]
+        sd = np.hypot(chart.sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
+        is_stiffness = name.startswith("stiffness_")
+        decide = stiffness_conformity if is_stiffness else normal_conformity
+        force_N = None
+        if statistics.parameters[j].startswith("C_"):
+            force_N = statistics.reference_force_N
+        decisions = {}
+        for i, campaign in enumerate(campaigns):
+            decision = decide(followed[name].unit, float(mean[i]), float(sd[i]), tolerance)
+            if series.precision[i, j, j] < _NO_INFORMATION:
+                decision = replace(decision, decision=Decision.NOT_DECIDED)
+            decisions[campaign] = replace(decision, force_N=force_N)
+        conformities[name] = decisions
+    return conformities
+
+
+def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
+    """Return the index in ``parameters`` of the parameter that determines a quantity.
+
+    The quantity is either a parameter itself or the stiffness along an axis. The stiffness along X,
+    for example, is determined by the compliance C_XXX. Raise an `InputError` if there is no such
+    parameter.
+    """
+    for j, name in enumerate(parameters):
+        if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):
+            return j
+    raise InputError(f"{quantity} must be a quantity of the trend, got another. Leave it out.")
