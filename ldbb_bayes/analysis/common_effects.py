@@ -41,6 +41,7 @@ from ldbb_bayes.units import ranked
 
 __all__ = [
     "NOTHING_SHARED",
+    "CampaignPosterior",
     "Conflict",
     "JointDifference",
     "Shared",
@@ -119,7 +120,7 @@ class JointDifference(NamedTuple):
     conflict: Conflict | None
 
 
-class _Campaign(NamedTuple):
+class CampaignPosterior(NamedTuple):
     """Posterior of the coefficients of one campaign's model, given the hyper-parameters."""
 
     information: Information
@@ -186,7 +187,7 @@ def joint_difference(
 
 
 def _conflict(
-    campaigns: Sequence[_Campaign],
+    campaigns: Sequence[CampaignPosterior],
     common: Sequence[str],
     similar: Sequence[str],
     bounds: Sequence[BoundModel],
@@ -204,10 +205,7 @@ def _conflict(
         [*common, *similar],
         units,
         [0.0] * len(common) + [prior_difference(name) for name in similar],
-        [campaign.names for campaign in campaigns],
-        [campaign.information for campaign in campaigns],
-        [campaign.mean for campaign in campaigns],
-        [campaign.prior_mean for campaign in campaigns],
+        campaigns,
     )
     of_statements = _contradicted_statement(campaigns, common, bounds)
     if of_readings is None or of_statements is None:
@@ -216,7 +214,7 @@ def _conflict(
 
 
 def _contradicted_statement(
-    campaigns: Sequence[_Campaign], common: Sequence[str], bounds: Sequence[BoundModel]
+    campaigns: Sequence[CampaignPosterior], common: Sequence[str], bounds: Sequence[BoundModel]
 ) -> Conflict | None:
     """Return the error of the common instrument of which two campaigns state the most different.
 
@@ -274,7 +272,7 @@ def _share_hypers(
     return of_campaigns
 
 
-def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
+def _information_and_means(bound: BoundModel, phi: Array) -> CampaignPosterior:
     """Return the posterior of one campaign's coefficients, given its hyper-parameters.
 
     The coefficients are the parameters of the campaign, and those nuisance coefficients (of effects
@@ -295,7 +293,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     nominal = np.array(
         [Term.owner(name).nominal(name, bound.campaign) for name in information.names]
     )
-    return _Campaign(
+    return CampaignPosterior(
         information, names, _posterior_mean(bound, phi) + nominal, _prior_mean(bound) + nominal
     )
 
@@ -314,7 +312,10 @@ def _terms_in_common(shared: Shared, bounds: Sequence[BoundModel]) -> frozenset[
 
 
 def _common_coefficients(
-    first: _Campaign, second: _Campaign, shared: Shared, bounds: Sequence[BoundModel]
+    first: CampaignPosterior,
+    second: CampaignPosterior,
+    shared: Shared,
+    bounds: Sequence[BoundModel],
 ) -> list[str]:
     """Return the names of the coefficients that have the same value in both campaigns.
 
@@ -340,8 +341,8 @@ def _is_stated(coefficient: str, bound: BoundModel) -> bool:
 
 
 def _similar_coefficients(
-    first: _Campaign,
-    second: _Campaign,
+    first: CampaignPosterior,
+    second: CampaignPosterior,
     shared: Shared,
     bounds: Sequence[BoundModel],
     common: Collection[str],
@@ -356,7 +357,9 @@ def _similar_coefficients(
     return [name for name in in_both if name not in common]
 
 
-def _coefficients_in_both(first: _Campaign, second: _Campaign, terms: Collection[str]) -> list[str]:
+def _coefficients_in_both(
+    first: CampaignPosterior, second: CampaignPosterior, terms: Collection[str]
+) -> list[str]:
     """Return the names of nuisance coefficients that occur in both campaigns.
 
     ``terms`` are the class names of the terms to which the coefficients belong.
@@ -369,7 +372,7 @@ def _coefficients_in_both(first: _Campaign, second: _Campaign, terms: Collection
 
 
 def _joint_posterior(
-    campaigns: Sequence[_Campaign],
+    campaigns: Sequence[CampaignPosterior],
     places: Sequence[Sequence[int]],
     common: Sequence[str],
     size: int,
@@ -411,7 +414,7 @@ def _joint_posterior(
 
 
 def _correlation(
-    campaigns: Sequence[_Campaign],
+    campaigns: Sequence[CampaignPosterior],
     places: Sequence[Sequence[int]],
     similar: Sequence[str],
     bounds: Sequence[BoundModel],
@@ -433,14 +436,14 @@ def _correlation(
     return Gaussian(precision, np.zeros(size))
 
 
-def _prior_sds(campaign: _Campaign, names: Sequence[str]) -> Array:
+def _prior_sds(campaign: CampaignPosterior, names: Sequence[str]) -> Array:
     """Return the prior standard deviations of the coefficients ``names`` in a campaign, (c,)."""
     indices = np.array([campaign.names.index(name) for name in names], dtype=int)
     return np.asarray(campaign.information.scale[indices])
 
 
 def _joint_rows(
-    campaign: _Campaign, places: Sequence[int], rows: Mapping[str, Array], size: int
+    campaign: CampaignPosterior, places: Sequence[int], rows: Mapping[str, Array], size: int
 ) -> Array:
     """Return the matrix that computes the compared parameters of a campaign from all coefficients.
 
@@ -463,7 +466,7 @@ class _Prior(NamedTuple):
     precision: Array
 
 
-def _prior_of(campaign: _Campaign, common: Sequence[str]) -> _Prior:
+def _prior_of(campaign: CampaignPosterior, common: Sequence[str]) -> _Prior:
     """Return the priors that one campaign states of the c coefficients named ``common``."""
     places = np.array([campaign.names.index(name) for name in common], dtype=int)
     return _Prior(campaign.prior_mean[places], campaign.information.scale[places] ** -2.0)
@@ -479,7 +482,7 @@ def _wider_prior(first: _Prior, second: _Prior) -> _Prior:
 
 
 def _joint_places(
-    campaign: _Campaign, all_names: Sequence[str], common: Sequence[str], *, is_first: bool
+    campaign: CampaignPosterior, all_names: Sequence[str], common: Sequence[str], *, is_first: bool
 ) -> list[int]:
     """Return the positions of a campaign's coefficients in the list of all coefficients.
 
@@ -506,10 +509,7 @@ def worst_conflict(
     common: Sequence[str],
     units: Array,
     prior_differences: Sequence[float],
-    names: Sequence[Sequence[str]],
-    information: Sequence[Information],
-    means: Sequence[Array],
-    prior_means: Sequence[Array],
+    campaigns: Sequence[CampaignPosterior],
 ) -> Conflict | None:
     """Return the common effect about which the readings of two campaigns disagree most.
 
@@ -530,14 +530,8 @@ def worst_conflict(
     prior_differences : sequence of float
         Prior standard deviation of the difference of each of these coefficients between the
         campaigns, in these units.
-    names : sequence of sequence of str
-        Names of all coefficients of each campaign.
-    information : sequence of Information
-        Linear model of the readings of each campaign (`Information`).
-    means : sequence of ndarray
-        Posterior means of the coefficients of each campaign.
-    prior_means : sequence of ndarray
-        Prior means of the coefficients of each campaign.
+    campaigns : sequence of CampaignPosterior
+        Posterior of the coefficients of each campaign.
 
     Returns
     -------
@@ -549,12 +543,12 @@ def worst_conflict(
     variances = []
     common_means = []
     common_prior_means = []
-    for k in range(len(names)):
-        places = np.array([names[k].index(name) for name in common], dtype=int)
-        scales.append(information[k].scale[places])
-        variances.append(np.diag(information[k].covariance())[places])
-        common_means.append(means[k][places])
-        common_prior_means.append(prior_means[k][places])
+    for campaign in campaigns:
+        places = np.array([campaign.names.index(name) for name in common], dtype=int)
+        scales.append(campaign.information.scale[places])
+        variances.append(np.diag(campaign.information.covariance())[places])
+        common_means.append(campaign.mean[places])
+        common_prior_means.append(campaign.prior_mean[places])
     scale = np.array(scales)
     variance = np.array(variances)
     # ``variance`` holds the coefficients' variances in units of their prior variances. ``estimate``

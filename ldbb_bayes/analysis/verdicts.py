@@ -52,7 +52,6 @@ __all__ = [
     "judge_parameters",
     "not_modelled",
     "shares_by_name",
-    "variance_share_removed",
 ]
 
 # A parameter β is prior-limited if its contraction, 1 − Var(β | y) / Var(β) for readings y, is
@@ -412,15 +411,6 @@ def _information_gain(variance_ratio: float) -> float:
     if variance_ratio == 0.0:
         return np.inf
     return float(-0.5 * np.log(variance_ratio))
-
-
-def variance_share_removed(information: Information, names: Sequence[str]) -> Array:
-    """Return the share of each parameter's variance that would vanish if some effects were known.
-
-    The variances are posterior variances. ``names`` are the names of the effects: class names of
-    model terms, or names of single coefficients. The result has the shape (p,) for p parameters.
-    """
-    return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
 
 
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:

@@ -17,55 +17,41 @@ from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, ndtr, stdtr
+from scipy.special import chdtr, chdtrc, ndtr
 
 from ldbb_bayes.campaign.campaign import CircularTest
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
     draw_shared_coefficients,
-    machine_coefficients,
     private_terms,
 )
 from ldbb_bayes.inference.residuals import (
-    RANK_TOLERANCE,
     matrix_to_harmonics,
-    reduced_residuals,
     tests_in_order,
 )
-from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.fourier import MAX_ORDER, SIZE, basis, harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
 __all__ = [
-    "SHIFTED",
     "Check",
     "CheckKind",
     "TestChecks",
     "all_checks",
     "autocorrelation",
     "average_checks",
-    "centre_shift",
     "check_predictions",
-    "effects_of_failures",
     "failing_checks",
 ]
 
-# Significance level for a shift of the circles' centre with force. A shift is reported if its
-# p-value, multiplied by the number of p-values (Bonferroni), is below this level. There is one
-# p-value for each of the two axes of every plane.
-SHIFTED = 0.01
 # Posterior predictive checks are computed from at most this number of posterior draws.
 _DRAWS = 500
 # Significance level of posterior predictive checks. A check fails if its p-value, multiplied by the
 # number of all checks (Bonferroni), is below this level.
 _FAILS = 0.01
 # Smallest p-value of a posterior predictive check. Checks are ranked by the logarithm of their
-# p-value, which must be finite. A smaller p-value is therefore replaced by this number. The same
-# number replaces a smaller standard error in the test of whether a quantity changes with force, so
-# that there is no division by zero.
+# p-value, which must be finite. A smaller p-value is therefore replaced by this number.
 _SMALLEST_P = 1e-300
 # Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000
@@ -75,14 +61,6 @@ _ROUNDING = 1e-24
 # Smallest standard deviation of the autocorrelation of residuals. With one degree of freedom (26
 # readings) the autocorrelation is the same for all readings, and its standard deviation is zero.
 _LEAST_SD = 1e-6
-# A shift of the circles' centre with force is checked only in planes with at least this many tests.
-_FEWEST_TESTS = 4
-# A shift of the circles' centre with force is checked only in planes that were tested at this many
-# different forces or more.
-_FEWEST_FORCES = 3
-# Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
-# show how strong the noise is.
-_NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 
 
 class CheckKind(StrEnum):
@@ -178,170 +156,6 @@ def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
     A check fails if its p-value, multiplied by the number of checks (Bonferroni), is below 1 %.
     """
     return tuple(check for check in checks if check.p * len(checks) < _FAILS)
-
-
-def effects_of_failures(
-    bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
-) -> tuple[dict[str, float], float]:
-    """Estimate the effect of failing checks on the parameters and on their credible intervals.
-
-    A failing check shows that the model does not describe the readings of a test well. A check
-    fails if its p-value, multiplied by the number of checks, is below 1 %. The result is a tuple of
-    two items:
-
-    - a dict with the shifts of parameters. Its keys are the names of the tests that fail the check
-      of a Fourier order. The value for a test is the largest change of any parameter when the test
-      is left out, in units of the parameter's posterior standard deviation. The dict is empty if no
-      check of a Fourier order fails, if the campaign has only one test, or if the prior is flat;
-    - the widening of credible intervals, a number. Tests that fail a check of noise or
-      autocorrelation may be noisier than modelled. Their noise is estimated from their readings at
-      the Fourier orders 13 to 16. The widening is the largest relative increase of the width of a
-      credible interval that this noise causes. The widening is 0 if no check of noise or
-      autocorrelation fails.
-
-    Both items are computed at one value ``phi`` of the h hyper-parameters (such as the standard
-    deviation of the noise), shape (h,). ``checks`` holds the p-values of each test; its keys are
-    the names of the tests. ``bound`` is the model of the campaign.
-    """
-    failing = failing_checks(all_checks(checks))
-    of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
-    of_noise = [check.test for check in failing if check.kind != CheckKind.ORDER]
-    shift = _shift_without(bound, phi, list(dict.fromkeys(of_order)))
-    return shift, _widening_by_noise(bound, phi, of_noise)
-
-
-def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
-    """Return how much the parameters change when one test is left out, for each of ``tests``.
-
-    ``tests`` are the names of the tests that are left out one at a time. The result is a dict with
-    these names as its keys. The value is the largest change of any parameter, in units of the
-    parameter's posterior standard deviation. The changes are computed at one value ``phi``, shape
-    (h,), of the h hyper-parameters (such as the standard deviation of the noise). The dict is empty
-    if the campaign has one test only or the prior is flat. ``bound`` is the model of the campaign.
-    """
-    if len(bound.test_names) < 2 or bound.model.prior.flat:
-        return {}
-    shift: dict[str, float] = {}
-    conditional = bound.given(phi[None])[1]
-    for test in tests:
-        remaining = bound.keeping([name for name in bound.test_names if name != test])
-        change = remaining.given(phi[None])[1].mean - conditional.mean
-        shift[test] = float((np.abs(change) / conditional.sd).max())
-    return shift
-
-
-def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
-    """Return the largest relative widening of intervals if some tests are noisier than modelled.
-
-    The intervals are the credible intervals of the parameters. A result of 0.1 means that the most
-    affected interval becomes 10 % wider. ``tests`` are the names of the noisier tests. Their noise
-    variance is estimated from their readings at the Fourier orders 13 to 16, but is at least the
-    noise variance σ² of the model. The noise variance of all other tests is σ². The wider intervals
-    are computed with σ² replaced by the mean noise variance of all tests. ``phi``, shape (h,), is
-    one value of the h hyper-parameters (such as the standard deviation of the noise). ``bound`` is
-    the model of the campaign.
-    """
-    if not tests:
-        return 0.0
-    sigma = bound.hyper_prior.names.index("sigma")
-    is_noisier = np.isin(bound.test_names, tests)
-    measured_ratio = _noise_variance_above_order_12(bound) / phi[sigma] ** 2
-    variance_ratio = np.where(is_noisier, np.maximum(measured_ratio, 1.0), 1.0)
-    noisy = phi.copy()
-    noisy[sigma] *= np.sqrt(variance_ratio.mean())
-    variance = information_of(bound, phi).variances()
-    variance_with_noise = information_of(bound, noisy).variances()
-    return float(np.sqrt((variance_with_noise / variance).max()) - 1.0)
-
-
-def _noise_variance_above_order_12(bound: BoundModel) -> Array:
-    """Estimate the noise variance of each test from its readings at the Fourier orders 13 to 16.
-
-    The variances are in mm², shape (tests,). Deviations that the machine repeats are not noise. The
-    mean Fourier coefficients of all tests with the same plane, radius and direction of travel are
-    therefore first subtracted. ``bound`` is the model of the campaign.
-    """
-    setting = bound.setting
-    coefficients = np.array([_coefficients_above_order_12(test) for test in tests_in_order(bound)])
-    mean_square = np.zeros(len(coefficients))
-    conditions = list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
-    for condition in set(conditions):
-        tests = [r for r, of_test in enumerate(conditions) if of_test == condition]
-        mean_square[tests] = _mean_square_of_scatter(coefficients[tests])
-    # White noise of variance s² in n readings gives a Fourier coefficient the variance 2 s² / n.
-    return mean_square * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
-
-
-def _mean_square_of_scatter(coefficients: Array) -> Array:
-    """Return the mean square of each test's coefficients, without what the tests repeat.
-
-    ``coefficients``, shape (tests, m), holds m coefficients of every test. Their means over the
-    tests are subtracted; of two or more tests, the mean squares are enlarged, because the means
-    were computed from the same tests. A single test has nothing to be compared with, and all of its
-    coefficients count as scatter. The result has the shape (tests,).
-    """
-    n = len(coefficients)
-    if n == 1:
-        return np.asarray(np.mean(coefficients**2, axis=1))
-    deviation = coefficients - coefficients.mean(axis=0)
-    return np.asarray(np.mean(deviation**2, axis=1) * (n / (n - 1)))
-
-
-def _coefficients_above_order_12(test: CircularTest) -> Array:
-    """Return the Fourier coefficients of a test's readings at the orders 13 to 16 [mm].
-
-    The eight coefficients, four cosines and then four sines, are fitted by least squares together
-    with the coefficients of the orders 0 to 12.
-    """
-    angle = test.angles_rad()
-    turned = np.exp(1j * np.outer(angle, _NEXT_ORDERS))
-    columns = np.column_stack([basis(angle), turned.real, turned.imag])
-    return np.linalg.lstsq(columns, test.readings_mm(), rcond=RANK_TOLERANCE)[0][SIZE:]
-
-
-def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """Return the machine axes along which the centre of the circles shifts with force.
-
-    The position of the centre along an axis is a Fourier coefficient of order 1. The shift that the
-    parameters ``beta``, shape (p,), explain is first subtracted. Then a p-value is computed for
-    each plane and each of its two axes, by Student's t-test of the slope of the position over
-    force. Only planes with at least four tests and at least three different forces are checked. An
-    axis is reported if its smallest p-value in any plane, multiplied by the number of all p-values
-    (Bonferroni), is below 1 %. The result is a dict; its keys are the reported axes, and its values
-    are their smallest p-values. ``bound`` is the model of the campaign.
-    """
-    residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
-    harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
-    # p-values, one for each machine axis of each plane, of the hypothesis that the centre of the
-    # circles does not shift along this axis when the force changes. The keys are pairs (plane,
-    # axis).
-    p_values: dict[tuple[str, str], float] = {}
-    for plane, _, in_plane in bound.setting.groups_by("plane"):
-        force = bound.setting.force_N[in_plane]
-        if len(force) < _FEWEST_TESTS or len(np.unique(force)) < _FEWEST_FORCES:
-            continue
-        for axis, k in zip(PLANES[plane], harmonic_index(1), strict=False):
-            centre = np.array([harmonics[r][k] for r in np.flatnonzero(in_plane)])
-            p_values[plane, axis] = _p_value_of_no_slope(force, centre)
-    shifted: dict[str, float] = {}
-    for (_, axis), p in p_values.items():
-        if p * len(p_values) < SHIFTED:
-            shifted[axis] = min(p, shifted.get(axis, 1.0))
-    return shifted
-
-
-def _p_value_of_no_slope(force: Array, values: Array) -> float:
-    """Return the p-value of the hypothesis that a quantity does not change with force.
-
-    The p-value is two-sided, from Student's t-test of the slope of a straight line fitted by least
-    squares. ``values``, shape (n,), holds the quantity at the n forces ``force``.
-    """
-    lever = force - force.mean()
-    freedom = max(len(force) - 2, 1)
-    slope = lever @ values / (lever @ lever)
-    residual = values - values.mean() - slope * lever
-    slope_sd = np.sqrt(residual @ residual / freedom / (lever @ lever))
-    return float(2.0 * stdtr(freedom, -abs(slope) / max(slope_sd, _SMALLEST_P)))
 
 
 def check_predictions(

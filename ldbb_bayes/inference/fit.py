@@ -14,16 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from ldbb_bayes.campaign.unlikely_spans import unlikely_spans
+from ldbb_bayes.inference.centre_shift import SHIFTED, centre_shift
 from ldbb_bayes.inference.checks import (
-    SHIFTED,
     Check,
     CheckKind,
     TestChecks,
     all_checks,
     average_checks,
-    centre_shift,
     check_predictions,
-    effects_of_failures,
     failing_checks,
 )
 from ldbb_bayes.inference.coefficients import (
@@ -37,6 +35,7 @@ from ldbb_bayes.inference.contradicted_certificates import (
 )
 from ldbb_bayes.inference.diagnostics import power_sensitivity
 from ldbb_bayes.inference.distant_zero import distant_zeros
+from ldbb_bayes.inference.effects_of_failures import effects_of_failures
 from ldbb_bayes.inference.residuals import FitQuality, quality_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array, Finite, Result

@@ -35,7 +35,7 @@ from ldbb_bayes.inference.coefficients import (
 )
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import model_draws_of
-from ldbb_bayes.inference.residuals import matrix_to_harmonics
+from ldbb_bayes.inference.residuals import matrix_to_harmonics, tests_in_order
 from ldbb_bayes.inference.shared_draws import SharedDraws, draw_with_shared
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
@@ -364,7 +364,7 @@ def predict_left_out(
     with_new_factor = _with_new_noise_factor(bound, draws.phi, r, rng)
     circle = _expected_circle(bound, draws, r) + draw_of_circle(bound, with_new_factor, r, rng)
     sigma = with_new_factor[:, bound.hyper_prior.names.index("sigma")]
-    return readings_drawn(circle, sigma, bound.campaign.tests[r].angles_rad(), rng)
+    return readings_drawn(circle, sigma, tests_in_order(bound)[r].angles_rad(), rng)
 
 
 def _expected_circle(bound: BoundModel, draws: SharedDraws, r: int) -> Array:

@@ -270,13 +270,16 @@ def fit_model(
     bound = inside.bound
     sampling, *checking = np.random.SeedSequence(seed).spawn(3)
     start = inside if bound.truncation.active else inside.without_truncation
-    run, beta, phi, log_posterior = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
+    sampled = run_sampler(sampler, start, rule=rule, seed=sampling, **options)
+    run = sampled.run
+    beta = sampled.beta
+    phi = sampled.phi
     chains, size = beta.shape[:2]
     flat_beta, flat_phi = pool_draws(beta, phi)
     draws = ModelDraws(bound, flat_phi, flat_beta)
     densities = {
         name: values.reshape(chains, size)
-        for name, values in densities_of(draws, log_posterior).items()
+        for name, values in densities_of(draws, sampled.log_posterior).items()
     }
     prior = prior_draws_of(bound, prior_draws, np.random.default_rng(checking[0]))
     groups = groups_of(bound, beta, phi, prior, densities)
@@ -456,11 +459,12 @@ def draw(
     rule = StoppingRule(
         ess=_THINNING * size, rhat=_RHAT_WHEN_THINNED, lengths=_LENGTHS_WHEN_THINNED
     )
-    run, beta, phi, _ = _sample_jointly(start, rule=rule, seed=seed)
+    sampled = _sample_jointly(start, rule=rule, seed=seed)
+    run = sampled.run
     require(
         run.converged,
         f"emcee must converge, got R-hat {run.assessment.rhat_max:.3f} after {run.steps} steps. Use"
         " --seed.",
     )
-    thinned_beta, thinned_phi = pool_draws(beta, phi, size)
+    thinned_beta, thinned_phi = pool_draws(sampled.beta, sampled.phi, size)
     return IndependentDraws(thinned_beta, thinned_phi, by_emcee=True)

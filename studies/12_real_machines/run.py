@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes, judge_parameters
-from ldbb_bayes.inference.checks import centre_shift, check_predictions, effects_of_failures
+from ldbb_bayes.inference.centre_shift import centre_shift
+from ldbb_bayes.inference.checks import check_predictions
+from ldbb_bayes.inference.effects_of_failures import effects_of_failures
 from ldbb_bayes.inference.elastic_deflections import compliance_curves
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.nodes import HyperPosterior

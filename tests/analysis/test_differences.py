@@ -16,6 +16,7 @@ from scipy.linalg import block_diag
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.common_effects import (
+    CampaignPosterior,
     JointDifference,
     Shared,
     joint_difference,
@@ -436,15 +437,11 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             means.append(
                 np.array([0.0, value, 0.5 * value]) * prior_sd**2 / (prior_sd**2 + noise**2)
             )
-        conflict = worst_conflict(
-            ["length", "form"],
-            np.ones((2, 2)),
-            [0.0, 0.0],
-            [["E", "form", "length"]] * 2,
-            informations,
-            means,
-            [np.zeros(3)] * 2,
-        )
+        campaigns = [
+            CampaignPosterior(information, list(information.names), mean, np.zeros(3))
+            for information, mean in zip(informations, means, strict=True)
+        ]
+        conflict = worst_conflict(["length", "form"], np.ones((2, 2)), [0.0, 0.0], campaigns)
         assert conflict == (
             "form",
             pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6),
@@ -617,6 +614,10 @@ def test_a_grown_compliance_is_no_disagreement_about_the_joints() -> None:
             )
         )
         means.append(np.array([2.0 * scale]))
+    campaigns = [
+        CampaignPosterior(information, list(information.names), mean, np.zeros(1))
+        for information, mean in zip(informations, means, strict=True)
+    ]
     p_values = {}
     for units in ("prior sd", "1"):
         for order in (1, -1):
@@ -624,10 +625,7 @@ def test_a_grown_compliance_is_no_disagreement_about_the_joints() -> None:
                 ["joint_load_X_seat"],
                 (prior_sd if units == "prior sd" else np.ones((2, 1)))[::order],
                 [0.14],
-                [["joint_load_X_seat"]] * 2,
-                informations[::order],
-                means[::order],
-                [np.zeros(1)] * 2,
+                campaigns[::order],
             )
             p_values[units, order] = conflict.p_value
     assert p_values["prior sd", 1] == p_values["prior sd", -1] > 0.5

@@ -14,7 +14,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
 from ldbb_bayes.analysis.variance_sources import VarianceSource, sources_of
-from ldbb_bayes.analysis.verdicts import Verdict, judge, judge_parameters, variance_share_removed
+from ldbb_bayes.analysis.verdicts import Verdict, judge, judge_parameters
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms.columns import NOISE, OWN
@@ -42,6 +42,11 @@ def information_of_two(angle: float) -> Information:
     )
 
 
+def variance_share_removed(information: Information, effect: str) -> np.ndarray:
+    """Share of each parameter's variance that would vanish if an effect were known."""
+    return 1.0 - information.variances([effect]) / information.variances()
+
+
 # Two parameters
 
 
@@ -54,11 +59,11 @@ def test_two_parameters_in_closed_form() -> None:
     variance = 1.0 / (0.01 + 1.0 / 4.01)
     variance_with_known_form = 1.0 / (0.01 + 1.0 / 0.01)
     assert information.variances()[0] * 100.0 == pytest.approx(variance)
-    removed = variance_share_removed(information, ["BallForm"])[0]
+    removed = variance_share_removed(information, "BallForm")[0]
     assert removed == pytest.approx(1.0 - variance_with_known_form / variance)
     exact = replace(information, noise=({NOISE: 1e-9 * np.eye(100)},))
     assert exact.variances()[0] == pytest.approx(4.0 / 104.0, abs=1e-6)
-    assert variance_share_removed(exact, ["BallForm"])[0] == pytest.approx(1.0, abs=1e-6)
+    assert variance_share_removed(exact, "BallForm")[0] == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("angle", [1e-1, 1e-2, 1e-3, 1e-8, 0.0])
@@ -70,7 +75,7 @@ def test_near_collinear_designs_are_graded(angle: float) -> None:
     assert information.variances()[0] * 100.0 == pytest.approx(expected, rel=1e-6)
     share = information.contributions()["BallForm"][0]
     assert bool(share > 0.5) is (angle < 0.03)
-    assert 0.5 < variance_share_removed(information, ["BallForm"])[0] <= 1.0
+    assert 0.5 < variance_share_removed(information, "BallForm")[0] <= 1.0
 
 
 # Shares of the variance
@@ -284,7 +289,7 @@ def test_differences_are_not_confounded(
 
 def test_force_error_holds_part_of_a_direct_compliance(recovered: lb.Campaign) -> None:
     information = information_of(LINEAR.bind(recovered), PHI)
-    removed = variance_share_removed(information, ["ForceError"])
+    removed = variance_share_removed(information, "ForceError")
     assert removed[information.names.index("C_XXX")] > 0.05
 
 

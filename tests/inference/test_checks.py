@@ -10,14 +10,14 @@ from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.centre_shift import centre_shift
 from ldbb_bayes.inference.checks import (
     TestChecks,
     _squares_of_orders,
     autocorrelation,
-    centre_shift,
     check_predictions,
-    effects_of_failures,
 )
+from ldbb_bayes.inference.effects_of_failures import effects_of_failures
 from ldbb_bayes.inference.fit import Fit, State
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE
