@@ -135,31 +135,25 @@ class Budget(Result):
 
 @dataclass(frozen=True, eq=False)
 class _ModelBudget:
-    """The posterior variance of the parameters under one model, and the sources of this variance.
+    """Posterior variance of the parameters under one model, and the sources of this variance."""
 
-    - ``model``: the model and its posterior draws.
-    - ``variance``: variances of the model's p parameters, shape (p,), in units of mm, N and rad.
-    - ``phi``: means of the hyper-parameters, by name.
-    - ``information``: linear model of the readings at these means (see `Information`).
-    - ``covariance``: posterior covariance of all m coefficients (parameters and nuisance
-      coefficients) at these means, shape (m, m), in units of the prior standard deviations.
-    - ``shares``: for each source, its share in the variance of each parameter, shape (p,). A key
-      is a pair: the name of the source and the name of its model term.
-    - ``ratio_if_known``: one array of shape (p,) for each model term. It holds the variances that
-      the parameters would have if the effect of the term were known exactly, divided by their
-      present variances.
-    - ``origins``: whether the standard uncertainty of each source is measured in this campaign,
-      stated or assumed. The keys are pairs as in ``shares``.
-    """
-
-    model: AveragedModel
-    information: Information
-    variance: Array
+    model: AveragedModel  #: the model and its posterior draws
+    phi: Mapping[Any, float]  #: means of the hyper-parameters, by name
+    information: Information  #: linear model of the readings at these means
+    #: posterior covariance of all m coefficients (parameters and nuisance coefficients) at these
+    #: means, shape (m, m), in units of the prior standard deviations
     covariance: Array
+    #: variances of the model's p parameters, shape (p,), in units of mm, N and rad
+    variance: Array
+    #: for each source, its share in the variance of each parameter, shape (p,). A key is a pair:
+    #: the name of the source and the name of its model term.
     shares: Mapping[tuple[str, str], Array]
-    ratio_if_known: Mapping[str, Array]
-    phi: Mapping[Any, float]
+    #: whether the standard uncertainty of each source is measured in this campaign, stated or
+    #: assumed. The keys are pairs as in ``shares``.
     origins: Mapping[tuple[str, str], Origin]
+    #: for each model term, the variances that the parameters would have if the effect of the term
+    #: were known exactly, divided by their present variances, shape (p,)
+    ratio_if_known: Mapping[str, Array]
 
     @property
     def bound(self) -> BoundModel:
@@ -167,20 +161,22 @@ class _ModelBudget:
         return self.model.bound
 
 
+class _WeightedBudget(NamedTuple):
+    """Budget under one model that has a certain parameter, and the weight of this model."""
+
+    budget: _ModelBudget
+    row: int  #: index of the parameter among the parameters of the model
+    #: probability of the model times the variance of the parameter under this model
+    weight: float
+
+
 @dataclass(frozen=True, eq=False)
 class _ParameterVariance:
-    """The variance of one parameter under one model, or in an average over several models.
+    """The variance of one parameter under one model, or in an average over several models."""
 
-    Three lists have one entry for each model that has the parameter. An entry of ``budgets`` is the
-    budget of the model, an entry of ``rows`` is the index of the parameter in the model, and an
-    entry of ``weights`` is the probability of the model times the variance of the parameter under
-    this model. The parameter's posterior mean differs between the models; ``spread`` is the
-    variance of these means, or None if there is only one model.
-    """
-
-    budgets: Sequence[_ModelBudget]
-    rows: Sequence[int]
-    weights: Sequence[float]
+    by_model: Sequence[_WeightedBudget]  #: the models that have the parameter
+    #: variance of the parameter's posterior means, which differ between the models; None if there
+    #: is only one model
     spread: float | None
 
     @property
@@ -190,7 +186,8 @@ class _ParameterVariance:
         The share of a source of uncertainty is its contribution divided by this variance. If the
         variance is zero, the result is 1, to avoid a division by zero.
         """
-        return (sum(self.weights) + (self.spread or 0.0)) or 1.0
+        total = sum(of_model.weight for of_model in self.by_model) + (self.spread or 0.0)
+        return total or 1.0
 
 
 class _SourceKey(NamedTuple):
@@ -203,17 +200,12 @@ class _SourceKey(NamedTuple):
 
 @dataclass
 class _SourceShare:
-    """Share of one source of uncertainty in the variance of a parameter, summed over the models.
+    """Share of one source of uncertainty in the variance of a parameter, summed over the models."""
 
-    Each model contributes a part to the share. ``share`` is the sum of these parts, and ``largest``
-    the largest part. ``budget`` is the budget under the model that contributes the largest part,
-    and ``row`` is the index of the parameter in this model.
-    """
-
-    share: float
-    largest: float
-    budget: _ModelBudget
-    row: int
+    share: float  #: sum of the parts that all models contribute to the share
+    largest: float  #: largest of these parts
+    budget: _ModelBudget  #: budget under the model that contributes the largest part
+    row: int  #: index of the parameter among the parameters of this model
 
 
 class _NoiseSource(NamedTuple):
@@ -342,18 +334,15 @@ def _variance_of_parameter(
     in the list of all parameters of these models. The parameter's posterior mean differs between
     the models; ``spread`` is the variance of these means, or None if there is only one model.
     """
-    with_parameter = []
-    rows = []
-    weights = []
+    by_model = []
     for budget in budgets:
         # Row of the parameter in the arrays of this model's budget; empty if the model does not
         # have the parameter.
         rows_of_parameter = np.flatnonzero(budget.model.places == i)
         for row in rows_of_parameter.tolist():
-            with_parameter.append(budget)
-            rows.append(row)
-            weights.append(budget.model.probability * float(budget.variance[row]))
-    return _ParameterVariance(with_parameter, rows, weights, spread)
+            weight = budget.model.probability * float(budget.variance[row])
+            by_model.append(_WeightedBudget(budget, row, weight))
+    return _ParameterVariance(by_model, spread)
 
 
 def _average_shares(
@@ -407,7 +396,7 @@ def _shares_of_sources(variance: _ParameterVariance) -> dict[_SourceKey, _Source
     If the posterior is an average over models, the shares are averaged over these models.
     """
     portions: dict[_SourceKey, _SourceShare] = {}
-    for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):
+    for budget, row, weight in variance.by_model:
         for (source, term), shares in budget.shares.items():
             key = _SourceKey(source, term, _origin_of(budget, row, source, term))
             share = weight / variance.total * float(shares[row])
@@ -543,7 +532,7 @@ def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> 
     """
     remaining = variance.spread or 0.0
     can_be_known = False
-    for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):
+    for budget, row, weight in variance.by_model:
         ratio = 1.0
         if term in budget.ratio_if_known:
             ratio = float(budget.ratio_if_known[term][row])

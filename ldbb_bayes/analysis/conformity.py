@@ -20,7 +20,8 @@ import xarray as xr
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import path_draws
-from ldbb_bayes.analysis.directional_stiffness import stiffness_draws, stiffness_from
+from ldbb_bayes.analysis.directional_stiffness import stiffness_draws
+from ldbb_bayes.analysis.stated_quantities import stiffness_from
 from ldbb_bayes.analysis.tolerances import (
     PATH_QUANTITIES,
     STIFFNESS_QUANTITIES,

@@ -32,6 +32,7 @@ from ldbb_bayes.analysis.design.forecast import (
     states_of,
 )
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.nested_models import averaged_sds
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.paired_remedies import paired_remedies
@@ -51,7 +52,6 @@ from ldbb_bayes.analysis.verdicts import (
     ChangeIdentifiability,
     ParameterIdentifiability,
     SampledSd,
-    hyper_parameter_nodes,
     judge_average,
     judge_changes,
     not_modelled,

@@ -34,7 +34,6 @@ from ldbb_bayes.analysis.variance_sources import (
     VarianceSource,
     weights_of_parameters,
 )
-from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.results import Array, Finite, Number, Result
@@ -45,7 +44,6 @@ __all__ = [
     "ParameterIdentifiability",
     "SampledSd",
     "Verdict",
-    "hyper_parameter_nodes",
     "judge",
     "judge_average",
     "judge_changes",
@@ -423,19 +421,3 @@ def not_modelled(bound: BoundModel) -> tuple[str, ...]:
         return ()
     modelled = {type(term) for term in bound.model.nuisances}
     return tuple(kind.__name__ for kind in ready_made_terms(bound) if kind not in modelled)
-
-
-def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return w weighted sets of values of the hyper-parameters φ.
-
-    The first result holds the weights of the sets, shape (w,). The second result holds the sets,
-    shape (w, h), with one value for each of the h hyper-parameters. The sets are quadrature nodes:
-    together with their weights, they represent p(φ | y), for the readings y and a model in which
-    compliances may be negative. Hyper-parameters that are lengths are in mm; the others have no
-    unit. For a plan, the only set consists of the prior medians.
-    """
-    if bound.campaign.is_plan:
-        median = np.full((1, len(bound.hyper_prior.names)), 0.5)
-        return np.ones(1), bound.hyper_prior.quantile(median)
-    coarse = HyperPosterior(bound, truncated=False).coarse
-    return coarse.weight, bound.hyper_prior.phi(coarse.free)

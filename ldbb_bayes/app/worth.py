@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.value_of_certificates import (
     CERTIFICATES,
     missing_certificates,
     worth_of_certificates,
 )
-from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.app.fields import linear_model, read_files
 from ldbb_bayes.inference.contradicted_certificates import contradicted_certificates
 from ldbb_bayes.units import display_name, display_unit, two_digits

@@ -18,14 +18,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ldbb_bayes.analysis.directional_stiffness import (
-    AxialDirection,
-    PlaneStiffness,
-    PrincipalStiffness,
-    StatedValue,
-    stiffness,
-)
+from ldbb_bayes.analysis.directional_stiffness import PlaneStiffness, PrincipalStiffness, stiffness
 from ldbb_bayes.analysis.posterior_verdicts import judge_posterior
+from ldbb_bayes.analysis.stated_quantities import AxialDirection, StatedValue
 from ldbb_bayes.analysis.tolerances import name_in_plane
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.files import write_whole

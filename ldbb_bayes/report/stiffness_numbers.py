@@ -17,12 +17,8 @@ from ldbb_bayes.units import (
 )
 
 if TYPE_CHECKING:
-    from ldbb_bayes.analysis.directional_stiffness import (
-        AxialDirection,
-        DirectionalStiffness,
-        PlaneStiffness,
-        StatedValue,
-    )
+    from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness, PlaneStiffness
+    from ldbb_bayes.analysis.stated_quantities import AxialDirection, StatedValue
 
 __all__ = ["stiffness_quantities"]
 

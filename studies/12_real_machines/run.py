@@ -18,8 +18,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
-from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes, judge_parameters
+from ldbb_bayes.analysis.verdicts import judge_parameters
 from ldbb_bayes.inference.centre_shift import centre_shift
 from ldbb_bayes.inference.checks import check_predictions
 from ldbb_bayes.inference.effects_of_failures import effects_of_failures

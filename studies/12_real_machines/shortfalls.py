@@ -16,7 +16,8 @@ from scipy.stats import binomtest
 from study import Effort, replicated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes, judge_parameters
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
+from ldbb_bayes.analysis.verdicts import judge_parameters
 from ldbb_bayes.inference.elastic_deflections import compliance_curves
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.bound_information import information_of

@@ -12,11 +12,8 @@ from campaigns import HYPER_UM, TRUTH, plan, refuses, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis import directional_stiffness
-from ldbb_bayes.analysis.directional_stiffness import (
-    AxialDirection,
-    PlaneStiffness,
-    stiffness_draws,
-)
+from ldbb_bayes.analysis.directional_stiffness import PlaneStiffness, stiffness_draws
+from ldbb_bayes.analysis.stated_quantities import AxialDirection, axial_direction, stated_stiffness
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.elastic_deflections import elastic_draws
 from ldbb_bayes.machine.exact import exact_reading_mm
@@ -255,7 +252,7 @@ def test_a_result_goes_to_json_and_back(posterior: xr.DataTree) -> None:
 
 
 def direction_of(angle_deg: np.ndarray) -> AxialDirection:
-    return directional_stiffness._direction(np.deg2rad(angle_deg), 0.95)
+    return axial_direction(np.deg2rad(angle_deg), 0.95)
 
 
 def test_directions_about_zero_have_their_mean_there() -> None:
@@ -312,7 +309,7 @@ def test_a_direction_known_within_a_degree_has_the_interval_of_its_draws() -> No
 
 def test_a_compliance_near_zero_has_only_a_lower_limit_of_stiffness() -> None:
     draws = np.abs(np.random.default_rng(4).normal(0.0, 1e-6, 2000))
-    stated = directional_stiffness._stated_stiffness(draws, 0.95)
+    stated = stated_stiffness(draws, 0.95)
     assert stated.only_lower_limit
     assert stated.ci_low > 4e5
 

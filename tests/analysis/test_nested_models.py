@@ -9,6 +9,7 @@ from scipy import stats
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.present_estimates import averaged_sds_now
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.nested_models import (
     Coefficients,
     NestedModels,
@@ -16,7 +17,6 @@ from ldbb_bayes.analysis.nested_models import (
     averaged_variances,
 )
 from ldbb_bayes.analysis.truncated_moments import symmetric_root, truncated_moments
-from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.inference.evidences import Evidences
 
 CAMPAIGN = simulated(plan((30,) * 4), seed=1)

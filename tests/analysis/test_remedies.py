@@ -10,11 +10,11 @@ from campaigns import plan, simulated
 from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.paired_remedies import paired_remedies
 from ldbb_bayes.analysis.remedies import CURED_RATIO, Remedy, _choose_remedy, _Trial
 from ldbb_bayes.analysis.tried_remedies import RemedyKind, RemedyStep, TriedRemedies, longer_plans
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
-from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 

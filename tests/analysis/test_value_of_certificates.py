@@ -10,12 +10,12 @@ from campaigns import oracle_of, plan, simulated
 from oracle import Stated
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.value_of_certificates import (
     missing_certificates,
     uncertainty_with,
     worth_of_certificates,
 )
-from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.inference.nodes import HyperPosterior
 
 MODEL = lb.HybridModel.first(1).without("truncation")

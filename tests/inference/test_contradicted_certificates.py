@@ -10,9 +10,9 @@ import pytest
 from campaigns import refuses
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.hyper_parameter_nodes import hyper_parameter_nodes
 from ldbb_bayes.analysis.usability import ReasonKind, Use, judge_fit
 from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES, missing_certificates
-from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.inference.contradicted_certificates import (
     contradicted_certificates,
     log_ratio_of_stated_balls,

@@ -14,8 +14,8 @@ from campaigns import plan, refuses, simulated
 from reports import NOT_COMPARED, awkward, fitted, plan_of_three_planes, undrawn
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.directional_stiffness import AxialDirection
 from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.stated_quantities import AxialDirection
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
