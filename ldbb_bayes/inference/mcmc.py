@@ -290,11 +290,9 @@ def run_ensembles(
         following = rule.next_block(steps)
         is_last = steps + following.draws * following.thin > rule.max_steps
         chain = _draws_after_burn_in(blocks, rule)
-        assessment = None
-        if worst is not None and not is_last:
-            assessment = replace(assess(chain[..., [worst]]), worst=worst)
-        if assessment is None or assessment.meets(rule, walkers=all_walkers):
-            assessment = assess(chain)
+        if is_last:
+            worst = None
+        assessment = _assess_worst_first(chain, worst, rule, all_walkers)
         worst = assessment.worst
         if progress is not None:
             elapsed = time.perf_counter() - clock
@@ -304,6 +302,23 @@ def run_ensembles(
         if converged or is_last:
             acceptance = float(np.mean(acceptances))
             return EnsembleRun(chain, assessment, converged, steps, walkers, acceptance)
+
+
+def _assess_worst_first(
+    chain: Array, worst: int | None, rule: StoppingRule, walkers: int
+) -> Assessment:
+    """Return an assessment of draws that decides whether they meet a stopping rule.
+
+    If one coordinate alone does not meet the rule, the other coordinates are not assessed, to save
+    time. ``worst`` is the index of this coordinate; None if all coordinates are to be assessed in
+    any case. ``chain`` holds the draws of d coordinates, shape (chains, draws, d). ``walkers`` is
+    the number of walkers of all ensembles together.
+    """
+    if worst is not None:
+        of_worst = replace(assess(chain[..., [worst]]), worst=worst)
+        if not of_worst.meets(rule, walkers=walkers):
+            return of_worst
+    return assess(chain)
 
 
 def _seconds_left(

@@ -159,7 +159,7 @@ class RelatedModels:
         ``ratios`` was made. The result is None if the error of the log evidence would exceed
         ``tolerance`` [nat], by default that of this object.
         """
-        allowed = tolerance or self._tolerance
+        allowed = self._tolerance if tolerance is None else tolerance
 
         def evaluate(index: Index) -> LogValues:
             return log_values(posterior, ratios.integral.free[index], self._tolerance)

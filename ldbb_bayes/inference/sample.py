@@ -382,17 +382,24 @@ def _sample_independently(
         free_blocks.append(draws.free.reshape(_CHAINS, block, -1))
         beta_blocks.append(draws.beta.reshape(_CHAINS, block, -1))
         log_posterior_blocks.append(draws.log_posterior.reshape(_CHAINS, block))
-        chain = np.concatenate(free_blocks, axis=1)
+        free = np.concatenate(free_blocks, axis=1)
         beta = np.concatenate(beta_blocks, axis=1)
-        assessment = assess(np.concatenate([beta, chain], axis=2))
-        steps = chain.shape[1]
+        assessment = assess(np.concatenate([beta, free], axis=2))
+        steps = free.shape[1]
         converged = assessment.meets(rule, walkers=0)
         if progress is not None:
             progress(Progress(steps, steps, rule.ess, assessment))
         if converged or 2 * steps > rule.max_steps:
-            run = EnsembleRun(chain, assessment, converged, steps, 1, accepted / proposed)
+            run = EnsembleRun(
+                chain=free,
+                assessment=assessment,
+                converged=converged,
+                steps=steps,
+                walkers=1,
+                acceptance=accepted / proposed,
+            )
             log_posterior = np.concatenate(log_posterior_blocks, axis=1)
-            return SampledDraws(run, beta, start.bound.hyper_prior.phi(chain), log_posterior)
+            return SampledDraws(run, beta, start.bound.hyper_prior.phi(free), log_posterior)
         block = steps
 
 
