@@ -61,9 +61,11 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
     text_columns = ["plane"]
     if any(test.direction for test in campaign.tests):
         text_columns.append("direction")
+    radii_mm = sorted({test.circle.radius_mm for test in campaign.tests})
+    radii = ", ".join(f"{radius_mm:g}" for radius_mm in radii_mm)
     caption = (
         f"{repr(campaign)[1:-1]}; {campaign.topology}, plane {campaign.machine().plane},"
-        f" R = {campaign.radius_mm:g} mm"
+        f" R = {radii} mm"
     )
     return (Table.of(caption, [*_CAMPAIGN_COLUMNS, "readings"], rows, text=text_columns),)
 

@@ -106,11 +106,12 @@ def _sentences_under_load(numbers: SheetNumbers) -> Iterator[str]:
         sentence_on_path = "plain.path_with_balls"
     for plane in numbers.planes:
         suffix = f"_{plane}" if has_several_planes else ""
+        plane_and_circle = plane + numbers.circle_in_words(plane)
         least = numbers.directions[f"k_min{suffix}"]
         greatest = numbers.directions[f"k_max{suffix}"]
         yield words(
             "plain.stiffness",
-            plane=plane,
+            plane=plane_and_circle,
             force=force,
             least=_with_U(least, words),
             where=least.where,
@@ -123,7 +124,7 @@ def _sentences_under_load(numbers: SheetNumbers) -> Iterator[str]:
         unloaded = numbers.unloaded_path[f"G_no_load{suffix}"]
         yield words(
             sentence_on_path,
-            plane=plane,
+            plane=plane_and_circle,
             force=force,
             loaded=_with_U(circle, words),
             unloaded=_with_U(unloaded, words),

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.compliance_change import ChangeWithForce
     from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness, PlaneStiffness
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
+    from ldbb_bayes.machine.chain import Circle
     from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["SheetNumbers", "remark"]
@@ -373,7 +374,8 @@ class SheetNumbers:
         The keys of the dict are the names of the quantities, such as ``k_min`` for the least
         stiffness.
         """
-        return stiffness_quantities(self._directional, self.words)
+        circles = {plane: self.circle_in_words(plane) for plane in self.planes}
+        return stiffness_quantities(self._directional, self.words, circles)
 
     @cached_property
     def _directional(self) -> DirectionalStiffness:
@@ -438,6 +440,7 @@ class SheetNumbers:
             if has_several_planes:
                 where = self.words("quantities.plane", plane=row["plane"])
                 symbol = f"{symbol}_{row['plane']}"
+            where += self.circle_in_words(row["plane"])
             stated[symbol] = StatedQuantity(
                 words=self.words(f"quantities.{row['quantity']}{suffix}", plane=where),
                 symbol=f"{row['quantity']}{mark}",
@@ -450,6 +453,32 @@ class SheetNumbers:
             )
         return stated
 
+    def circle_in_words(self, plane: str) -> str:
+        """Return a phrase that says of which circle the quantities of a plane are.
+
+        Circular deviations, and stiffnesses by direction, are those of the first circle in
+        ``plane``. The phrase begins with a comma. It is empty if all tests in the plane have the
+        same circle.
+        """
+        circles = list(self._circles_of_plane(plane).values())
+        first = circles[0]
+        if all(circle == first for circle in circles):
+            return ""
+        radius = self.words.number(f"{first.radius_mm:g}")
+        if all(circle.centre_mm == first.centre_mm for circle in circles):
+            return self.words("quantities.circle", radius=radius)
+        centre = ", ".join(f"{coordinate_mm:g}" for coordinate_mm in first.centre_mm)
+        return self.words(
+            "quantities.circle_about",
+            radius=radius,
+            centre=self.words.number(centre.replace("-", "−")),
+        )
+
+    def _circles_of_plane(self, plane: str) -> dict[str, Circle]:
+        """Return the circle of each test in a plane; the keys are the names of the tests."""
+        tests = bound_of(self.findings.posterior).campaign.tests
+        return {str(test.name): test.circle for test in tests if test.plane == plane}
+
     @cached_property
     def _measured(self) -> pd.DataFrame:
         """Table of circular-test quantities computed from the readings alone, one row per test."""
@@ -459,12 +488,16 @@ class SheetNumbers:
         """Return a remark that states a circularity quantity computed from the readings of a test.
 
         ``quantity`` is the name of the quantity, such as the circular deviation. The remark uses
-        the test in ``plane`` whose force is nearest to ``force_N`` [N]. The remark is an empty
-        string if ``force_N`` is zero.
+        the test of the circle whose quantities are stated in ``plane`` (`circle_in_words`), and of
+        these the test whose force is nearest to ``force_N`` [N]. The remark is an empty string if
+        ``force_N`` is zero.
         """
         if force_N == 0.0:
             return ""
-        rows = self._measured[self._measured["plane"] == plane]
+        circles = self._circles_of_plane(plane)
+        stated_circle = next(iter(circles.values()))
+        names = [name for name, circle in circles.items() if circle == stated_circle]
+        rows = self._measured.loc[names]
         nearest = rows.iloc[int((rows["force_N"] - force_N).abs().to_numpy().argmin())]
         return self.words(
             "remarks.measured",

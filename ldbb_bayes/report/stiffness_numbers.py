@@ -17,6 +17,8 @@ from ldbb_bayes.units import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness, PlaneStiffness
     from ldbb_bayes.analysis.stated_quantities import AxialDirection, StatedValue
 
@@ -25,7 +27,9 @@ __all__ = ["stiffness_quantities"]
 _N_PER_UM = 1e-3  # factor from N/mm to N/µm
 
 
-def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str, StatedQuantity]:
+def stiffness_quantities(
+    result: DirectionalStiffness, words: Words, circles: Mapping[str, str]
+) -> dict[str, StatedQuantity]:
     """Return the stiffness by direction as the test certificate states it.
 
     The quantities of each plane are the least and the greatest stiffness and their ratio. If only
@@ -38,6 +42,8 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
         Stiffness by direction at one force.
     words
         Texts of the test certificate, in its language.
+    circles
+        For each plane, a phrase that says of which circle its stiffnesses are, or an empty string.
 
     Returns
     -------
@@ -48,7 +54,9 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
     planes = [plane.plane for plane in result.planes]
     stated = {}
     for plane in result.planes:
-        for name, quantity in _quantities_of_plane(plane, words, is_only=len(planes) == 1).items():
+        circle = circles[plane.plane]
+        is_only = len(planes) == 1
+        for name, quantity in _quantities_of_plane(plane, circle, words, is_only=is_only).items():
             stated[name_in_plane(name, plane.plane, planes)] = quantity
     for principal in result.principal:
         for k, axis in enumerate(principal.axes, start=1):
@@ -67,16 +75,17 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
 
 
 def _quantities_of_plane(
-    plane: PlaneStiffness, words: Words, *, is_only: bool
+    plane: PlaneStiffness, circle: str, words: Words, *, is_only: bool
 ) -> dict[str, StatedQuantity]:
     """Return a dict with the least and the greatest stiffness in a plane, and with their ratio.
 
-    The keys are names such as ``k_min``. If ``is_only`` is true, no other plane was tested, and the
-    dict also has the principal axis and the difference of the direct compliances.
+    The keys are names such as ``k_min``. ``circle`` is a phrase that says of which circle they are,
+    or an empty string. If ``is_only`` is true, no other plane was tested, and the dict also has the
+    principal axis and the difference of the direct compliances.
     """
-    where = ""
+    where = circle
     if not is_only:
-        where = words("quantities.plane", plane=plane.plane)
+        where = words("quantities.plane", plane=plane.plane) + circle
     axis = plane.plane[0]
     stated = {}
     ends = {"k_min": (plane.least, plane.softest), "k_max": (plane.greatest, plane.stiffest)}

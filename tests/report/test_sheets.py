@@ -452,6 +452,43 @@ def test_beside_g_stands_what_the_circle_showed(findings: Findings, english: She
     assert f"measured at 300\u00a0N, with the balls' form: {shown:.1f}" in row_of(first, "G")[-1]
 
 
+def numbers_of_circles(radii_mm: tuple[float, ...], centres_x_mm: tuple[float, ...]) -> Findings:
+    """A fit of one plane with circles of several radii, or about several centres."""
+    tests = []
+    for test, radius_mm, x_mm in zip(plan().tests, radii_mm, centres_x_mm, strict=True):
+        setup = 1 + int(x_mm != 0.0)
+        tests.append(replace(test, radius_mm=radius_mm, centre_x_mm=x_mm, setup=setup))
+    return findings_of(simulated(replace(plan(), tests=tuple(tests))))
+
+
+@pytest.mark.parametrize(("language", "about"), [("en", "about"), ("de", "um")])
+def test_numbers_of_one_of_several_circles_name_it(language: str, about: str) -> None:
+    words = words_of(language)
+    radii = SheetNumbers(numbers_of_circles((112.5, 150.0) * 2, (0.0,) * 4), words, 300.0)
+    centres = SheetNumbers(numbers_of_circles((150.0,) * 4, (-80.0, 0.0) * 2), words, 300.0)
+    radius = words.number("112.5")
+    assert radii.path["G"].words.endswith(f", R\u00a0= {radius}\u00a0mm")
+    assert radii.directions["k_min"].words.endswith(f", R\u00a0= {radius}\u00a0mm")
+    sentences = plain_findings.plain_words(radii).items[:2]
+    assert all(f"XY, R\u00a0= {radius}\u00a0mm" in sentence for sentence in sentences)
+    at_centre = f", R\u00a0= 150\u00a0mm {about} (−80, 0, 0)\u00a0mm"
+    assert centres.path["G"].words.endswith(at_centre)
+
+
+def test_numbers_of_the_only_circle_do_not_name_it(findings: Findings) -> None:
+    numbers = SheetNumbers(findings, EN, 300.0)
+    assert numbers.path["G"].words == "Circular deviation G"
+    assert numbers.directions["k_min"].words == "Least stiffness in the plane"
+
+
+def test_beside_g_stands_what_a_circle_of_the_same_radius_showed() -> None:
+    findings = numbers_of_circles((100.0, 150.0) * 2, (0.0,) * 4)
+    measured, _ = lb.analysis.measure_circularity(findings.posterior)
+    shown = measured.set_index("force_N").loc[520.0, "G"]
+    note = SheetNumbers(findings, EN, 300.0).path["G"].note
+    assert note == f"measured at 520\u00a0N, with the balls' form: {shown:.1f}"
+
+
 def test_sheet_2_states_the_form_that_is_assumed_of_a_ball() -> None:
     """U = 2 √mean(τ²/2 (n/6)^(−2p) + S²/24) of the posterior draws of τ and p, S = 2.5 µm."""
     findings = findings_of_fit(
