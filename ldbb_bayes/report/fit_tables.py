@@ -611,7 +611,8 @@ def results_table(
     """Return a table of the results of a fit, one row for each parameter.
 
     The columns are the value, u, U (k = 2), the credible interval, the stiffness and the verdict.
-    Instead of the slopes, which are the coefficients of compliances as functions of force, the
+    Compliances are those at the reference force, which the caption states where they change with
+    force. Instead of the slopes, which are the coefficients of compliances as functions of force, the
     table shows the change of each compliance over the tested forces.
 
     Parameters
@@ -640,7 +641,11 @@ def results_table(
         rows.append((label, *_change_cells(change), "", wording.direction_words(change)))
     for name, entry in others.items():
         rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
-    return _results_table(wording.PAGE["parameters"], rows, result)
+    caption = wording.PAGE["parameters"]
+    if changes:
+        force_N = result["model"]["reference_force_N"]
+        caption = wording.PAGE["parameters_and_changes"].format(force=force_N)
+    return _results_table(caption, rows, result)
 
 
 def coefficient_table(
