@@ -95,7 +95,10 @@ class Conformity(Result):
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
-    mean: float  #: estimate of the quantity that has the tolerance: its posterior mean
+    #: value that tables and sheets state of the quantity that has the tolerance: the posterior
+    #: median of a stiffness or of a ratio of stiffnesses, and otherwise the posterior mean
+    value: float
+    mean: float  #: posterior mean of the quantity that has the tolerance
     #: standard uncertainty of the quantity that has the tolerance: its posterior standard deviation
     sd: float
     #: probability of conformance: the probability that the quantity lies between the limits of its
@@ -234,6 +237,8 @@ class _StatedDraws(NamedTuple):
     #: whether the quantity is a stiffness. Its reciprocal, a compliance, is more nearly normally
     #: distributed.
     is_stiffness: bool = False
+    #: whether the quantity is a ratio of two stiffnesses
+    is_ratio: bool = False
     #: name of the parameter that the quantity is, or whose reciprocal it is; empty for a quantity
     #: of a plane
     parameter: str = ""
@@ -262,8 +267,12 @@ def _stated_draws(
             stiffness = stiffness_from(values[compliances[name]])
             draws[name] = _StatedDraws(stiffness, force, True, compliances[name])
         elif name in of_planes:
-            is_stiffness = name.startswith(("k_min", "k_max"))
-            draws[name] = _StatedDraws(of_planes[name], force, is_stiffness=is_stiffness)
+            draws[name] = _StatedDraws(
+                of_planes[name],
+                force,
+                is_stiffness=name.startswith(("k_min", "k_max")),
+                is_ratio=name.startswith("k_ratio"),
+            )
         elif parameters[name].group == "compliance":
             draws[name] = _StatedDraws(values[name], force, parameter=name)
         else:
@@ -323,6 +332,8 @@ def _decide_by_draws(
     above = _tail_probability(draws > high, high_score)
     probability = min(max(1.0 - below - above, 0.0), 1.0)
     decision = _decide(unit, mean, sd, tolerance, probability, confidence, stated.force_N)
+    if stated.is_stiffness or stated.is_ratio:
+        decision = replace(decision, value=float(np.median(draws)))
     return replace(decision, probability_error=_error_of_share((draws >= low) & (draws <= high)))
 
 
@@ -418,8 +429,8 @@ def stiffness_conformity(
     The probability of conformance is the probability, under the normal distribution of the
     compliance C, that C lies between the inverses of the stiffness limits. A negative C is
     physically impossible, and counts as infinite stiffness. For a compliance with mean m and
-    standard deviation s, the result states 1/m and s/m² as mean and standard deviation of the
-    stiffness. The decision does not depend on these approximations.
+    standard deviation s, the result states 1/m as value and mean of the stiffness, and s/m² as its
+    standard deviation. The decision does not depend on these approximations.
 
     ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. ``compliance_mean``
     and ``compliance_sd`` are the mean and the standard deviation of the compliance, in the inverse
@@ -463,7 +474,8 @@ def _decide(
 
     ``probability`` is the probability of conformance, and ``confidence`` the minimum probability at
     which a decision is made. ``mean`` and ``sd`` are the posterior mean and standard deviation of
-    the quantity, in ``unit``. ``force`` is the bar force for which the quantity is computed [N].
+    the quantity, in ``unit``; the mean is also the value that is stated. ``force`` is the bar force
+    for which the quantity is computed [N].
     """
     decision = Decision.NOT_DECIDED
     if probability <= 1.0 - confidence:
@@ -475,6 +487,7 @@ def _decide(
         force_N=force,
         lower=tolerance.lower,
         upper=tolerance.upper,
+        value=mean,
         mean=mean,
         sd=sd,
         probability=probability,

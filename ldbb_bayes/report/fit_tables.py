@@ -291,8 +291,8 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     """Return a table of decisions on conformity, one row for each quantity with a tolerance.
 
     The columns include the value, U, the tolerance, the probability of conformity and the guard
-    band. The
-    numerical error of the probability is stated if the decision depends on it.
+    band. The value is the one that the sheets state. The numerical error of the probability is
+    stated if the decision depends on it.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
         rows.append(
             (
                 display_name(name),
-                *value_and_uncertainty(decision["mean"] * factor, 2.0 * decision["sd"] * factor),
+                *value_and_uncertainty(decision["value"] * factor, 2.0 * decision["sd"] * factor),
                 wording.limit_words(decision["lower"], decision["upper"], factor),
                 _probability_of_conformance(decision),
                 round_uncertainty(decision["guard_band"] * factor)[0],

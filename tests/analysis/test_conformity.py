@@ -69,6 +69,18 @@ def test_half_at_the_mean_and_95_percent_at_1_64_u(posterior: Any) -> None:
         )
 
 
+def test_the_value_of_a_stiffness_is_its_median_as_on_sheets(posterior: Any) -> None:
+    limits = {"C_YYY": "60 nm/N", "stiffness_Y": "18 N/µm", "k_min": "9 N/µm", "k_ratio": "2"}
+    decisions = lb.assess_conformity(posterior, limits)
+    force_N = decisions["k_min"].force_N
+    stiffness = lb.stiffness(posterior, [force_N]).planes[0]
+    compliance = posterior["posterior"]["C_YYY"].values
+    assert decisions["C_YYY"].value == decisions["C_YYY"].mean
+    assert decisions["stiffness_Y"].value == pytest.approx(1.0 / np.median(compliance), rel=1e-4)
+    assert decisions["k_min"].value == pytest.approx(stiffness.least.median)
+    assert decisions["k_ratio"].value == pytest.approx(stiffness.ratio.median)
+
+
 def test_normal_tail_beyond_the_draws(posterior: Any) -> None:
     mean, sd = lb.summarize(posterior).loc["C_XXX", ["mean", "sd"]]
     far = [
@@ -132,7 +144,13 @@ def test_the_error_of_a_probability_is_that_of_independent_draws(
 
 def test_a_close_decision_states_the_error_of_its_probability() -> None:
     record = {"unit": "mm/N", "force_N": 389.0, "lower": None, "upper": 6e-5, "guard_band": 4e-6}
-    record |= {"mean": 57e-6, "sd": 2.4e-6, "confidence": 0.95, "decision": "not decided"}
+    record |= {
+        "value": 57e-6,
+        "mean": 57e-6,
+        "sd": 2.4e-6,
+        "confidence": 0.95,
+        "decision": "not decided",
+    }
     record |= {"probability_error": 0.006}
     for probability, shown in ((0.948, "0.948 ± 0.006"), (0.92, "0.920"), (0.055, "0.055 ± 0.006")):
         table = conformity_table({"C_XXX": record | {"probability": probability}})

@@ -284,6 +284,7 @@ def test_the_probability_of_a_decision_on_a_tolerance_is_that_of_simulated_estim
         force_N=None,
         lower=0.0,
         upper=upper,
+        value=0.8,
         mean=0.8,
         sd=1.0,
         probability=0.79,

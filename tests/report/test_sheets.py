@@ -24,6 +24,7 @@ from ldbb_bayes.report import sheets as sheets_module
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.figures import new_figure
 from ldbb_bayes.report.findings import Findings, findings_of_fit
+from ldbb_bayes.report.fit_tables import conformity_table
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
@@ -265,6 +266,18 @@ def test_a_tolerance_has_a_table_of_its_own() -> None:
     _, conformity = tables_of(first)
     assert len(conformity.rows) == 1
     assert "≤ 60" in conformity.rows[0]
+
+
+def test_terminal_and_certificate_state_the_same_value_of_a_tolerance() -> None:
+    limits = {"C_XXX": "60 nm/N", "stiffness_X": "18 N/µm", "k_min": "9 N/µm", "k_ratio": "2"}
+    findings = findings_of(simulated(plan()), tolerances=limits)
+    first, _ = sheets(findings)
+    _, on_certificate = tables_of(first)
+    decisions = findings.conformity(389.0)
+    printed = conformity_table({name: decision.as_dict() for name, decision in decisions.items()})
+    for row, printed_row in zip(on_certificate.rows, printed.rows, strict=True):
+        half_a_digit = 0.5 * 10.0 ** -len(row[1].partition(".")[2])
+        assert float(row[1]) == pytest.approx(float(printed_row[1]), abs=half_a_digit)
 
 
 def test_without_a_tolerance_there_is_no_such_table(english: Sheets) -> None:
