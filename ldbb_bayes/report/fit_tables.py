@@ -612,8 +612,8 @@ def results_table(
 
     The columns are the value, u, U (k = 2), the credible interval, the stiffness and the verdict.
     Compliances are those at the reference force, which the caption states where they change with
-    force. Instead of the slopes, which are the coefficients of compliances as functions of force, the
-    table shows the change of each compliance over the tested forces.
+    force. Instead of the slopes, which are the coefficients of compliances as functions of force,
+    the table shows the change of each compliance over the tested forces.
 
     Parameters
     ----------
