@@ -214,6 +214,7 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
         "model_sha256": model_sha256(settings.model),
         "sampler": settings.sampler,
         "seed": settings.seed,
+        "prob": settings.prob,
         "versions": json.dumps(versions()),
     }
 

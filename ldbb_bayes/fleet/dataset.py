@@ -83,7 +83,7 @@ FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 READINGS_DIGESTS = ("sha256", "circles_sha256")
 # Pattern of the names of columns, or of the quantities to which they belong, that the analyses of
 # many campaigns use if a batch has them.
-_FURTHER_NAME = re.compile(rf"circles|{READINGS_DIGESTS[1]}|{STIFFNESS_NAME.pattern}")
+_FURTHER_NAME = re.compile(rf"circles|prob|{READINGS_DIGESTS[1]}|{STIFFNESS_NAME.pattern}")
 
 
 def check_pyarrow() -> None:
@@ -242,7 +242,7 @@ def read_batch(
     - ``compliances``: JSON text that states the weighted sum of joint compliances for each fitted
       compliance. ``tolerances``: JSON text with the tolerances.
     - ``degree``, ``terms``, ``model_sha256``, ``sampler``, ``seed``, ``versions``: the model, the
-      sampler and the versions of the software.
+      sampler and the versions of the software. ``prob``: probability of the credible intervals.
     - ``converged``: whether the sampler reached its target. ``state``: how far the fit can be
       trusted. ``verdict``: a sentence on the fit. ``warnings``, ``misfits``: the texts of the
       warnings, and of the misfits (disagreements between readings and model). ``kinds``: the kind
@@ -303,7 +303,8 @@ def read_fleet(
     """Return the columns of batches that the analysis of a trend or of a population needs.
 
     The columns are those named in `FLEET_COLUMNS` and, if the batches contain them, the digest of
-    the readings alone and the columns of the stiffnesses by direction. There is one row for each
+    the readings alone, the probability of the intervals and the columns of the stiffnesses by
+    direction. There is one row for each
     campaign. ``path`` has the same meaning as in `read_batch`, and the same errors are raised.
     """
     return _read(path, FLEET_COLUMNS, _FURTHER_NAME)

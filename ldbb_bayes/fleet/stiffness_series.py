@@ -24,6 +24,9 @@ __all__ = ["StiffnessOfVisit", "stiffness_series", "stiffness_table"]
 _PLANE = re.compile(r"_(XY|YZ|ZX)$")
 # Names of the principal stiffnesses of a machine that was tested in three planes.
 _PRINCIPAL = ("k_1", "k_2", "k_3")
+# Probability of the intervals in batches that do not state it, because they were written before
+# batches had a column for it: the default of such a batch.
+_UNSTATED_PROBABILITY = 0.95
 # Text of a table cell for a quantity that the readings do not determine.
 _NOT_DETERMINED = "not determined"
 
@@ -43,19 +46,28 @@ class StiffnessOfVisit(Result):
     force_N: float  #: reference force of the campaign, for which the stiffness is given [N]
     unit: str  #: unit of the stiffness, ratio or direction: N/mm, mm/N, deg, or empty for a ratio
     mean: float | None  #: posterior mean of the stiffness, in the unit that ``unit`` names
+    #: posterior median of the stiffness, in the unit that ``unit`` names. As on sheets, it is the
+    #: value that is printed of a stiffness or of a ratio of stiffnesses.
+    median: float | None
     sd: float | None  #: standard uncertainty u of the stiffness, in the unit that ``unit`` names
     #: expanded uncertainty U = 2 u of the stiffness, in the unit that ``unit`` names
     U_k2: float | None
     #: lower and upper end of the equal-tailed credible interval of the stiffness, in the unit that
     #: ``unit`` names
     interval: tuple[float | None, float | None]
+    #: probability of the interval of the stiffness. It is that of the batch, and not that of the
+    #: trend.
+    prob: float
 
     @property
     def text(self) -> str:
         """Stiffness as text: value ± U with the unit, a lower limit, or "not determined"."""
         low, high = self.interval
-        if self.mean is not None and self.sd is not None and low is not None and high is not None:
-            return plus_minus(self.mean, self.sd, (low, high), self.unit).rstrip()
+        value = self.mean
+        if self.unit in ("N/mm", ""):
+            value = self.median
+        if value is not None and self.sd is not None and low is not None and high is not None:
+            return plus_minus(value, self.sd, (low, high), self.unit).rstrip()
         if low is None:
             return _NOT_DETERMINED
         if not self.unit:
@@ -156,7 +168,7 @@ def _stiffness_of_visit(
     ``k_min.sd`` and so on. If it is None, the campaign did not test the plane of the quantity.
     """
     numbers: dict[str, float | None] = {}
-    for number in ("mean", "sd", "ci_low", "ci_high"):
+    for number in ("mean", "median", "sd", "ci_low", "ci_high"):
         numbers[number] = None
         if column is not None:
             numbers[number] = _number_or_none(row[f"{column}.{number}"])
@@ -166,9 +178,11 @@ def _stiffness_of_visit(
         force_N=float(row["reference_force_N"]),
         unit=_unit_of(name),
         mean=numbers["mean"],
+        median=numbers["median"],
         sd=sd,
         U_k2=None if sd is None else 2.0 * sd,
         interval=(numbers["ci_low"], numbers["ci_high"]),
+        prob=_number_or_none(row.get("prob")) or _UNSTATED_PROBABILITY,
     )
 
 
@@ -194,13 +208,17 @@ def _unit_of(name: str) -> str:
 def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
     """Return a table of the stiffness by direction in the first and in the newest campaign.
 
-    The heads of the columns state the reference forces of the two campaigns.
+    The heads of the columns state the reference forces of the two campaigns. The caption states the
+    probability of the intervals.
     """
     first_visits = next(iter(series.values()))
     first = f"first, at {first_visits[0].force_N:g} N"
     newest = f"newest, at {first_visits[-1].force_N:g} N"
+    probabilities = sorted({visit.prob for visit in (first_visits[0], first_visits[-1])})
+    percent = " and ".join(f"{100.0 * prob:g} %" for prob in probabilities)
     rows = []
     heads = ("quantity", first, newest)
     for name, visits in series.items():
         rows.append((name.replace("_minus_", " − "), visits[0].text, visits[-1].text))
-    return Table.of("Stiffness by direction, each campaign alone", heads, rows, text=heads[1:])
+    caption = f"Stiffness by direction, each campaign alone, {percent} intervals of its batch"
+    return Table.of(caption, heads, rows, text=heads[1:])

@@ -205,9 +205,14 @@ class Trend(Result):
         """Return the trend of the machine as a dictionary for JSON, in mm, N and rad.
 
         The keys of credible intervals state the probability: ``ci95``, for example, is an interval
-        of 95 % probability. The table ``estimates`` is left out.
+        of 95 % probability. That of a stiffness by direction is the probability of its batch. The
+        table ``estimates`` is left out.
         """
-        record: dict[str, Any] = name_intervals(super().as_dict(), self.assumptions["ci"])
+        numbers = super().as_dict()
+        for name, visits in numbers["stiffness"].items():
+            named_visits = [name_intervals(visit, visit["prob"]) for visit in visits]
+            numbers["stiffness"][name] = named_visits
+        record: dict[str, Any] = name_intervals(numbers, self.assumptions["ci"])
         return record
 
 

@@ -83,6 +83,32 @@ def test_the_record_of_a_trend_holds_the_stiffness(batch: Batch) -> None:
     assert len(first["ci95"]) == 2
 
 
+def test_intervals_of_the_stiffness_are_called_those_of_the_batch(batch: Batch) -> None:
+    """The probability that a trend is asked for is that of its own intervals alone."""
+    trend = lb.fleet.find_trend(read_fleet(batch.out), include_misfits=True, prob=0.5)
+    record = trend.as_dict()
+    assert "ci95" in record["stiffness"]["k_min"][0]
+    assert "ci50" in record["parameters"]["C_XXX"]["change"]
+    assert "each campaign alone, 95 % intervals of its batch" in " ".join(str(trend).split())
+
+
+def test_a_batch_that_does_not_state_its_probability_has_the_default() -> None:
+    rows = table_of({"k_min": [2e4, 3e4]}, ["XY", "XY"])
+    probabilities = [visit.prob for visit in stiffness_series(rows, ["first", "second"])["k_min"]]
+    stated = stiffness_series(rows.assign(prob=0.8), ["first", "second"])["k_min"]
+    assert probabilities == [0.95, 0.95]
+    assert [visit.prob for visit in stated] == [0.8, 0.8]
+
+
+def test_the_printed_stiffness_is_the_median_as_on_sheets() -> None:
+    rows = table_of({"k_min": [2e4, 3e4]}, ["XY", "XY"])
+    rows["k_min.mean"] = 2.2e4
+    rows["k_min.sd"] = 1e3
+    rows["k_min.ci_low"] = 1.8e4
+    rows["k_min.ci_high"] = 2.2e4
+    assert stiffness_series(rows, ["first", "second"])["k_min"][0].text == "20.0 ± 2.0 N/µm"
+
+
 def test_a_batch_written_without_stiffness_has_a_trend(batch: Batch) -> None:
     rows = read_fleet(batch.out)[list(FLEET_COLUMNS)]
     assert lb.fleet.find_trend(rows, include_misfits=True).stiffness == {}
