@@ -287,9 +287,10 @@ def _change_findings(numbers: SheetNumbers) -> Iterator[Finding]:
 def _reversal_findings(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each plane in which circles were run in both directions.
 
-    The finding states how much the readings of the two directions differ. It states the amplitude
-    of sin 2θ in this difference [µm], where θ is the angle of the bar. Servo mismatch, or unequal
-    backlash of the two axes, causes this difference.
+    The readings of the two directions differ. The finding states the amplitude of sin 2θ in that
+    part of this difference which does not grow with force [µm], where θ is the angle of the bar.
+    Servo mismatch, or unequal backlash of the two axes, causes it. The whole difference at 45° is
+    another number: it also has other waves, a constant, and a part that grows with force.
     """
     words = numbers.words
     for plane, coefficient in numbers.reversal_coefficients.items():

@@ -35,7 +35,7 @@ from ldbb_bayes.report.sheets import _gum_sentence, _table_with_intervals, sheet
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Table
-from ldbb_bayes.units import two_digits
+from ldbb_bayes.units import two_digits, value_and_uncertainty
 
 # Sheet 1, the certificate, and sheet 2, its results.
 Sheets = tuple[ReportSheet, ...]
@@ -939,6 +939,39 @@ def test_no_more_than_three_findings(findings: Findings) -> None:
     likely = findings_of_sheet(numbers)
     assert len(likely) <= 3
     assert all(finding.probability >= 0.95 for finding in likely)
+
+
+@pytest.mark.parametrize(
+    ("language", "said"),
+    [
+        ("en", "two waves around the circle and does not grow with force is {} ± {} µm"),
+        (
+            "de",
+            "zwei Wellen um den Kreis hat und nicht mit der Kraft wächst, beträgt {} ± {} µm",
+        ),
+    ],
+)
+def test_what_both_directions_show_is_said_to_be_a_part_of_their_difference(
+    language: str, said: str
+) -> None:
+    """A constant and other waves differ as well."""
+    base = simulated(plan())
+    tests = []
+    for test in base.tests:
+        half_um = 2.0 * np.sin(2.0 * test.angles_rad()) + 5.0
+        for direction, sign in (("CW", 1.0), ("CCW", -1.0)):
+            turned = test.with_reading_um(np.asarray(test.reading_um) + sign * half_um)
+            tests.append(replace(turned, direction=direction, name=f"{test.name} {direction}"))
+    # Not the same noise in both directions.
+    tests[0] = tests[0].with_reading_um(np.asarray(tests[0].reading_um) + 0.1)
+    campaign = replace(base, tests=tuple(tests))
+    findings = findings_of_fit(fitted(lb.HybridModel.default(0), campaign), sheets_only=True)
+    numbers = SheetNumbers(findings, words_of(language), 389.0)
+    coefficient = numbers.reversal_coefficients["XY"]
+    texts = value_and_uncertainty(2e3 * coefficient["mean"], 4e3 * coefficient["sd"])
+    sentences = " ".join(plain_findings.plain_words(numbers).items)
+    assert 2e3 * coefficient["mean"] == pytest.approx(4.0, abs=0.2)
+    assert said.format(*map(numbers.words.number, texts)) in sentences
 
 
 def test_one_direction_cannot_show_backlash(english: Sheets) -> None:
