@@ -265,7 +265,9 @@ def _stated_draws(
     for name in names:
         if name in compliances:
             stiffness = stiffness_from(values[compliances[name]])
-            draws[name] = _StatedDraws(stiffness, force, True, compliances[name])
+            draws[name] = _StatedDraws(
+                stiffness, force, is_stiffness=True, parameter=compliances[name]
+            )
         elif name in of_planes:
             draws[name] = _StatedDraws(
                 of_planes[name],

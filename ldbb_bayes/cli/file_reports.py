@@ -417,9 +417,8 @@ def _printed_parts(
         *assumed_parts(campaign, source.imported),
         *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
-        wording.at_force_words(force_N),
         fit_tables.results_table(
-            result | {"parameters": parameters}, judge_at_force(stated, force_N)
+            result | {"parameters": parameters}, judge_at_force(stated, force_N), force_N=force_N
         ),
     ]
     concerns = fit_of(stated).concerns

@@ -607,13 +607,14 @@ def results_table(
     verdicts: Mapping[str, ParameterIdentifiability],
     *,
     shares: bool = True,
+    force_N: float | None = None,
 ) -> Table:
     """Return a table of the results of a fit, one row for each parameter.
 
     The columns are the value, u, U (k = 2), the credible interval, the stiffness and the verdict.
-    Compliances are those at the reference force, which the caption states where they change with
-    force. Instead of the slopes, which are the coefficients of compliances as functions of force,
-    the table shows the change of each compliance over the tested forces.
+    Instead of the slopes, which are the coefficients of compliances as functions of force, the
+    table shows the change of each compliance over the tested forces. The caption then states the
+    force of the compliances.
 
     Parameters
     ----------
@@ -626,6 +627,8 @@ def results_table(
         Whether a verdict states a percentage for each effect that it names: the share of the
         parameter's variance that is due to the effect. False is useful if an uncertainty budget is
         shown, too.
+    force_N
+        Force of the compliances in ``result`` [N]. Default: the model's reference force.
 
     Returns
     -------
@@ -643,7 +646,8 @@ def results_table(
         rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
     caption = wording.PAGE["parameters"]
     if changes:
-        force_N = result["model"]["reference_force_N"]
+        if force_N is None:
+            force_N = result["model"]["reference_force_N"]
         caption = wording.PAGE["parameters_and_changes"].format(force=force_N)
     return _results_table(caption, rows, result)
 

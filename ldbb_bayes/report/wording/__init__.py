@@ -16,7 +16,6 @@ from ldbb_bayes.report.wording.campaign_words import (
     travel_words,
 )
 from ldbb_bayes.report.wording.comparison_words import (
-    at_force_words,
     averaged_over,
     comparison_screen,
     comparison_sentences,
@@ -127,7 +126,6 @@ __all__ = [
     "annex_words",
     "assumed_words",
     "assumption_words",
-    "at_force_words",
     "averaged_over",
     "caveat_words",
     "certificate_rows",

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
 
 __all__ = [
-    "at_force_words",
     "averaged_over",
     "comparison_screen",
     "comparison_sentences",
@@ -59,11 +58,6 @@ def strength_words(log_bayes_factor: float) -> str:
         if abs(log_bayes_factor) < limit:
             return words
     return "very strong evidence"
-
-
-def at_force_words(force_N: float) -> str:
-    """Return a sentence that names the force at which a table states compliances."""
-    return f"Compliances and stiffness at a force of {force_N:.4g} N."
 
 
 def averaged_over(probabilities: Mapping[str, float]) -> str:
