@@ -43,8 +43,9 @@ from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.number_tables import TABLE_FILES, tables
 from ldbb_bayes.report.pdf import fit_to_pages, pdf_of
 from ldbb_bayes.report.pictures import Picture, begin_to_draw
-from ldbb_bayes.report.sections import SECTIONS, Section, beside
+from ldbb_bayes.report.sections import DESIGN, SECTIONS, Part, Section, beside
 from ldbb_bayes.report.sheets import sheets
+from ldbb_bayes.report.text_translation import TextTranslation
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Shown, json_text
 
@@ -156,75 +157,73 @@ def compose(
         writers = {}
     steps = len(writers) + 1
     show_progress = progress or _ignore_progress
-    sections: list[Section] = []
-    for key, (title, write) in writers.items():
-        show_progress(len(sections), steps)
-        sections.append(Section(key, title, tuple(write(findings))))
-
     name = str(findings.result["campaign"]["name"])
-    title = f"Loaded double ball bar: {name}"
-    if others:
-        side_by_side = beside(findings.result, others, shared, prob=findings.prob)
-        sections.insert(0, Section(BESIDE, "Campaigns side by side", tuple(side_by_side)))
-        title += f", beside {wording.joined([other.name for other in others])}"
-    document = Document(
-        title,
-        _lines_below_title(findings),
-        tuple(_alerts(findings, others)),
-        tuple(sections),
-        annex=annex,
-        language=language,
-    )
     names = [name, *(other.name for other in others)]
     names += [test.name for test in findings.preview.tests]
-    document = _in_language(document, frozenset(names))
-    # Another process draws the figures of the annex while this one lays out the sheets.
-    document = replace(document, sections=_begin_figures(document.sections, executor))
-    show_progress(steps - 1, steps)
+    translation = annex_translation(words_of(language), frozenset(names))
+
+    # Another process may draw the figures of the annex while this one lays out the sheets. It may
+    # also still be choosing the tests to run next, so that their section is written last.
+    sections: dict[str, Section] = {}
+    for key, (title, write) in writers.items():
+        if key != DESIGN:
+            show_progress(len(sections), steps)
+            section = Section(key, title, tuple(write(findings)))
+            sections[key] = _begin_figures(_in_language(section, translation), executor)
+    show_progress(len(sections), steps)
     fitted_sheets = fit_to_pages(
         (
             *sheets(findings, language=language, force_N=force_N, further=len(others)),
             *difference_sheets(findings, others, shared, words_of(language)),
         )
     )
+    if DESIGN in writers:
+        show_progress(len(sections) + 1, steps)
+        title, write = writers[DESIGN]
+        section = Section(DESIGN, title, tuple(write(findings)))
+        sections[DESIGN] = _begin_figures(_in_language(section, translation), executor)
     show_progress(steps, steps)
-    return replace(document, sheets=fitted_sheets)
 
-
-def _begin_figures(sections: Sequence[Section], executor: Executor | None) -> tuple[Section, ...]:
-    """Return the sections of the annex, whose figures another process has begun to draw.
-
-    If ``executor`` is None, the sections are returned unchanged.
-    """
-    pictures = []
-    for section in sections:
-        pictures += [part for part in section.content if isinstance(part, Picture)]
-    begun = {entry.key: entry for entry in begin_to_draw(pictures, executor)}
-    sections_begun = []
-    for section in sections:
-        content = []
-        for part in section.content:
-            content.append(begun[part.key] if isinstance(part, Picture) else part)
-        sections_begun.append(replace(section, content=tuple(content)))
-    return tuple(sections_begun)
-
-
-def _in_language(document: Document, names: frozenset[str]) -> Document:
-    """Return a report with all texts in the language of the certificate.
-
-    The texts of the annex, which are the sections after the certificate, are translated. ``names``
-    are the names of campaigns and tests, which are not translated.
-    """
-    translation = annex_translation(words_of(document.language), names)
-    if translation is None:
-        return document
-    return replace(
-        document,
-        title=translation.text(document.title),
-        lines=tuple(translation.text(line) for line in document.lines),
-        alerts=tuple(translation.text(alert) for alert in document.alerts),
-        sections=tuple(section_in_language(part, translation) for part in document.sections),
+    in_order = [sections[key] for key in writers]
+    title = f"Loaded double ball bar: {name}"
+    if others:
+        side_by_side = beside(findings.result, others, shared, prob=findings.prob)
+        section = Section(BESIDE, "Campaigns side by side", tuple(side_by_side))
+        in_order.insert(0, _in_language(section, translation))
+        title += f", beside {wording.joined([other.name for other in others])}"
+    translate = str if translation is None else translation.text
+    return Document(
+        translate(title),
+        tuple(translate(line) for line in _lines_below_title(findings)),
+        tuple(translate(alert) for alert in _alerts(findings, others)),
+        tuple(in_order),
+        fitted_sheets,
+        annex,
+        language,
     )
+
+
+def _in_language(section: Section, translation: TextTranslation | None) -> Section:
+    """Return a section of the annex in the language of the certificate.
+
+    ``translation`` is None for English.
+    """
+    if translation is None:
+        return section
+    return section_in_language(section, translation)
+
+
+def _begin_figures(section: Section, executor: Executor | None) -> Section:
+    """Return a section of the annex, whose figures another process has begun to draw.
+
+    If ``executor`` is None, the section is returned unchanged.
+    """
+    pictures = [part for part in section.content if isinstance(part, Picture)]
+    begun = {entry.key: entry for entry in begin_to_draw(pictures, executor)}
+    content: list[Part] = []
+    for part in section.content:
+        content.append(begun[part.key] if isinstance(part, Picture) else part)
+    return replace(section, content=tuple(content))
 
 
 def _ignore_progress(done: int, total: int) -> None:
@@ -458,8 +457,8 @@ def write_report(
         "conformity": conformity,
     }
     started = datetime.fromisoformat(findings.result["provenance"]["started"])
-    page = html_page(document)
     pdf = pdf_of(document.sheets, document.title, language, started)
+    page = html_page(document)
 
     with staged_folder(folder / "tables", force=True, ours=TABLE_FILES) as staging:
         for name, frame in frames.items():

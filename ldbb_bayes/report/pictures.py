@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -97,23 +97,20 @@ def begin_to_draw(pictures: Sequence[Picture], executor: Executor | None) -> lis
     Returns
     -------
     list of Picture
-        The same figures; `Picture.svg` waits until the other process has drawn all of them. If it
-        does not draw them, this process does.
+        The same figures. `Picture.svg` waits for a figure that the other process is drawing; a
+        figure that it has not begun by then is drawn in this process.
     """
     if executor is None:
         return list(pictures)
-    wait = cache(start_early(partial(_svgs_by_key, tuple(pictures)), executor))
-    return [replace(entry, wait_for_svg=partial(_svg_of, entry.key, wait)) for entry in pictures]
+    begun = []
+    for entry in pictures:
+        begun.append(replace(entry, wait_for_svg=start_early(partial(_svg_of, entry), executor)))
+    return begun
 
 
-def _svgs_by_key(pictures: Sequence[Picture]) -> dict[str, str]:
-    """Return the SVG text of every figure; the keys are the names of the figures."""
-    return {entry.key: entry.svg for entry in pictures}
-
-
-def _svg_of(key: str, wait: Callable[[], Mapping[str, str]]) -> str:
-    """Return the SVG text of the figure with the name ``key`` once ``wait`` has returned it."""
-    return wait()[key]
+def _svg_of(entry: Picture) -> str:
+    """Return the SVG text of a figure."""
+    return entry.svg
 
 
 def _draw_translated(draw: Callable[[], Figure], translate: Callable[[str], str]) -> Figure:
