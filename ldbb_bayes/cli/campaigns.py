@@ -211,6 +211,7 @@ def simulate(
     from ldbb_bayes.analysis.design.states import draw_machine_like_pilot
     from ldbb_bayes.model.specification import Truths, is_truths, model_to_toml, read_truths
 
+    effects: dict[str, float] = {}
     if is_truths(source):
         require(
             truth is None,
@@ -244,6 +245,7 @@ def simulate(
             _check_signs(truths.parameters, model, truth)
         elif machine := draw_machine_like_pilot(model, plan, seed):
             truths = Truths(None, machine.parameters, machine.hyper_um, False)
+            effects = machine.effects
         require(
             truths.plan is None,
             f"{truth}: 'forces_N' must stand in truths given alone, got it beside {source}. Remove"
@@ -255,6 +257,7 @@ def simulate(
             seed=seed,
             parameters=truths.parameters,
             hyper_um=truths.hyper_um,
+            effects=effects,
             exact=truths.exact,
         )
     record = {

@@ -498,6 +498,7 @@ class HybridModel(Result):
         seed: int,
         parameters: Mapping[str, float] | None = None,
         hyper_um: Mapping[str, float] | None = None,
+        effects: Mapping[str, float] | None = None,
         exact: bool = False,
     ) -> Simulation:
         """Simulate readings for a plan, or new readings for the tests of a campaign.
@@ -515,6 +516,10 @@ class HybridModel(Result):
         hyper_um : mapping of str to float, optional
             True hyper-parameters by name, such as the standard deviation of the noise, with lengths
             in µm; hyper-parameters that are not named are drawn at random from their priors.
+        effects : mapping of str to float, optional
+            True coefficients of effects that tests have in common by name, such as
+            ``joint_load_X_seat``, in internal units (see `Simulation.effects`). Coefficients that
+            are not named are drawn at random from their priors.
         exact : bool, default False
             Whether geometric errors act through the exact forward model (Eq. 1-14 of the article on
             the model) instead of the linear forward model.
@@ -557,7 +562,9 @@ class HybridModel(Result):
         phi = true_hyper_parameters(hyper_um or {}, bound.hyper_prior, rng)
         truth = bound.linearised_at(beta)
         without_nuisances = bound.interest @ beta + bound.known_offset
-        drawn = draw_nuisances(self.nuisances, truth, phi, rng, without_nuisances)
+        drawn = draw_nuisances(
+            self.nuisances, truth, phi, rng, without_nuisances, known=effects or {}
+        )
         tests = []
         for test, coefficients_of_test in zip(plan.tests, drawn.readings_mm, strict=True):
             noise = rng.normal(0.0, phi["sigma"], len(test.angle_deg))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -110,6 +111,7 @@ def draw_nuisances(
     phi: Mapping[Hyper, float],
     rng: np.random.Generator,
     readings_mm: Array,
+    known: Mapping[str, float] = MappingProxyType({}),
 ) -> DrawnNuisances:
     """Draw nuisances at random from their priors, and add their effects to readings.
 
@@ -125,6 +127,14 @@ def draw_nuisances(
         Generator of random numbers.
     readings_mm
         Readings without nuisances, as Fourier coefficients, shape (tests, 25) [mm].
+    known
+        Coefficients that tests have in common and that are not drawn, by name, in internal units
+        (mm, N, rad).
+
+    Raises
+    ------
+    InputError
+        If ``known`` has a name that no coefficient has.
     """
     effects: dict[str, float] = {}
     units: dict[str, str] = {}
@@ -134,11 +144,26 @@ def draw_nuisances(
                 readings_mm = readings_mm + columns.draw(phi, truth.tests, rng)
                 continue
             drawn = columns.draw_coefficients(phi, truth.tests, rng)
+            if not columns.private:
+                drawn = _with_known(drawn, columns.names, known)
             readings_mm = readings_mm + columns.effect_of(drawn)
             if not columns.private:
                 effects |= dict(zip(columns.names, drawn[0].tolist(), strict=True))
                 units |= {name: term.unit_of(name).inside for name in columns.names}
+    check_known("effect", known, list(effects))
     return DrawnNuisances(readings_mm, effects, units)
+
+
+def _with_known(drawn: Array, names: Sequence[str], known: Mapping[str, float]) -> Array:
+    """Return drawn coefficients, shape (tests, v), with those in ``known`` replaced.
+
+    ``names`` are the names of the v coefficients, which all tests have in common.
+    """
+    values = drawn.copy()
+    for place, name in enumerate(names):
+        if name in known:
+            values[:, place] = known[name]
+    return values
 
 
 def true_changes(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
@@ -28,6 +29,47 @@ def test_machines_have_the_moments_of_the_posterior() -> None:
     standard_error = estimates.sd[column] / 10.0
     assert abs(np.mean(drawn) - estimates.mean[column]) < 4.0 * standard_error
     np.testing.assert_allclose(np.std(drawn), estimates.sd[column], rtol=0.3)
+
+
+def test_machines_change_with_force_as_the_pilot_leaves_likely() -> None:
+    """Most of C(F) at small forces is joint load, which the readings of the pilot narrow."""
+    plan = lb.design(MODEL, PILOT, tests=4, forces_N=(36.0, 742.0)).plan()
+    posterior = lb.sample(MODEL, PILOT, sampler="independent", seed=1)
+    wanted = lb.analysis.change_with_force(posterior)["C_XXX"].change
+    changes = []
+    for seed in range(100):
+        machine = draw_machine_like_pilot(MODEL, plan, seed)
+        assert machine is not None
+        simulation = MODEL.simulate(plan, seed=seed, **machine._asdict())
+        changes.append(simulation.change_with_force["C_XXX"].change)
+    assert abs(np.mean(changes) - wanted.mean) < 4.0 * wanted.sd / 10.0
+    np.testing.assert_allclose(np.std(changes), wanted.sd, rtol=0.3)
+
+
+def test_effects_of_the_day_are_those_of_the_pilot_only_in_a_plan_that_adds_to_it() -> None:
+    design = lb.design(MODEL, PILOT, tests=2, forces_N=(36.0, 742.0), augment=True)
+    added = draw_machine_like_pilot(MODEL, design.plan(), 1)
+    anew = draw_machine_like_pilot(MODEL, replace(design.plan(), adds_to_pilot=False), 1)
+    assert added is not None
+    assert anew is not None
+    of_the_day = {"bar_length", "drift_time_length", "drift_time_X", "drift_time_Y"}
+    assert added.effects.keys() - anew.effects.keys() == of_the_day
+
+
+def test_a_machine_yields_as_much_in_a_plan_with_a_smaller_largest_force() -> None:
+    """Joint load is scaled by the largest force of a campaign."""
+    model = replace(MODEL, reference_force_N=100.0)
+    curves = []
+    for largest_N in (742.0, 300.0):
+        tests = []
+        for test, force_N in zip(PILOT.tests, (36.0, 100.0, largest_N), strict=False):
+            tests.append(replace(test, force_N=force_N, pressure_bar=None))
+        plan = replace(PILOT.plan(), tests=tuple(tests), pilot=PILOT).plan()
+        machine = draw_machine_like_pilot(model, replace(plan, pilot=PILOT), 1)
+        assert machine is not None
+        simulation = model.simulate(plan, seed=1, **machine._asdict())
+        curves.append(simulation.change_with_force["C_XXX"].at_smallest)
+    assert curves[0] == pytest.approx(curves[1], rel=1e-6)
 
 
 def test_scales_of_single_circles_are_not_those_of_the_pilot() -> None:

@@ -17,10 +17,12 @@ from scipy.stats import qmc
 
 from ldbb_bayes.analysis.design.named_parameters import restricted_to, unconstrained_names
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.inference.coefficients import draw_shared, names_of_shared, shared_terms
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.terms import BarLength, Drift, JointLoad, Position
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -32,6 +34,8 @@ __all__ = [
     "states_before",
 ]
 
+# Effects whose size is another one whenever the bar is set up and the machine warms up anew.
+_EFFECTS_OF_THE_DAY = (BarLength, Drift)
 # Posteriors of the hyper-parameters that have already been computed. The keys are the pilots
 # (campaigns that designs start from); each value is a list of posteriors, one for each model. The
 # posteriors are stored because their computation takes a long time.
@@ -206,6 +210,9 @@ class PossibleMachine(NamedTuple):
     #: hyper-parameters, such as the standard deviation of the noise, with lengths in µm; the keys
     #: are their names. Noise factors of single circles are left out.
     hyper_um: dict[str, float]
+    #: coefficients of effects that tests have in common, such as the load on the joints, in
+    #: internal units; the keys are their names. Those that may differ on another day are left out.
+    effects: dict[str, float]
 
 
 def draw_machine_like_pilot(
@@ -214,9 +221,11 @@ def draw_machine_like_pilot(
     """Draw a machine at random from the posterior given the readings of a plan's pilot.
 
     The pilot is the campaign from which the plan was designed. Parameters of the plan that the
-    pilot lacks are drawn from the prior; those of the pilot that the plan lacks are left out. The
-    result is None if the plan has no pilot with readings, or if the priors are flat. ``seed`` is
-    the seed of the random numbers.
+    pilot lacks are drawn from the prior; those of the pilot that the plan lacks are left out.
+    Effects that tests have in common are drawn, too, because the compliance at a force depends on
+    them. If the plan is not run together with the pilot, effects of the day (drift, length of the
+    bar) are left out; they are to be drawn from their priors. The result is None if the plan has no
+    pilot with readings, or if the priors are flat. ``seed`` is the seed of the random numbers.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan or model.prior.flat:
@@ -237,7 +246,65 @@ def draw_machine_like_pilot(
     if len(parameters) < len(of_plan.names):
         from_prior = of_plan.draw_machine(np.random.default_rng([seed, 1]))
         parameters = dict(zip(of_plan.names, from_prior.tolist(), strict=True)) | parameters
-    return PossibleMachine(parameters, hyper_um)
+    effects = _effects_like_pilot(of_pilot, of_plan, state, np.random.default_rng([seed, 2]))
+    return PossibleMachine(parameters, hyper_um, effects)
+
+
+def _effects_like_pilot(
+    of_pilot: BoundModel, of_plan: BoundModel, state: States, rng: np.random.Generator
+) -> dict[str, float]:
+    """Draw effects that tests have in common, given the pilot's readings and one state.
+
+    The result holds the coefficients that ``of_pilot`` and ``of_plan`` have both, by name. Effects
+    of the day are left out if the plan is not run together with the pilot. Coefficients of joint
+    load and position are scaled by the largest force and the smallest radius of a campaign. If
+    those of the plan differ, they are converted so that they have the same effect on the planned
+    circles.
+    """
+    (drawn,) = draw_shared(of_pilot, state.phi, state.beta, rng)
+    value_of = dict(zip(names_of_shared(of_pilot), drawn.tolist(), strict=True))
+    for name, ratio in _ratios_of_scale(of_pilot, of_plan).items():
+        if name in value_of:
+            value_of[name] *= ratio
+    effects: dict[str, float] = {}
+    for term, columns_of_term in of_plan.columns_of.items():
+        if term in _EFFECTS_OF_THE_DAY and not of_plan.campaign.adds_to_pilot:
+            continue
+        for columns in shared_terms(columns_of_term):
+            effects |= {name: value_of[name] for name in columns.names if name in value_of}
+    return effects
+
+
+def _ratios_of_scale(of_pilot: BoundModel, of_plan: BoundModel) -> dict[str, float]:
+    """Return by how much larger some coefficients are in a plan than in its pilot, by name.
+
+    They are the coefficients of joint load and position. Both have the same effect on the planned
+    circles. A coefficient without effect on these is left out.
+    """
+    as_in_pilot = BoundModel(
+        of_pilot.model, of_plan.campaign, pilot=of_pilot.campaign, coefficients_of_pilot=True
+    )
+    effects_in_pilot = _effects_by_name(as_in_pilot)
+    ratios = {}
+    for name, effect in _effects_by_name(of_plan).items():
+        size = float((effect**2).sum())
+        if name in effects_in_pilot and size > 0.0:
+            ratios[name] = float((effect * effects_in_pilot[name]).sum()) / size
+    return ratios
+
+
+def _effects_by_name(bound: BoundModel) -> dict[str, Array]:
+    """Return the effect of each coefficient of joint load and position on the readings, by name.
+
+    An effect, shape (tests, 25), holds the change of the readings per unit of the coefficient, as
+    Fourier coefficients.
+    """
+    effects: dict[str, Array] = {}
+    for term in (JointLoad, Position):
+        for columns in shared_terms(bound.columns_of.get(term, ())):
+            values = np.moveaxis(columns.values, 2, 0)
+            effects |= dict(zip(columns.names, values, strict=True))
+    return effects
 
 
 def _hyper_posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
