@@ -6,6 +6,8 @@ uncertainties, decisions on tolerances, and the choice of a model.
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from ldbb_bayes.analysis.design import NextCircle
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.campaign.mountings import mounted_anew, setups_as_run
@@ -24,6 +26,16 @@ _OF_EVERY_CIRCLE = ("Force", "Pressure", "File", "Time", "Temperature (°C)")
 _AFTER_PLAN = (
     "Save the readings of each circle under its file name in the folder of the plan, and enter this"
     " name as file in campaign.toml."
+)
+_AFTER_ADDED_CIRCLES = (
+    "Save the readings of each circle under its file name in the folder of the campaign so far."
+    " Copy the [[test]] of each circle from the campaign.toml beside this sheet into that of the"
+    " campaign, and enter the name there as file: the uncertainties of this plan are those of all"
+    " circles together."
+)
+_BAR_STAYS = (
+    "The bar stays as it was mounted for the circles before. If it has been taken off since, enter"
+    " a new number as setup for these circles."
 )
 _AFTER_ONE_CIRCLE = (
     "Save the readings under this file name in the folder of the campaign so far. Copy the [[test]]"
@@ -119,7 +131,7 @@ def page_of_plan(plan: Campaign, language: str = "en") -> str:
         mountings=in_language(*mounting_sentences(plan)),
         common=zip(in_language(*common_names), in_language(*common_values), strict=True),
         circles=in_language(table)[0],
-        advice=in_language(*_advice(plan), _AFTER_PLAN),
+        advice=in_language(*_advice(plan), *_to_buy(plan), *_after_plan(plan)),
     )
 
 
@@ -162,6 +174,8 @@ def _advice(plan: Campaign) -> tuple[str, ...]:
         sentences = [
             "Warm up the machine first, and write down the time at which each circle starts.",
         ]
+    if plan.adds_to_pilot and 0 not in mounted_anew(plan):
+        sentences.append(_BAR_STAYS)
     if any(test.work_ball_deg or test.tool_ball_deg for test in plan.tests):
         sentences.append(
             "Turn a ball in its socket about the normal of the circle's plane, counterclockwise as"
@@ -171,16 +185,45 @@ def _advice(plan: Campaign) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _after_one_circle(plan: Campaign) -> tuple[str, ...]:
-    """Return sentences on what to do with the readings of the next circle.
+def _to_buy(plan: Campaign) -> tuple[str, ...]:
+    """Return a sentence on certificates that a plan counts on and its pilot does not state."""
+    if plan.pilot is None or plan.instrument == plan.pilot.instrument:
+        return ()
+    of_plan = asdict(plan.instrument)
+    of_pilot = asdict(plan.pilot.instrument)
+    tables = []
+    for name, value in of_plan.items():
+        if value != of_pilot[name]:
+            tables.append("balls" if name in ("work", "tool") else name.partition("_")[0])
+    named = ", ".join(f"[{table}]" for table in dict.fromkeys(tables))
+    return (
+        f"The campaign.toml beside this sheet counts on certificates that are still to be bought:"
+        f" {named}. Delete what it states of those that you do not buy.",
+    )
 
-    If all circles run so far, which are those of the pilot of ``plan``, state their times, a
-    sentence asks for the time of the next circle: the times of the others would be lost without it.
+
+def _after_plan(plan: Campaign) -> tuple[str, ...]:
+    """Return sentences on what to do with the readings of a plan's circles."""
+    if not plan.adds_to_pilot:
+        return (_AFTER_PLAN,)
+    return (_AFTER_ADDED_CIRCLES, *_time_sentences(plan))
+
+
+def _after_one_circle(plan: Campaign) -> tuple[str, ...]:
+    """Return sentences on what to do with the readings of the next circle."""
+    return (_AFTER_ONE_CIRCLE, *_time_sentences(plan))
+
+
+def _time_sentences(plan: Campaign) -> tuple[str, ...]:
+    """Return a sentence that asks for the times of further circles, where it is needed.
+
+    All circles run so far, which are those of the pilot of ``plan``, may state their times. They
+    would be lost without those of the further circles.
     """
     run = plan.pilot.tests if plan.pilot is not None else ()
     if run and all(test.time_s is not None for test in run):
-        return _AFTER_ONE_CIRCLE, _TIME_OF_ONE_CIRCLE
-    return (_AFTER_ONE_CIRCLE,)
+        return (_TIME_OF_ONE_CIRCLE,)
+    return ()
 
 
 def _machine_of(plan: Campaign) -> str:

@@ -269,3 +269,23 @@ def test_the_sheet_is_german_with_several_set_ups(step: NextCircle) -> None:
     for words in (of_plan, of_circle):
         assert "campaign.toml als setup eintragen: Ein neu eingesetztes Messgerät hat eine" in words
         assert {word.lower() for word in re.findall(r"\w+", words)} & english == set()
+
+
+def test_circles_that_add_to_a_campaign_go_into_its_folder() -> None:
+    added = replace(planned(), pilot=simulated(plan()), adds_to_pilot=True)
+    page = operator_sheet.page_of_plan(added)
+    assert "in the folder of the campaign so far" in page
+    assert "in the folder of the plan" not in page
+    assert "The bar stays as it was mounted for the circles before." in page
+    german = operator_sheet.page_of_plan(added, "de")
+    assert "Das Messgerät bleibt so eingesetzt wie bei den bisherigen Kreisen." in german
+
+
+def test_certificates_that_are_not_bought_yet_are_named() -> None:
+    pilot = simulated(plan())
+    certified = lb.Instrument(work=lb.Ball(grade="G10"), mount_U_percent=2.0)
+    counting = replace(planned(), pilot=pilot, instrument=certified)
+    page = operator_sheet.page_of_plan(counting)
+    assert "certificates that are still to be bought: [balls], [mount]." in page
+    assert "[balls], [mount]. Was dort" in operator_sheet.page_of_plan(counting, "de")
+    assert "to be bought" not in operator_sheet.page_of_plan(replace(planned(), pilot=pilot))
