@@ -34,6 +34,7 @@ import numpy as np
 
 from ldbb_bayes.analysis.origins import MAJORITY, Origin, is_prior_stated, origins
 from ldbb_bayes.analysis.variance_sources import MODEL_CHOICE
+from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.bound_information import information_of, informations_of
@@ -116,7 +117,9 @@ class Budget(Result):
         """Return the share of a parameter's variance that one model term causes.
 
         The result is the sum of the shares of all sources of uncertainty that belong to the term.
+        It is zero for a term that contributes nothing. Raise an `InputError` for an unknown name.
         """
+        self._check_term(term)
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
@@ -124,13 +127,20 @@ class Budget(Result):
 
         ``term`` is the name of the model term, to which several sources may belong. Their shares of
         the parameter's variance are added up separately for each origin (measured, stated or
-        assumed). The origin with the largest sum is returned.
+        assumed). The origin with the largest sum is returned. Raise an `InputError` for an unknown
+        name.
         """
+        self._check_term(term)
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
             if line.term == term:
                 shares[line.origin] += line.share
         return ranked(shares, shares.__getitem__)[0]
+
+    def _check_term(self, term: str) -> None:
+        """Raise an `InputError` unless ``term`` is the name of a source's term, or of any term."""
+        listed = [line.term for line in self.contributions]
+        check_known("term", [term], dict.fromkeys([*listed, OWN, NOISE, MODEL_CHOICE, *Term.kinds]))
 
 
 @dataclass(frozen=True, eq=False)

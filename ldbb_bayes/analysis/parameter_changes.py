@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.errors import check_probability
 from ldbb_bayes.results import Result
 from ldbb_bayes.units import is_slope
 
@@ -56,6 +57,11 @@ def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
     ChangedParameters
         Names of the parameters, in the order of the table.
 
+    Raises
+    ------
+    InputError
+        For a probability that is not between 0 and 1.
+
     Examples
     --------
     >>> softer = model.simulate(campaign, seed=2, parameters={"C_XXX": 150e-6}).campaign
@@ -65,6 +71,7 @@ def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
     >>> "C_XXX" in lb.analysis.changed_parameters(table, 0.95).together
     True
     """
+    check_probability(prob)
     names = [str(name) for name in table.index if not is_slope(str(name))]
     increase = table.loc[names, "probability_of_increase"].to_numpy(dtype=float)
     p_alone = 2.0 * np.minimum(increase, 1.0 - increase)

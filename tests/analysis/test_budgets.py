@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import HYPER_UM, plan
+from campaigns import HYPER_UM, plan, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budgets import Budget, Contribution
@@ -71,6 +71,21 @@ def test_squareness_needs_the_balls_form(budgets: dict[str, Budget]) -> None:
     assert form.source == "form_sin2"
     assert form.sensitivity is not None
     assert 0.75 * 2.0 / 150.0 < form.sensitivity <= 2.0 / 150.0
+
+
+@pytest.mark.parametrize("term", ["mount", "Nonsense"])
+def test_an_unknown_term_has_no_share(budgets: dict[str, Budget], term: str) -> None:
+    refuses("term must be one of .*, got '" + term, budgets["C_XXX"].share, term)
+    refuses("term must be one of .*, got '" + term, budgets["C_XXX"].origin_of, term)
+
+
+def test_a_misspelt_term_gets_the_nearest(budgets: dict[str, Budget]) -> None:
+    refuses("Did you mean 'Mount'", budgets["C_XXX"].share, "mount")
+
+
+def test_a_term_that_the_model_lacks_has_the_share_zero(budgets: dict[str, Budget]) -> None:
+    assert "Drift" not in LINEAR.terms
+    assert budgets["C_XXX"].share("Drift") == 0.0
 
 
 def test_scatter_of_the_readings_is_type_a(budgets: dict[str, Budget]) -> None:

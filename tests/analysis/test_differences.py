@@ -701,6 +701,11 @@ def test_chance_among_many_comparisons_is_allowed_for() -> None:
     assert changed_parameters(table, 0.99).alone == ("C_XXX",)
 
 
+def test_changes_are_of_a_probability_between_0_and_1() -> None:
+    table = pd.DataFrame({"probability_of_increase": [0.999]}, index=["C_XXX"])
+    refuses("prob must be a number between 0 and 1, got 95", changed_parameters, table, 95)
+
+
 @pytest.mark.parametrize(
     ("first", "second", "named"),
     [
