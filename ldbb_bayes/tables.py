@@ -82,6 +82,8 @@ _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
 # first column in this list that exists in the data frame is used, and its texts are displayed as
 # the names of the rows.
 _NAMING = ("parameter", "quantity", "source")
+# Regular expression for the heading of a column of numbers with their unit, such as "noise (µm)".
+_HEAD_WITH_UNIT = re.compile(r"(?P<name>.+?) \((?P<unit>.+)\)")
 # Regular expression for units before which a line of text must not be broken.
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
 # Regular expression for spaces at which a line of text must not be broken: before units, brackets
@@ -378,8 +380,10 @@ def _cell_with_heading(head: str, value: str, numeric: bool) -> str:
     """
     if not numeric:
         return f"{head}: {value}"
-    name, _, unit = head.removesuffix(")").partition(" (")
-    return f"{name} {value} {unit}".rstrip().replace(" °", "°")
+    with_unit = _HEAD_WITH_UNIT.fullmatch(head)
+    if with_unit is None:
+        return f"{head} {value}"
+    return f"{with_unit['name']} {value} {with_unit['unit']}".replace(" °", "°")
 
 
 def _typeset_row(row: Sequence[Any]) -> tuple[str, ...]:

@@ -301,6 +301,18 @@ def test_a_long_table_shows_its_ends() -> None:
     assert [line.split() for line in text[2:]] == [*ends[:30], ["…"] * 2, *ends[30:]]
 
 
+def test_a_heading_beneath_a_row_keeps_its_brackets() -> None:
+    heads = ["parameter", *[f"column {k:02d} of the table" for k in range(12)], "P(second > first)"]
+    table = Table.of("", heads, [["C_XXX", *range(12), "< 0.001"], ["C_YYY", *range(12), "0.5"]])
+    assert "P(second > first) < 0.001" in table.text(60)
+
+
+def test_a_heading_beneath_a_row_gives_its_unit_to_the_number() -> None:
+    heads = ["parameter", *[f"column {k:02d} of the table" for k in range(12)], "noise (µm)"]
+    table = Table.of("", heads, [["C_XXX", *range(12), "0.12"], ["C_YYY", *range(12), "0.5"]])
+    assert "noise 0.12 µm" in table.text(60)
+
+
 def test_tables_are_escaped() -> None:
     row = ["<i>", 0.123456, None]
     page = Table.of("<script>", ["a<b", "n", "none"], [row], text=["a<b"]).html()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ldbb_bayes.analysis.comparison import ComparedModel, Comparison
+from ldbb_bayes.report.wording import p_value_digits
 from ldbb_bayes.results import Table
 
 __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
@@ -175,5 +176,5 @@ def left_out_tests_table(comparison: Comparison) -> Table:
 
 
 def _p_value(p: float) -> str:
-    """Return a p-value as a string: two decimals, or one significant digit below 0.01."""
-    return f"{p:.2f}" if p >= 0.01 else f"{p:.1g}"
+    """Return a p-value as a string: two decimals, one significant digit below 0.01, or "< 0.0001"."""
+    return f"{p:.2f}" if p >= 0.01 else p_value_digits(p, 1)

@@ -272,9 +272,9 @@ def fit(findings: Findings) -> Iterator[Part]:
                 test.name,
                 f"{test.force_N:.4g}",
                 f"{quality['fitness_percent'][test.name]:.1f}",
-                f"{smallest_p:.2g} (order {order})",
+                f"{wording.p_value_digits(smallest_p)} (order {order})",
                 _p_value_cell(checks["noise_p"]),
-                _p_value_cell(checks["autocorrelation"]),
+                _autocorrelation_cell(checks["autocorrelation"]),
                 _p_value_cell(checks["autocorrelation_p"]),
             )
         )
@@ -304,6 +304,11 @@ def fit(findings: Findings) -> Iterator[Part]:
 
 def _p_value_cell(value: float | None) -> str | None:
     """Return a p-value as a string with two significant digits, or None if ``value`` is None."""
+    return None if value is None else wording.p_value_digits(value)
+
+
+def _autocorrelation_cell(value: float | None) -> str | None:
+    """Return an autocorrelation with two significant digits, or None if ``value`` is None."""
     return None if value is None else f"{value:.2g}"
 
 

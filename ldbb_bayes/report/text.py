@@ -215,7 +215,7 @@ def _passages_of_workflow(workflow: Workflow) -> tuple[Passage, ...]:
                 name,
                 f"{expected.measured_um:.1f}",
                 f"{expected.low_um:.1f} … {expected.high_um:.1f}",
-                f"{circle.p_value:.3f}",
+                wording.probability_words(circle.p_value),
                 str(circle.worst_order),
             )
         )

@@ -143,6 +143,10 @@ def test_the_size_expected_of_slopes_is_translated(
         ("numpy 2.4.6, scipy 1.17.1", "numpy 2.4.6, scipy 1.17.1"),
         ("C_XXX", "C_XXX"),
         (
+            "Not one instrument: M1 and M2 disagree about the bar length (p < 0.0001).",
+            "Nicht ein Messgerät: M1 und M2 widersprechen sich: Gerätelänge (p < 0,0001).",
+        ),
+        (
             "The unit of the readings is in doubt: those of f036 span 12 … 14 mm, more than the 3.0"
             " mm that a ball bar can show.",
             "Die Einheit der Messwerte ist zweifelhaft: Die von f036 umfassen 12 … 14 mm, mehr als"

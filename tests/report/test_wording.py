@@ -53,6 +53,7 @@ from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import Details
 from ldbb_bayes.report.text_translation import TextTranslation, catalogue_of
 from ldbb_bayes.report.translation import words_of
+from ldbb_bayes.report.wording import number_words
 from ldbb_bayes.report.wording.fixed_texts import SENTENCES
 from ldbb_bayes.results import Table, json_text
 
@@ -349,6 +350,14 @@ def test_a_term_in_words(term: str, words: str) -> None:
 
 def test_the_prior_of_the_parameters_is_a_source() -> None:
     assert wording.source_words("Parameters") == "prior of the parameters"
+
+
+@pytest.mark.parametrize(
+    ("p_value", "words"),
+    [(0.0, "< 0.0001"), (9e-5, "< 0.0001"), (1.2e-4, "= 0.00012"), (0.25, "= 0.25"), (1.0, "= 1")],
+)
+def test_no_p_value_reads_0(p_value: float, words: str) -> None:
+    assert number_words.p_value_words(p_value) == words
 
 
 @pytest.mark.parametrize(
@@ -672,6 +681,8 @@ def test_differences_with_doubts() -> None:
     (instrument,) = wording.difference_doubts("a", "b", {"conflict": ("bar_length", 0.004)})
     assert "a and b disagree about the bar length (p = 0.004)" in instrument
     assert instrument.startswith("Not one instrument")
+    (certain,) = wording.difference_doubts("a", "b", {"conflict": ("bar_length", 0.0)})
+    assert "a and b disagree about the bar length (p < 0.0001)" in certain
     conflict = ("joint_load_X_seat", 0.004)
     (machine,) = wording.difference_doubts("a", "b", {"conflict": conflict})
     assert machine.startswith("Not the same joints: a and b disagree about the seat of axis X")

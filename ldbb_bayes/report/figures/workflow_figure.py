@@ -17,6 +17,7 @@ from ldbb_bayes.report.figures.style import (
     right_labels,
     styled,
 )
+from ldbb_bayes.report.wording.number_words import p_value_words
 
 __all__ = ["workflow_checks"]
 
@@ -115,7 +116,7 @@ def _draw_left_out(axes: Axes, workflow: Workflow) -> None:
     axes.text(
         0.03,
         0.04,
-        f"together p = {workflow.uniformity_p_value:.2g}",
+        f"together p {p_value_words(workflow.uniformity_p_value)}",
         transform=axes.transAxes,
         ha="left",
         va="bottom",

@@ -96,6 +96,7 @@ from ldbb_bayes.report.wording.number_words import (
     interval_of,
     is_exactly_none,
     limit_words,
+    p_value_digits,
     percent_of,
     probability_words,
 )
@@ -175,6 +176,7 @@ __all__ = [
     "nuisance_words",
     "origin_words",
     "origins_in_words",
+    "p_value_digits",
     "paired_remedy_items",
     "peculiarity_sentences",
     "percent_of",

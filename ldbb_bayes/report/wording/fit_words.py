@@ -12,6 +12,7 @@ from ldbb_bayes.report.wording.effect_names import (
     term_words,
 )
 from ldbb_bayes.report.wording.fixed_texts import IN_FORCE, PAGE, SENTENCES
+from ldbb_bayes.report.wording.number_words import p_value_words
 from ldbb_bayes.report.wording.sentence_file import SentenceFile
 from ldbb_bayes.report.wording.span_words import doubted_spans
 from ldbb_bayes.units import display_name, display_unit, is_slope, two_digits, typeset
@@ -166,6 +167,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         # needs, which is two more than the degree of the polynomial C(F).
         sentence = SENTENCES["concerns"][kind].format(
             value=concern.value,
+            p_value=p_value_words(concern.value, 1),
             limit=concern.limit,
             um=concern.value * 1e3,
             limit_um=concern.limit * 1e3,

@@ -14,12 +14,17 @@ __all__ = [
     "interval_of",
     "is_exactly_none",
     "limit_words",
+    "p_value_digits",
+    "p_value_words",
     "percent_of",
     "probability_words",
 ]
 
 # Probabilities below this value, which would be rounded to 0.000, are stated as "< 0.001".
 _UNLIKELY = 5e-4
+# p-values below this value, which may be too small for a floating-point number, are stated as
+# "< 0.0001".
+_LEAST_P_VALUE = 1e-4
 # If a change has at least this probability, sentences state it as a fact. The change may be that a
 # compliance increases or decreases with force, or that a slope (a coefficient of this change)
 # differs from zero.
@@ -59,6 +64,24 @@ def probability_words(probability: float) -> str:
     if probability > 1.0 - _UNLIKELY:
         return "> 0.999"
     return f"{probability:.3f}"
+
+
+def p_value_digits(p_value: float, digits: int = 2) -> str:
+    """Return a p-value as a string with ``digits`` significant digits, or "< 0.0001"."""
+    if p_value < _LEAST_P_VALUE:
+        return "< 0.0001"
+    return f"{p_value:.{digits}g}"
+
+
+def p_value_words(p_value: float, digits: int = 2) -> str:
+    """Return a p-value as the right side of "p = 0.02" or "p < 0.0001", with the sign.
+
+    ``digits`` is the number of significant digits.
+    """
+    number = p_value_digits(p_value, digits)
+    if number.startswith("<"):
+        return number
+    return f"= {number}"
 
 
 def changes_by_words(name: str, change: Mapping[str, Any]) -> str:

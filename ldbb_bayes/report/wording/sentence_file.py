@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import jinja2
 
 from ldbb_bayes.report.wording.effect_names import joined, nuisance_words, term_words
-from ldbb_bayes.report.wording.number_words import probability_words
+from ldbb_bayes.report.wording.number_words import p_value_words, probability_words
 from ldbb_bayes.units import display_name, typeset
 
 __all__ = ["SentenceFile"]
@@ -48,6 +48,7 @@ class SentenceFile:
             typeset,
             term_words,
             nuisance_words,
+            p_value_words,
             probability_words,
             repr,
         ):
