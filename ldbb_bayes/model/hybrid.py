@@ -496,8 +496,8 @@ class HybridModel(Result):
         plan: Campaign,
         *,
         seed: int,
-        parameters: Mapping[str, float] | None = None,
-        hyper_um: Mapping[str, float] | None = None,
+        parameters: Mapping[str, float | str] | None = None,
+        hyper_um: Mapping[str, float | str] | None = None,
         effects: Mapping[str, float] | None = None,
         exact: bool = False,
     ) -> Simulation:
@@ -509,13 +509,14 @@ class HybridModel(Result):
             Plan or campaign with the forces, angles and set-ups of the tests, and with the machine.
         seed : int
             Seed of the random numbers.
-        parameters : mapping of str to float, optional
-            True compliances, their changes with force, and geometric errors by name, in internal
-            units (mm, N, rad); parameters that are not named are zero. By default, all parameters
-            are drawn at random from the prior.
-        hyper_um : mapping of str to float, optional
-            True hyper-parameters by name, such as the standard deviation of the noise, with lengths
-            in µm; hyper-parameters that are not named are drawn at random from their priors.
+        parameters : mapping of str to float or str, optional
+            True compliances, their changes with force, and geometric errors by name: numbers in
+            internal units (mm, N, rad), or texts with a unit, such as "60 nm/N". Parameters that
+            are not named are zero. By default, all parameters are drawn at random from the prior.
+        hyper_um : mapping of str to float or str, optional
+            True hyper-parameters by name, such as the standard deviation of the noise. Lengths are
+            numbers in µm, or texts with a unit. Hyper-parameters that are not named are drawn at
+            random from their priors.
         effects : mapping of str to float, optional
             True coefficients of effects that tests have in common by name, such as
             ``joint_load_X_seat``, in internal units (see `Simulation.effects`). Coefficients that
@@ -534,10 +535,10 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            If a name is unknown or a hyper-parameter is outside its range, or if parameters are so
-            large that a reading exceeds 100 mm. If no ``parameters`` are
-            given, the error is also raised for a flat prior, and for a prior under which nearly all
-            random machines have a negative compliance.
+            If a name is unknown, a text has no unit of its quantity, a hyper-parameter is outside
+            its range, or parameters are so large that a reading exceeds 100 mm. If no
+            ``parameters`` are given, the error is also raised for a flat prior, and for a prior
+            under which nearly all random machines have a negative compliance.
 
         Examples
         --------

@@ -36,6 +36,7 @@ __all__ = [
     "degree_of",
     "geometric_unit",
     "hint_on_kind",
+    "parameter_to_inside",
     "settings_of_sd",
 ]
 

@@ -13,13 +13,13 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.machine.parameters import ComplianceName
 from ldbb_bayes.model.hyper_prior import HyperPrior
-from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.prior import compliance_unit, parameter_to_inside
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.terms.base import Term
 from ldbb_bayes.model.terms.columns import Columns, Hyper, Law
 from ldbb_bayes.model.terms.joints import joint_load_names, secants_along_axis
 from ldbb_bayes.results import Array, Result
-from ldbb_bayes.units import inside_name
+from ldbb_bayes.units import inside_name, to_inside
 
 __all__ = [
     "Simulation",
@@ -228,15 +228,15 @@ def _joint_load(
 
 
 def true_parameters(
-    parameters: Mapping[str, float], names: Sequence[str], interest: Array
+    parameters: Mapping[str, float | str], names: Sequence[str], interest: Array
 ) -> Array:
     """Return the true values of p parameters of interest for a simulation, shape (p,).
 
     Parameters
     ----------
     parameters
-        Values that the user gives by name, in mm, N and rad; parameters that are not named are
-        zero.
+        Values that the user gives by name: numbers in mm, N and rad, or texts with a unit, such as
+        "60 nm/N". Parameters that are not named are zero.
     names
         Names of the p parameters.
     interest
@@ -245,10 +245,17 @@ def true_parameters(
     Raises
     ------
     InputError
-        If a name is unknown, a value is not finite, or a reading would exceed 100 mm.
+        If a name is unknown, a value is not finite, a text has no unit of the parameter, or a
+        reading would exceed 100 mm.
     """
-    values = {inside_name(name): value for name, value in parameters.items()}
-    check_known("parameter", values, names)
+    require(
+        isinstance(parameters, Mapping),
+        f"true parameters must be numbers or texts by name, got {parameters!r}. Give for example"
+        " {'C_XXX': '60 nm/N'}.",
+    )
+    stated = {inside_name(name): value for name, value in parameters.items()}
+    check_known("parameter", stated, names)
+    values = {name: parameter_to_inside(name, value, "true") for name, value in stated.items()}
     beta = np.array([values.get(name, 0.0) for name in names], dtype=float)
     for name, value in zip(names, beta.tolist(), strict=True):
         require(
@@ -265,15 +272,15 @@ def true_parameters(
 
 
 def true_hyper_parameters(
-    hyper_um: Mapping[str, float], prior: HyperPrior, rng: np.random.Generator
+    hyper_um: Mapping[str, float | str], prior: HyperPrior, rng: np.random.Generator
 ) -> dict[str, float]:
     """Return the true values of all hyper-parameters for a simulation, with lengths in mm.
 
     Parameters
     ----------
     hyper_um
-        Values that the user gives by name, with lengths in µm. All other hyper-parameters are drawn
-        at random from their priors.
+        Values that the user gives by name. Lengths are numbers in µm, or texts with a unit, such as
+        "0.3 µm". All other hyper-parameters are drawn at random from their priors.
     prior
         Prior of the hyper-parameters.
     rng
@@ -284,16 +291,39 @@ def true_hyper_parameters(
     InputError
         If a name is unknown or a value is out of range.
     """
+    require(
+        isinstance(hyper_um, Mapping),
+        f"hyper_um must be numbers in µm or texts by name, got {hyper_um!r}. Give for example"
+        " {'sigma': '0.3 µm'}.",
+    )
     check_known("hyper-parameter", hyper_um, prior.names)
+    stated = {}
     for name, law, bounds in zip(prior.names, prior.laws, prior.bounds.tolist(), strict=True):
         if name in hyper_um:
-            _check_hyper_parameter(name, hyper_um[name], law, bounds)
+            stated[name] = _stated_hyper_parameter(name, hyper_um[name], law)
+            _check_hyper_parameter(name, stated[name], law, bounds)
     draw = prior.draw(1, rng)[0]
     units = (1.0 / prior.shown).tolist()
     phi = {}
     for name, value, unit in zip(prior.names, draw, units, strict=True):
-        phi[name] = hyper_um.get(name, float(value / unit)) * unit
+        phi[name] = stated.get(name, float(value / unit)) * unit
     return phi
+
+
+def _stated_hyper_parameter(name: str, value: float | str, law: Law) -> float:
+    """Return a true hyper-parameter as a number; lengths are in µm.
+
+    A length may be a text with a unit. Raise an `InputError` for anything else that is no number.
+    The arguments are those of `_check_hyper_parameter`.
+    """
+    subject = f"hyper-parameter {name}"
+    if isinstance(value, str) and law not in ("decay", "circle"):
+        return to_inside(value, "um", subject)
+    require(
+        isinstance(value, int | float | np.number),
+        f"{subject} must be a number, got {value!r}. Correct it.",
+    )
+    return float(value)
 
 
 def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:

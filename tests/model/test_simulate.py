@@ -93,6 +93,31 @@ def test_hyper_parameters_must_be_in_their_range(hyper_um: dict, message: str) -
     refuses(message, model.simulate, plan(), seed=1, hyper_um=hyper_um)
 
 
+def test_truths_may_be_texts_with_a_unit() -> None:
+    model = lb.HybridModel.first(1)
+    texts = {"C_XXX": "60 nm/N", "C_XXX_1": "-5 nm/N/kN", "E_C(0Y)X": "20 µrad"}
+    numbers = {"C_XXX": 60e-6, "C_XXX_1": -5e-9, "E_C0YX": 20e-6}
+    stated = model.simulate(plan(), seed=1, parameters=texts, hyper_um={"sigma": "0.3 µm"})
+    expected = model.simulate(plan(), seed=1, parameters=numbers, hyper_um={"sigma": 0.3})
+    assert stated.parameters == expected.parameters
+    assert stated.hyper_um == pytest.approx(expected.hyper_um, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"parameters": {"C_XXX": "60 µrad"}}, "true C_XXX must be a number with its unit, got"),
+        ({"parameters": {"C_XXX": None}}, "true C_XXX must be a number or text with its unit"),
+        ({"parameters": "60 nm/N"}, "true parameters must be numbers or texts by name, got"),
+        ({"hyper_um": {"sigma": "0.3 nm/N"}}, "hyper-parameter sigma must be a number with its"),
+        ({"hyper_um": {"decay": "2 µm"}}, "hyper-parameter decay must be a number, got '2 µm'"),
+        ({"hyper_um": 0.3}, "hyper_um must be numbers in µm or texts by name, got 0.3"),
+    ],
+)
+def test_truths_of_another_kind_are_refused(arguments: dict, message: str) -> None:
+    refuses(message, lb.HybridModel.default().simulate, plan(), seed=1, **arguments)
+
+
 def test_machines_of_a_flat_prior_must_be_given() -> None:
     message = "parameters must be given when the prior is flat, got none. Pass true values."
     refuses(message, lb.HybridModel.paper(1).simulate, plan(), seed=1)
