@@ -47,9 +47,39 @@ def test_a_bar_does_not_push(posterior: xr.DataTree) -> None:
     refuses("must not be negative, got -3", lb.analysis.decompose_deviation, posterior, -3.0)
 
 
-def test_forces_are_no_text(posterior: xr.DataTree) -> None:
+@pytest.mark.parametrize("forces_N", ["300", None, [None], [[300.0]]])
+def test_forces_are_numbers(posterior: xr.DataTree, forces_N: Any) -> None:
     """The text 300 would be read as 3, 0 and 0 N."""
-    refuses("must be a list of numbers", lb.analysis.predict_circularity, posterior, "300")
+    for function in (lb.analysis.predict_circularity, lb.stiffness):
+        refuses("forces_N must be a list of numbers", function, posterior, forces_N)
+
+
+@pytest.mark.parametrize("function", [lb.analysis.predict_circularity, lb.stiffness])
+def test_one_force_may_be_a_number(
+    function: Callable[[xr.DataTree, Any], Any], posterior: xr.DataTree
+) -> None:
+    assert str(function(posterior, 300)) == str(function(posterior, [300.0]))
+
+
+@pytest.mark.parametrize(
+    "function",
+    [lb.analysis.predict_circularity, lb.analysis.decompose_deviation, lb.stiffness],
+)
+def test_a_force_far_above_the_tested_ones_is_refused(
+    function: Callable[[xr.DataTree, float], Any], posterior: xr.DataTree
+) -> None:
+    refuses("must be a force from .* to 1113 N, for .*, got 5000", function, posterior, 5000.0)
+
+
+def test_a_circle_far_from_the_tested_forces_is_not_predicted(posterior: xr.DataTree) -> None:
+    circle = lb.CircularTest(5000.0, range(0, 360, 30), direction="CW")
+    message = "force_N of test 'f5000' must be a force from 3.6 to 1113 N, for .*, got 5000"
+    refuses(message, lb.predict, posterior, lb.Plan((circle,)))
+
+
+def test_at_a_small_force_stiffness_is_refused_and_a_path_is_not(posterior: xr.DataTree) -> None:
+    refuses("must be a force from 3.6 to 1113 N", lb.stiffness, posterior, [1.0])
+    assert len(lb.analysis.predict_circularity(posterior, [1.0]))
 
 
 def test_a_plan_has_no_circularity(recovered: lb.Campaign) -> None:

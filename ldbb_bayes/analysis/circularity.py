@@ -37,6 +37,7 @@ from ldbb_bayes.analysis.circle_columns import (
 )
 from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.campaign.campaign import distinct_forces
+from ldbb_bayes.campaign.tested_forces import check_deflecting_force, listed_forces
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import (
@@ -91,7 +92,7 @@ _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 @renamed_keyword("ci_prob", "prob")
 def predict_circularity(
     posterior: xr.DataTree,
-    forces_N: Sequence[float] = (),
+    forces_N: float | Sequence[float] = (),
     *,
     prob: float = 0.95,
     draws: int = 2000,
@@ -107,8 +108,9 @@ def predict_circularity(
     ----------
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
-    forces_N : sequence of float
-        Forces of the bar [N]. Default: 0 (geometric errors alone) and the tested forces.
+    forces_N : float or sequence of float
+        Force or forces of the bar [N]; 0 means geometric errors alone. Default: 0 and the tested
+        forces.
     prob : float
         Probability of the equal-tailed intervals, between 0 and 1.
     draws : int
@@ -133,7 +135,8 @@ def predict_circularity(
     Raises
     ------
     InputError
-        For a negative force, a probability not between 0 and 1, or a posterior from `to_units`.
+        For a negative force, a force above 1.5 times the largest force tested, a probability not
+        between 0 and 1, or a posterior from `to_units`.
 
     Examples
     --------
@@ -170,7 +173,7 @@ class PathDraws(NamedTuple):
 
 
 def path_draws(
-    posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
+    posterior: xr.DataTree, forces_N: float | Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
     """Yield posterior draws of the circular-test quantities (ISO 230-4) of each tool path.
 
@@ -185,18 +188,16 @@ def path_draws(
     geometric_errors = np.concatenate([model_draws.beta for model_draws in draws_of_models])
     geometric_errors = np.where(is_tool_ball_offset(bound), 0.0, geometric_errors)
     hysteresis = _draw_hysteresis(bound, draws_of_models)
-    require(
-        not isinstance(forces_N, str),
-        f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example"
-        " [300.0].",
-    )
-    forces = [float(force) for force in forces_N]
+    forces = listed_forces(forces_N)
     if not forces:
         forces = [0.0, *distinct_forces(bound.setting.force_N).tolist()]
     require(
         min(forces) >= 0.0,
         f"forces_N must not be negative, got {min(forces):g}. The bar pushes tool and table apart.",
     )
+    for force in forces:
+        if force != bound.setting.reference_force_N:
+            check_deflecting_force(bound.campaign, force, "forces_N")
     circles = [first_circle(bound, plane) for plane in bound.setting.tested_planes]
     loaded = np.array([force for force in forces if force > 0.0])
     per_force = None

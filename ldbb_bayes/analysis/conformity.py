@@ -26,12 +26,11 @@ from ldbb_bayes.analysis.tolerances import (
     PATH_QUANTITIES,
     STIFFNESS_QUANTITIES,
     Tolerance,
-    check_force,
-    force_to_state,
     name_in_plane,
     quantities_of,
     tolerances_in,
 )
+from ldbb_bayes.campaign.tested_forces import check_force, force_to_state
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.force_curves import draws_at
 from ldbb_bayes.inference.posterior import bound_of
@@ -196,7 +195,8 @@ def assess_conformity(
     known = quantities_of(bound)
     limits = tolerances_in(known, tolerances)
     check_force(bound.campaign, force_N)
-    force = force_to_state(bound) if force_N is None else float(force_N)
+    reference_N = bound.setting.reference_force_N
+    force = force_to_state(bound.campaign, reference_N) if force_N is None else float(force_N)
     decisions = ByName[Conformity]()
     if not limits:
         return decisions

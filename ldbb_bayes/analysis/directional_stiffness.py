@@ -43,6 +43,7 @@ from ldbb_bayes.analysis.stated_quantities import (
     stiffness_from,
 )
 from ldbb_bayes.campaign.campaign import distinct_forces
+from ldbb_bayes.campaign.tested_forces import check_force, listed_forces
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.elastic_deflections import ElasticDraws, elastic_draws
@@ -286,7 +287,7 @@ def _row_of_direction(name: str, direction: AxialDirection) -> dict[str, object]
 
 @one_blas_thread
 def stiffness(
-    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, prob: float = 0.95
+    posterior: xr.DataTree, forces_N: float | Sequence[float] = (), *, prob: float = 0.95
 ) -> DirectionalStiffness:
     """Return the stiffness by direction in every tested plane, with its uncertainty.
 
@@ -300,9 +301,9 @@ def stiffness(
     ----------
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
-    forces_N : sequence of float
-        Forces of the bar [N]. Default: the smallest force tested, the model's reference force and
-        the largest force tested.
+    forces_N : float or sequence of float
+        Force or forces of the bar [N]. Default: the smallest force tested, the model's reference
+        force and the largest force tested.
     prob : float
         Probability of the equal-tailed credible intervals, between 0 and 1.
 
@@ -327,8 +328,8 @@ def stiffness(
     Raises
     ------
     InputError
-        For a force that is not positive, a probability that is not between 0 and 1, or a posterior
-        from `to_units`.
+        For a force below a tenth of the smallest force tested or above 1.5 times the largest, a
+        probability that is not between 0 and 1, or a posterior from `to_units`.
 
     Examples
     --------
@@ -342,6 +343,9 @@ def stiffness(
     check_probability(prob)
     bound = bound_of(posterior)
     forces = _forces_of_stiffness(bound, forces_N)
+    for force in forces.tolist():
+        if force != bound.setting.reference_force_N:
+            check_force(bound.campaign, force, "forces_N")
     circles = _circle_of_each_plane(bound)
     draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
     return _stiffness_of(bound, circles, forces, draws, prob)
@@ -413,21 +417,16 @@ def _circle_of_each_plane(bound: BoundModel) -> list[int]:
     return [first_circle(bound, plane) for plane in bound.setting.tested_planes]
 
 
-def _forces_of_stiffness(bound: BoundModel, forces_N: Sequence[float]) -> Array:
+def _forces_of_stiffness(bound: BoundModel, forces_N: float | Sequence[float]) -> Array:
     """Return the forces at which stiffness is computed [N].
 
     The result holds the forces in ``forces_N``. If ``forces_N`` is empty, the result holds the
     smallest force tested, the reference force and the largest force tested, in ascending order. Of
     these forces, those that are not above zero are left out, and of forces that differ by at most
     a thousandth of the largest force, only the smallest is kept. Raise an `InputError` if
-    ``forces_N`` is a text, or if one of its forces is not positive and finite.
+    ``forces_N`` is no list of numbers, or if one of its forces is not positive and finite.
     """
-    require(
-        not isinstance(forces_N, str),
-        f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example"
-        " [300.0].",
-    )
-    forces = np.array([float(force) for force in forces_N])
+    forces = np.array(listed_forces(forces_N))
     if not len(forces):
         tested = bound.setting.force_N
         reference = bound.setting.reference_force_N

@@ -19,6 +19,7 @@ from ldbb_bayes.analysis.circle_columns import (
 from ldbb_bayes.analysis.circularity import summarise_draws
 from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.campaign.circular_test import CENTRE
+from ldbb_bayes.campaign.tested_forces import check_deflecting_force
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import ModelDraws
@@ -93,8 +94,8 @@ def decompose_deviation(
     Raises
     ------
     InputError
-        For a probability that is not between 0 and 1, a negative force, or a posterior from
-        `to_units`.
+        For a probability that is not between 0 and 1, a negative force, a force above 1.5 times the
+        largest force tested, or a posterior from `to_units`.
 
     Examples
     --------
@@ -113,6 +114,7 @@ def decompose_deviation(
         force >= 0.0,
         f"force_N must not be negative, got {force:g}. The bar pushes tool and table apart.",
     )
+    check_deflecting_force(bound.campaign, force, "force_N")
     rows = []
     for plane in bound.setting.tested_planes:
         r = first_circle(bound, plane)

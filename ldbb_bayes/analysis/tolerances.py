@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import hint_on_kind
@@ -20,8 +19,6 @@ __all__ = [
     "STIFFNESS_QUANTITIES",
     "Quantity",
     "Tolerance",
-    "check_force",
-    "force_to_state",
     "name_in_plane",
     "quantities",
     "quantities_of",
@@ -50,11 +47,6 @@ _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(
     _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
 )
-# Limits of the force at which a compliance may be compared with its tolerance. The force must be at
-# least ``_LEAST_FORCE_SHARE`` times the smallest force tested, and at most ``_LARGEST_FORCE_SHARE``
-# times the largest force tested.
-_LEAST_FORCE_SHARE = 0.1
-_LARGEST_FORCE_SHARE = 1.5
 # Meaning of a sign before the number of a tolerance: the number is the upper limit (≤), the lower
 # limit (≥) or both limits (±).
 _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
@@ -214,47 +206,6 @@ def tolerances_in(
             )
         tolerances[name] = tolerance
     return tolerances
-
-
-def check_force(campaign: Campaign, force_N: float | None) -> None:
-    """Raise an `InputError` if a force is too far outside the range of the tested forces.
-
-    ``force_N`` [N] must lie between a tenth of the smallest force tested and 1.5 times the largest
-    force tested. None is allowed, and means the model's reference force.
-    """
-    if force_N is None:
-        return
-    least = float(campaign.forces_N.min())
-    largest = float(campaign.forces_N.max())
-    lower, upper = _forces_allowed(campaign)
-    require(
-        force_N > 0.0 and lower <= force_N <= upper,
-        f"force_N (--force-N) must be a force from {lower:g} to {upper:g} N, for {campaign.name!r}"
-        f" was tested from {least:g} to {largest:g} N, got {force_N}. Choose one within what was"
-        " tested, or test at that force.",
-    )
-
-
-def force_to_state(bound: BoundModel) -> float:
-    """Return the force [N] at which results are stated if the user names none.
-
-    It is the model's reference force. If that is too far from the tested forces (`check_force`), it
-    is their middle instead. The reference force of a plan is that of the campaign from which the
-    plan was designed; the forces of the plan may all be smaller.
-    """
-    reference_N = bound.setting.reference_force_N
-    lower, upper = _forces_allowed(bound.campaign)
-    if lower <= reference_N <= upper:
-        return reference_N
-    forces_N = bound.campaign.forces_N
-    return 0.5 * float(forces_N.min() + forces_N.max())
-
-
-def _forces_allowed(campaign: Campaign) -> tuple[float, float]:
-    """Return the smallest and the largest force [N] at which results of a campaign are stated."""
-    lower = _LEAST_FORCE_SHARE * float(campaign.forces_N.min())
-    upper = _LARGEST_FORCE_SHARE * float(campaign.forces_N.max())
-    return lower, upper
 
 
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.tolerances import check_force
+from ldbb_bayes.campaign.tested_forces import check_force
 from ldbb_bayes.cli.arguments import (
     campaign_fields,
     instrument_fields,

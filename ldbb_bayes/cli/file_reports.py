@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.model_comparison import begin_comparison
 from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
-from ldbb_bayes.analysis.tolerances import check_force, force_to_state
 from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
+from ldbb_bayes.campaign.tested_forces import check_force, force_to_state
 from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
 from ldbb_bayes.cli.goal_designs import running_order
 from ldbb_bayes.cli.output import Output, write_files
@@ -403,7 +403,8 @@ def _printed_parts(
     the fit of linear compliance. ``result`` is the summary of ``stated``. ``analyses`` are the
     further results of the report. ``settings`` are the options of the report.
     """
-    force_N = settings.get("force_N") or force_to_state(bound_of(stated))
+    reference_N = bound_of(stated).setting.reference_force_N
+    force_N = settings.get("force_N") or force_to_state(campaign_of(stated), reference_N)
     result = fit_tables.result_at_force(stated, result, settings["prob"], force_N)
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names

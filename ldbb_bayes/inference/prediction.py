@@ -20,6 +20,7 @@ import xarray as xr
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.campaign.circular_test import CircularTest
 from ldbb_bayes.campaign.run_times import after_the_others, with_listed_times
+from ldbb_bayes.campaign.tested_forces import check_force
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, check_seed, require
 from ldbb_bayes.inference.circle_spread import draw_new_noise_factors
@@ -34,7 +35,7 @@ from ldbb_bayes.inference.coefficients import (
     shared_terms,
 )
 from ldbb_bayes.inference.nodes import Nodes
-from ldbb_bayes.inference.posterior import model_draws_of
+from ldbb_bayes.inference.posterior import campaign_of, model_draws_of
 from ldbb_bayes.inference.residuals import matrix_to_harmonics, tests_in_order
 from ldbb_bayes.inference.shared_draws import SharedDraws, draw_with_shared
 from ldbb_bayes.model.fourier import basis
@@ -98,8 +99,9 @@ def predict(
     Raises
     ------
     InputError
-        For a probability that is not between 0 and 1, a plan on another machine, or circles that
-        depend on parameters which the fit lacks.
+        For a probability that is not between 0 and 1, a plan on another machine, a circle with a
+        force below a tenth of the smallest force tested or above 1.5 times the largest, or circles
+        that depend on parameters which the fit lacks.
 
     Examples
     --------
@@ -113,6 +115,9 @@ def predict(
     check_probability(prob)
     check_seed(seed)
     require_campaign(plan)
+    measured = campaign_of(posterior)
+    for test in plan.tests:
+        check_force(measured, test.force_N, f"force_N of {test.label}")
     rng = np.random.default_rng(seed)
     levels = [0.5, 0.5 - 0.5 * prob, 0.5 + 0.5 * prob]
     circles = [new_circles(draws, plan, rng) for draws in model_draws_of(posterior, _DRAWS)]

@@ -176,5 +176,8 @@ def left_out_tests_table(comparison: Comparison) -> Table:
 
 
 def _p_value(p: float) -> str:
-    """Return a p-value as a string: two decimals, one significant digit below 0.01, or "< 0.0001"."""
+    """Return a p-value as a string.
+
+    The string has two decimals; below 0.01 it has one significant digit, or is "< 0.0001".
+    """
     return f"{p:.2f}" if p >= 0.01 else p_value_digits(p, 1)

@@ -20,8 +20,8 @@ from markupsafe import Markup
 
 from ldbb_bayes.analysis.common_effects import NOTHING_SHARED, Shared
 from ldbb_bayes.analysis.differences import compare_posteriors, states_two_machines
-from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.tested_forces import check_force
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.files import check_target, staged_folder, write_whole

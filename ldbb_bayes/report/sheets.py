@@ -7,7 +7,7 @@ from typing import Any
 
 from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.machine_description import describe_machine
-from ldbb_bayes.analysis.tolerances import force_to_state
+from ldbb_bayes.campaign.tested_forces import force_to_state
 from ldbb_bayes.inference.posterior import bound_of, campaign_of
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report.blocks import Block, Fields, Pair, PictureRow, ReportSheet
@@ -63,7 +63,8 @@ def sheets(
     """
     words = words_of(language)
     if force_N is None:
-        force_N = force_to_state(bound_of(findings.posterior_of_certificate))
+        bound = bound_of(findings.posterior_of_certificate)
+        force_N = force_to_state(bound.campaign, bound.setting.reference_force_N)
     numbers = SheetNumbers(findings, words, float(force_N))
     name = str(findings.result["campaign"]["name"])
     first = ReportSheet(

@@ -23,12 +23,12 @@ from ldbb_bayes.analysis.conformity import (
 )
 from ldbb_bayes.analysis.tolerances import (
     Quantity,
-    force_to_state,
     quantities_of,
     tolerances_in,
 )
 from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, judge_certificate
 from ldbb_bayes.analysis.verdicts import Verdict
+from ldbb_bayes.campaign.tested_forces import force_to_state
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, curves_of, fit_of
@@ -312,9 +312,8 @@ def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
 def test_a_reference_force_far_from_the_tested_ones_decides_nothing() -> None:
     """Results are stated at the middle of the tested forces then."""
     model = replace(MODEL, reference_force_N=2.0 * float(CAMPAIGN.forces_N.max()))
-    bound = model.bind(CAMPAIGN)
     middle_N = 0.5 * float(CAMPAIGN.forces_N.min() + CAMPAIGN.forces_N.max())
-    assert force_to_state(bound) == middle_N
+    assert force_to_state(CAMPAIGN, model.reference_force_N or 0.0) == middle_N
     posterior = lb.sample(model, CAMPAIGN, sampler="independent", seed=1)
     decision = lb.assess_conformity(posterior, {"C_XXX": "60 nm/N"})["C_XXX"]
     assert decision.force_N == middle_N

@@ -361,7 +361,7 @@ def test_a_force_of_zero_is_refused(posterior: xr.DataTree) -> None:
 
 
 def test_a_text_of_forces_is_refused(posterior: xr.DataTree) -> None:
-    refuses("forces_N must be a list of numbers, got the text", lb.stiffness, posterior, "300")
+    refuses("forces_N must be a list of numbers, got '300'", lb.stiffness, posterior, "300")
 
 
 def test_a_probability_above_one_is_refused(posterior: xr.DataTree) -> None:
