@@ -487,6 +487,16 @@ def pilot_and_added_circles(
     return pilot, space.plan_of(space.tests)
 
 
+@pytest.mark.parametrize(
+    ("name", "name_of_plan"),
+    [("Messung", "Messung (2)"), ("Messung (2)", "Messung (3)"), ("bar (new)", "bar (new) (2)")],
+)
+def test_a_plan_is_named_without_words(pilot: lb.Campaign, name: str, name_of_plan: str) -> None:
+    """The name also stands on sheets in other languages."""
+    space = Space(lb.HybridModel.first(1), replace(pilot, name=name), THREE)
+    assert space.plan_of(space.tests[:1]).name == name_of_plan
+
+
 @pytest.mark.parametrize("times_s", [(None, None, None), (0.0, 500.0, 1400.0)])
 def test_added_circles_run_after_the_pilot_as_in_a_fit_of_both(
     times_s: tuple[float | None, ...],

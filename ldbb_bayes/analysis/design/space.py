@@ -6,6 +6,7 @@ once or several times. The criterion measures how good a design is.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -48,6 +49,8 @@ CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
 # property that it shows; the direction also if it is not that of the pilot's tests.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
+# Regular expression for the name of a campaign that ends in its number, such as "spindle 4 (2)".
+_NUMBERED = re.compile(r"(?P<name>.*) \((?P<number>\d{1,3})\)")
 # Number of values of the hyper-parameters (such as the standard deviation of the noise) that the
 # search for a design averages over. Larger numbers have led to the same designs.
 _SEARCH_NODES = 12
@@ -314,7 +317,7 @@ class Space:
             self.pilot,
             tests=_with_temperature(ordered, self.pilot, self.model),
             foreseen=(),
-            name=f"{self.pilot.name}, next campaign",
+            name=_numbered(self.pilot.name),
             date=None,
             operator=None,
             order=None,
@@ -342,6 +345,18 @@ class Space:
             names = tuple(p.name for p in self.bound.parameters if p.group == "slope")
             slopes = Slopes(names, self.slope_size)
         return forecast_plan(self.model, plan, slopes=slopes, machines=machines, analyses=analyses)
+
+
+def _numbered(name: str) -> str:
+    """Return the name of the campaign that follows the campaign ``name``.
+
+    The name has a number and no words, because it also stands on sheets in other languages:
+    "spindle 4" is followed by "spindle 4 (2)", and this by "spindle 4 (3)".
+    """
+    match = _NUMBERED.fullmatch(name)
+    if match is None:
+        return f"{name} (2)"
+    return f"{match['name']} ({int(match['number']) + 1})"
 
 
 def _radii_of(pilot: Campaign) -> list[float]:
