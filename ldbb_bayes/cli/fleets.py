@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.options import (
     EXIT_INTERRUPTED,
@@ -28,6 +29,7 @@ from ldbb_bayes.cli.output import Output
 from ldbb_bayes.cli.progress import counting_progress
 from ldbb_bayes.fleet.dataset import JOURNAL, read_fleet
 from ldbb_bayes.parallel import executor_named
+from ldbb_bayes.report.wording.effect_names import first_names
 from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
@@ -107,7 +109,7 @@ def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
 
     The table states how many campaigns were fitted and how many failed. The sentences name at most
     ten failed and ten doubtful campaigns, each with the reason. They also state the time that the
-    fits took, and the file with the results.
+    fits took, the file with the results, and what was passed over in folders of campaigns.
     """
     counts = (
         ("fitted", result.done),
@@ -132,6 +134,12 @@ def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
         per_second = result.fitted / max(result.seconds, 1e-9)
         ending = f"{result.fitted} campaigns in {result.seconds:.1f} s: {per_second:.3g} a second."
     table = Table.of("", ("campaigns", "number"), counts)
+    if result.passed_over:
+        remarks.append(
+            f"Passed over, for no {TOML_NAME} is in them ({len(result.passed_over)}):"
+            f" {first_names(result.passed_over)}. Make campaigns of tables with ldbb-bayes"
+            " import; name tidy CSVs and folders of folders themselves."
+        )
     return (table, *remarks, ending, f"Written: {result.dataset}")
 
 

@@ -27,7 +27,7 @@ from ldbb_bayes.fleet.campaign_row import (
     fit_row,
 )
 from ldbb_bayes.fleet.dataset import DATASET, check_pyarrow, read_batch, write_dataset
-from ldbb_bayes.fleet.gathering import gather
+from ldbb_bayes.fleet.gathering import find_passed_over, gather
 from ldbb_bayes.fleet.journal import batch_identity, begin_batch, open_journal, save_row
 from ldbb_bayes.inference.fit import State
 from ldbb_bayes.inference.sample import sampler_named
@@ -41,8 +41,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "run_batch"]
 
-# The result of a batch names at most this number of failed campaigns, and at most this number of
-# campaigns with doubtful results. If there are more, they are included only in the counts.
+# The result of a batch names at most this number of failed campaigns, at most this number of
+# campaigns with doubtful results, and at most this number of paths that are no campaigns. If there
+# are more campaigns, they are included only in the counts.
 _LONGEST_NAMED = 10_000
 
 
@@ -87,6 +88,9 @@ class Batch(Result):
     fitted: int
     seconds: float  #: duration of this run of the batch [s]
     resumed: bool  #: whether this run continued an earlier run of the same batch
+    #: file paths in the folders of campaigns that are no campaigns, such as tables and subfolders
+    #: without a campaign.toml; only the first 10 000 are listed
+    passed_over: tuple[str, ...] = ()
 
     def rows(self) -> pd.DataFrame:
         """Return the table of the batch, one row per campaign; `read_batch` lists its columns."""
@@ -206,7 +210,9 @@ def run_batch(
         tolerances=dict(tolerances or {}),
     )
     folder = Path(out)
-    jobs = _numbered_jobs(gather(campaigns))
+    entries = _listed_entries(campaigns)
+    jobs = _numbered_jobs(gather(entries))
+    passed_over = find_passed_over(entries, folder)
     check_tolerances(settings, [job.absolute_path for job in jobs])
     with open_journal(folder) as journal, _running_executor(executor) as workers:
         identity = batch_identity(settings)
@@ -231,7 +237,17 @@ def run_batch(
             fitted=fitted,
             seconds=seconds,
             resumed=resumed,
+            passed_over=passed_over[:_LONGEST_NAMED],
         )
+
+
+def _listed_entries(
+    campaigns: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
+) -> list[str | os.PathLike[str]]:
+    """Return the paths that the user names as a list; a single path is a list of one."""
+    if isinstance(campaigns, str | os.PathLike):
+        return [campaigns]
+    return list(campaigns)
 
 
 def _check_restart(*, resume: bool, retry: bool, force: bool) -> None:

@@ -10,7 +10,7 @@ from ldbb_bayes.campaign.folder import TOML_NAME
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import bytes_of
 
-__all__ = ["gather"]
+__all__ = ["find_passed_over", "gather"]
 
 # Largest permitted size of a text file that lists the file paths of campaigns [bytes].
 _LARGEST_LIST = 2**30
@@ -57,19 +57,50 @@ def gather(entries: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
     return paths
 
 
+def find_passed_over(
+    given: Iterable[str | os.PathLike[str]], out: str | os.PathLike[str]
+) -> tuple[str, ...]:
+    """Return the file paths in folders of campaigns that are not taken as campaigns.
+
+    These are tables, workbooks and other files, and folders without a campaign.toml, such as
+    folders of folders. Hidden files are left out, and so is the folder of the batch.
+
+    Parameters
+    ----------
+    given : paths of folders, files and lists, as `gather` explains.
+    out : folder of the batch.
+    """
+    paths: list[str] = []
+    for path in _named_paths(given):
+        campaigns = _expand_folder(path)
+        if campaigns == [path]:
+            continue
+        for name in sorted(os.listdir(path)):
+            entry = os.path.join(path, name)
+            is_ours = os.path.abspath(entry) == os.path.abspath(out)
+            if entry not in campaigns and not name.startswith(".") and not is_ours:
+                paths.append(entry)
+    return tuple(dict.fromkeys(paths))
+
+
 def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
     """Yield the file path of every campaign that the user's entries stand for.
 
     An entry is the path of a campaign, of a folder of campaigns, or of a text file that lists such
     paths (``@FILE`` or .txt).
     """
+    for path in _named_paths(entries):
+        yield from _expand_folder(path)
+
+
+def _named_paths(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
+    """Yield the paths that the user's entries name; a list of paths names each of its lines."""
     for entry in entries:
         path = os.fspath(entry)
         if _is_list(path):
-            for line in _read_list(Path(path.removeprefix("@"))):
-                yield from _expand_folder(line)
+            yield from _read_list(Path(path.removeprefix("@")))
         else:
-            yield from _expand_folder(path)
+            yield path
 
 
 def _is_list(path: str) -> bool:

@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
+from ldbb_bayes.cli.fleets import _batch_parts
 from ldbb_bayes.fleet.campaign_row import Job, Settings
 from ldbb_bayes.fleet.population_prior import digest_of
 
@@ -103,6 +104,18 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
         "campaigns.parquet",
         "campaigns.txt",
     ]
+
+
+def test_what_a_batch_passes_over_is_named_with_a_cure() -> None:
+    paths = tuple(f"shop/{k}.xlsx" for k in range(7))
+    result = lb.fleet.Batch(
+        Path("out"), Path("out"), 1, 1, 0, 0, 0, (), (), 1, 2.0, resumed=False, passed_over=paths
+    )
+    expected = (
+        "Passed over, for no campaign.toml is in them (7): shop/0.xlsx, shop/1.xlsx, shop/2.xlsx,"
+        " shop/3.xlsx, shop/4.xlsx and 2 more. Make campaigns of tables with ldbb-bayes import"
+    )
+    assert expected in "\n".join(map(str, _batch_parts(result)))
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ from ldbb_bayes.fleet.batch import Batch, _named_campaigns
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
-from ldbb_bayes.fleet.gathering import gather
+from ldbb_bayes.fleet.gathering import find_passed_over, gather
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.parallel import WorkerDiedError
@@ -241,6 +241,18 @@ def test_gather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         refuses(message, gather, entries)
 
 
+def test_what_a_folder_holds_besides_campaigns_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("shop/a", "shop/empty", "shop/2024/b", "shop/fitted", "shop/.cache"):
+        Path(name).mkdir(parents=True)
+    for name in ("shop/a/campaign.toml", "shop/2024/b/campaign.toml", "shop/readings.xlsx"):
+        Path(name).touch()
+    expected = ("shop/2024", "shop/empty", "shop/readings.xlsx")
+    assert find_passed_over(["shop", "shop/a"], tmp_path / "shop" / "fitted") == expected
+
+
 @pytest.fixture
 def quick_batch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[str], list[int]]:
     """Paths that exist, and the calls of a fit that takes no time."""
@@ -299,7 +311,8 @@ def test_another_batch_is_not_resumed(
 ) -> None:
     lb.fleet.run_batch(quick_batch[0], tmp_path / "out")
     with pytest.raises(
-        InputError, match=rf"out must be of this batch, {message}.*Resume with what"
+        InputError,
+        match=rf"out must be resumed with the options .*, {message}.*Resume with the same",
     ):
         lb.fleet.run_batch(quick_batch[0], tmp_path / "out", resume=True, **change)
 
