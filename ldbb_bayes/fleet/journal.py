@@ -226,18 +226,17 @@ def _check_same_identity(
     """
     for name in sorted({*identity_there, *identity_here}):
         if identity_there.get(name) != identity_here.get(name):
-            value_there = _value_in_message(identity_there.get(name))
-            value_here = _value_in_message(identity_here.get(name))
             raise InputError(
-                f"{out} must be of this batch, got {name} {value_there} where this run has"
-                f" {value_here}. Resume with what the batch was begun with, or begin anew"
-                " (--force)."
+                f"{out} must be resumed with the options that its batch was begun with, got"
+                f" {_option_in_message(name, identity_here.get(name))} where the batch has"
+                f" {_option_in_message(name, identity_there.get(name))}. Resume with the same"
+                " options, or begin anew (--force), which fits every campaign again."
             )
 
 
-def _value_in_message(value: Any) -> Any:
-    """Return the value of an option as an error message states it: "nothing" in place of None."""
-    return "nothing" if value is None else value
+def _option_in_message(name: str, value: Any) -> str:
+    """Return an option with its value as an error message states it, such as "seed 2"."""
+    return f"no {name}" if value is None else f"{name} {value}"
 
 
 def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence[Job]) -> None:
