@@ -233,12 +233,6 @@ def simulate(
         plan = replace(truths.plan, instrument=lb.Instrument(**certificates))
     else:
         plan = lb.read_campaign(source, certificates=certificates, **table)
-        require(
-            not plan.adds_to_pilot or model.degree == 0 or plan.force_levels > 1,
-            f"{source}: a plan must have two forces or more to be simulated, got one"
-            f" ({plan.forces_N[0]:g} N): it adds to circles that have been run. Give a plan of a"
-            " whole campaign (design --out), or use --degree 0.",
-        )
         truths = Truths(None, None, {}, False)
         if truth is not None:
             truths = read_truths(truth)

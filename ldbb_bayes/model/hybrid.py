@@ -491,6 +491,18 @@ class HybridModel(Result):
         del _BOUND_MODELS[:-_KEPT_BOUND_MODELS]
         return bound
 
+    def bind_to_simulate(self, plan: Campaign) -> BoundModel:
+        """Return a `BoundModel` for a plan whose readings are to be simulated.
+
+        A plan of one force, such as that of the next circle, takes the reference force, the range
+        of forces and the estimated compliances from its pilot, the campaign to which it adds. Any
+        other plan is bound by itself. An `InputError` is raised as by `bind`.
+        """
+        require_campaign(plan)
+        if plan.pilot is None or plan.force_levels > 1 or self.degree == 0:
+            return self.bind(plan)
+        return BoundModel(self, plan, pilot=plan.pilot)
+
     def simulate(
         self,
         plan: Campaign,
@@ -507,6 +519,7 @@ class HybridModel(Result):
         ----------
         plan : Campaign
             Plan or campaign with the forces, angles and set-ups of the tests, and with the machine.
+            A plan of one force takes the reference force and the range of forces from its pilot.
         seed : int
             Seed of the random numbers.
         parameters : mapping of str to float or str, optional
@@ -555,7 +568,7 @@ class HybridModel(Result):
         """
         check_seed(seed)
         rng = np.random.default_rng(seed)
-        bound = self.bind(plan)
+        bound = self.bind_to_simulate(plan)
         if parameters is None:
             beta = bound.draw_machine(rng)
         else:

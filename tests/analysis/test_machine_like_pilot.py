@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns import refuses
 from reports import plan_of_three_planes
 
 import ldbb_bayes as lb
@@ -86,6 +87,24 @@ def test_scales_of_single_circles_are_not_those_of_the_pilot() -> None:
 
 def test_without_readings_there_is_no_machine_to_be_like() -> None:
     assert draw_machine_like_pilot(MODEL, PILOT.plan(), 1) is None
+
+
+def test_the_next_circle_can_be_simulated() -> None:
+    """The pilot has the forces by which the machine's compliance changes."""
+    circle = lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0), direction="CW")
+    plan = replace(PILOT.plan(), tests=(circle,), pilot=PILOT, adds_to_pilot=True)
+    machine = draw_machine_like_pilot(MODEL, plan, 1)
+    assert machine is not None
+    simulation = MODEL.simulate(plan, seed=1, parameters=machine.parameters)
+    assert simulation.campaign.readings == 72
+    change = simulation.change_with_force["C_XXX"]
+    assert change.reference_force_N == MODEL.bind(PILOT).setting.reference_force_N
+
+
+def test_one_force_is_still_refused_where_the_pilot_has_no_other() -> None:
+    one_force = PILOT.select([PILOT.tests[0].name])
+    plan = replace(one_force.plan(), pilot=one_force, adds_to_pilot=True)
+    refuses("must have at least two force levels", MODEL.simulate, plan, seed=1)
 
 
 def in_planes(*planes: str) -> lb.Campaign:

@@ -230,7 +230,7 @@ def draw_machine_like_pilot(
     pilot = plan.pilot
     if pilot is None or pilot.is_plan or model.prior.flat:
         return None
-    of_plan = model.bind(plan)
+    of_plan = model.bind_to_simulate(plan)
     # Compliances are those at the reference force of the plan, for which readings are simulated.
     at_force = replace(model, reference_force_N=of_plan.setting.reference_force_N)
     pilot_model = restricted_to(at_force, unconstrained_names(at_force, pilot))
