@@ -28,7 +28,7 @@ from ldbb_bayes.campaign.campaign import (
     distinct_forces,
     require_campaign,
 )
-from ldbb_bayes.errors import InputError, check_known, check_seed, renamed, require
+from ldbb_bayes.errors import InputError, check_known, check_seed, nearest, renamed, require
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
@@ -53,6 +53,7 @@ from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.prior import (
     EXAMPLES,
     Prior,
+    check_possible,
     degree_of,
     parameter_to_inside,
     settings_of_sd,
@@ -191,6 +192,8 @@ class HybridModel(Result):
         a dataclass derived from `Term`, and each class may occur only once. Names of
         hyper-parameters must differ. A model with a flat prior must have no nuisance terms.
         """
+        for term in self.nuisances:
+            _check_is_object(term)
         kinds = [type(term) for term in self.nuisances]
         for kind in kinds:
             derived = issubclass(kind, Term) and "__dataclass_fields__" in vars(kind)
@@ -288,9 +291,13 @@ class HybridModel(Result):
     def fixing(self, *names: str) -> HybridModel:
         """Return the same model with the named parameters of interest fixed at zero.
 
-        A name is, for example, C_XYX_1. The prior means of these parameters become zero too.
+        A name is, for example, C_XYX_1. The prior means of these parameters become zero too. Raise
+        an `InputError` for a name that no parameter of any machine has; whether the machine has a
+        parameter is checked when the model is applied to a campaign.
         """
-        fixed = {*self.fixed, *(inside_name(name) for name in names)}
+        new_names = [inside_name(name) for name in names]
+        check_possible("fixed parameter", new_names)
+        fixed = {*self.fixed, *new_names}
         means = dict(self.prior.means)
         for name in means:
             if name in fixed:
@@ -306,7 +313,8 @@ class HybridModel(Result):
         it is free again. The mean of a slope (change of a compliance with force) must be 0. Each
         value is a string with a unit, or a number. Numbers for parameters of interest are in
         internal units (mm, N, rad); a number for a field of `Prior` is in the unit that the field's
-        name states. Whether a parameter exists is checked when the model is applied to a campaign.
+        name states. Whether the machine has a parameter is checked when the model is applied to a
+        campaign.
 
         Parameters
         ----------
@@ -345,6 +353,8 @@ class HybridModel(Result):
             [*settings, *EXAMPLES],
             " Parameters are named like C_XXX and E_XX1.",
         )
+        parameters = [name for name in new_priors if name not in settings]
+        check_possible("parameter with a prior", parameters)
         new_settings = {}
         means: dict[str, Any] = dict(self.prior.means)
         overrides: dict[str, Any] = dict(self.prior.overrides)
@@ -368,7 +378,8 @@ class HybridModel(Result):
         """Return the same model with further nuisance terms.
 
         Nuisances are effects that are modelled but not of interest. If the model already has a term
-        of the same class, the new term replaces it.
+        of the same class, the new term replaces it. Raise an `InputError` for anything that is no
+        term, such as the name or the class of one.
 
         Examples
         --------
@@ -1280,6 +1291,30 @@ def _check_coefficient_names(kind: type[Term], columns: Sequence[Columns | Basis
                 f"the coefficients of {kind.__name__} must have names that begin with its stem"
                 f" ({kind.stem!r}), got {name!r}{of_owner}. Rename them, or set another stem.",
             )
+
+
+def _check_is_object(term: object) -> None:
+    """Raise an `InputError` if ``term`` is the name or the class of a term, and not an object.
+
+    The message states the call that makes the object.
+    """
+    if isinstance(term, str):
+        class_by_name: dict[str, type] = dict(Term.kinds)
+        for known_class in Term.kinds.values():
+            class_by_name[known_class.key()] = known_class
+        term_class = class_by_name[nearest(term, class_by_name)]
+    elif isinstance(term, type):
+        term_class = term
+    else:
+        return
+    given = repr(term) if isinstance(term, str) else f"the class {term_class.__name__}"
+    name = term_class.__name__
+    if term_class.__module__.startswith("ldbb_bayes."):
+        name = f"lb.terms.{name}"
+    raise InputError(
+        f"a term must be an object, got {given}. Write {name}(...), with its settings in the"
+        " brackets, if any."
+    )
 
 
 def _indices_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:

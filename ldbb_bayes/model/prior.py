@@ -32,6 +32,7 @@ from ldbb_bayes.units import display_unit, inside_name, setting_to_inside, to_in
 __all__ = [
     "EXAMPLES",
     "Prior",
+    "check_possible",
     "compliance_unit",
     "degree_of",
     "geometric_unit",
@@ -135,6 +136,43 @@ def hint_on_kind(kind: str, names: Iterable[str]) -> str:
             if of_kind:
                 return f" Errors of {known_kind} are {', '.join(of_kind)}."
     return ""
+
+
+def check_possible(words: str, parameters: Iterable[str]) -> None:
+    """Raise an `InputError` for a name that no parameter of any machine and campaign has.
+
+    A name that passes the check may still belong to no parameter of a certain campaign.
+
+    Parameters
+    ----------
+    words
+        Words for what the parameters are, such as "fixed parameter"; they are used in the message.
+    parameters
+        Names of parameters, such as C_XXX_1.
+    """
+    examples = list(EXAMPLES)
+    for example in EXAMPLES:
+        if example.startswith("C_"):
+            examples += [f"{example}_1", f"{example}_2"]
+    for parameter in parameters:
+        require(
+            _is_possible(parameter),
+            f"{words} must be a compliance, its change with force or a geometric error, such as"
+            f" C_XXX, C_XXX_1 and E_XX1, got {parameter!r}.{suggestion(parameter, examples)}",
+        )
+
+
+def _is_possible(parameter: str) -> bool:
+    """Return whether a machine can have a parameter of the given name.
+
+    A displacement caused by a force has the same effect at every joint. It is always attributed to
+    the joint that moves in its direction: there is C_XXX, but never C_XXZ.
+    """
+    match = _COMPLIANCE_NAME.fullmatch(parameter)
+    if match is None:
+        return any(pattern.fullmatch(parameter) for pattern in _GEOMETRIC_NAMES.values())
+    name = ComplianceName(*match.groups())
+    return name.rotations > 0 or name.joint == name.twist
 
 
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:

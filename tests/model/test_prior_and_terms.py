@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from campaigns import cases, oracle_of, plan, refuses, simulated
+from reports import plan_of_three_planes
 from scipy import integrate, stats
 
 import ldbb_bayes as lb
@@ -278,10 +280,41 @@ def test_fixed_parameters_leave_the_model() -> None:
     assert full.compliance_at(742.0)[0, full.names.index("C_XXX_1")] == 353.0
     assert lb.HybridModel.first(2).fixing("C_XXX_2", "C_XXX_1").with_degree(1).fixed == ("C_XXX_1",)
     refuses(
-        r"fixed parameter must be one of .* got 'C_XXY_1'",
-        lb.HybridModel.first(1).fixing("C_XXY_1").bind,
+        r"fixed parameter must be one of .* got 'C_ZZZ_1'",
+        lb.HybridModel.first(1).fixing("C_ZZZ_1").bind,
         planned,
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [
+        ("C_XXX1", "C_XXX_1"),
+        ("C_XXZ", "C_XXX"),
+        ("C_XXY_1", "C_XYX_1"),
+        ("E_XX3", "E_XX1"),
+        ("E_CYX", "E_C0YX"),
+    ],
+)
+def test_a_name_of_no_machine_is_refused_at_once(name: str, nearest: str) -> None:
+    model = lb.HybridModel.first(1)
+    message = f"must be a compliance, .*, got '{name}'. Did you mean '{nearest}'"
+    refuses(f"fixed parameter {message}", model.fixing, name)
+    refuses(f"parameter with a prior {message}", model.with_prior, {name: (0.0, 1e-6)})
+
+
+def test_every_parameter_of_three_planes_is_possible() -> None:
+    names = lb.HybridModel.default(2).bind(plan_of_three_planes()).names
+    assert set(lb.HybridModel.default(2).fixing(*names).fixed) == set(names)
+
+
+@pytest.mark.parametrize(
+    ("term", "given"),
+    [("bar-length", "'bar-length'"), (lb.terms.BarLength, "the class BarLength")],
+)
+def test_the_name_or_class_of_a_term_is_no_term(term: Any, given: str) -> None:
+    message = rf"a term must be an object, got {given}\. Write lb\.terms\.BarLength\(\.\.\.\)"
+    refuses(message, lb.HybridModel.default(1).with_term, term)
 
 
 def test_a_slope_alone_about_the_middle_is_refused() -> None:
