@@ -309,9 +309,14 @@ class ByName(Shown, dict[str, T]):
     """
 
     def __repr__(self) -> str:
-        """Return the number of results in this dictionary, and their class, as one line of text."""
-        kind = type(next(iter(self.values()), None)).__name__
-        return f"<{len(self)} {kind}>"
+        """Return the number of results, their class and the first names as one line of text."""
+        if not self:
+            return "<no results>"
+        kind = type(next(iter(self.values()))).__name__
+        text = f"<{len(self)} {kind}: {', '.join(self)}>"
+        if len(text) > _LONGEST_REPR:
+            return f"{text[: _LONGEST_REPR - 2]}…>"
+        return text
 
 
 Passage: TypeAlias = Table | str | tuple[str, ...]

@@ -21,7 +21,7 @@ from reports import fitted
 import ldbb_bayes as lb
 from ldbb_bayes.inference.nodes import Evidence
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.results import Shown, Table, parts_of, readable, register_when_displayed
+from ldbb_bayes.results import ByName, Shown, Table, parts_of, readable, register_when_displayed
 
 MODEL = lb.HybridModel.first(0).without("discrepancy", "setup-shift")
 FORCES_N = (36.0, 400.0, 742.0)
@@ -249,6 +249,25 @@ def test_every_public_class_shows_itself(
 @pytest.mark.slow
 def test_the_name_of_a_campaign_is_escaped(objects: list[Any]) -> None:
     assert "&lt;b&gt;" in objects[0]._repr_html_()
+
+
+def test_the_repr_of_results_by_name_has_their_names() -> None:
+    tolerances = {f"C_{k:03d}": lb.analysis.Tolerance(upper=1.0) for k in range(2)}
+    assert repr(ByName(tolerances)) == "<2 Tolerance: C_000, C_001>"
+    many = repr(ByName({f"C_{k:03d}": k for k in range(100)}))
+    assert many.startswith("<100 int: C_000, C_001, ")
+    assert (len(many), many[-2:]) == (80, "…>")
+
+
+def test_no_results_are_shown_as_none() -> None:
+    assert (repr(ByName()), str(ByName())) == ("<no results>", "No results.")
+
+
+def test_a_long_name_is_cut_with_a_sign() -> None:
+    circle = lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0))
+    text = repr(lb.Plan((circle,), name="spindle " * 9))
+    assert len(text) == 80
+    assert "spin…: 1 tests, 300 to 300 N, 72 readings>" in text
 
 
 def test_short_reprs() -> None:

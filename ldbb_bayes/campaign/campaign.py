@@ -399,7 +399,11 @@ class Campaign(CampaignFields):
             f": {len(self.tests)} tests, {self.forces_N.min():.4g} to {self.forces_N.max():.4g} N,"
             f" {self.readings} readings>"
         )
-        return f"<{kind} {self.name}"[: _LONGEST_REPR - len(size)] + size
+        head = f"<{kind} {self.name}"
+        room = _LONGEST_REPR - len(size)
+        if len(head) > room:
+            head = f"{head[: room - 1]}…"
+        return head + size
 
     @cached_property
     def sha256(self) -> str:

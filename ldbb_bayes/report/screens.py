@@ -11,11 +11,12 @@ import numpy as np
 
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness
 from ldbb_bayes.analysis.identification import Identifiability
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.comparison_tables import assumptions_table, models_table
 from ldbb_bayes.report.identifiability_text import certificates_table, verdicts_table
-from ldbb_bayes.results import Passage, Table, screen_of
+from ldbb_bayes.results import Passage, Table, screen_of, table_of
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -26,6 +27,8 @@ from ldbb_bayes.units import (
 
 __all__ = ["screen_of"]
 
+# A table of stiffnesses with more rows than this is printed for the largest force alone.
+_MOST_STIFFNESSES = 36
 # A table compares the recommended design of the next tests with at most this many other designs.
 _MOST_DESIGNS = 2
 
@@ -59,6 +62,19 @@ def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
         passages.append(certificates_table(result, is_short=True))
     passages += [*others, *wording.not_modelled_sentences(result.not_modelled)]
     return (*passages, wording.MORE)
+
+
+@screen_of.register
+def _screen_of_stiffness(stiffness: DirectionalStiffness) -> tuple[Passage, ...]:
+    """Return a table of the stiffnesses and directions, of the largest force alone if it is long.
+
+    Where several planes were tested, the values at all forces do not fit on a screen.
+    """
+    table = stiffness.table()
+    if len(table) <= _MOST_STIFFNESSES:
+        return (table_of(table),)
+    of_force = table[table["force_N"] == table["force_N"].max()]
+    return (table_of(of_force), wording.MORE)
 
 
 @screen_of.register

@@ -20,6 +20,7 @@ from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.compliance_change import ChangeWithForce
 from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness
 from ldbb_bayes.analysis.workflow import Workflow
 from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit
@@ -43,7 +44,7 @@ from ldbb_bayes.report.comparison_tables import (
 )
 from ldbb_bayes.report.fit_tables import FitWords, change_parts, change_table, conformity_table
 from ldbb_bayes.report.wording import IN_FORCE
-from ldbb_bayes.results import ByName, Passage, Table, parts_of
+from ldbb_bayes.results import ByName, Passage, Table, parts_of, table_of
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -246,9 +247,11 @@ def _passages_of_results_by_name(results: ByName[Any]) -> tuple[Passage, ...]:
 
     All ``results`` are of one of these three kinds. Their keys are names: budgets have the names of
     parameters, decisions have the names of quantities, and changes with force have the names of
-    compliances. The table has one row for each result.
+    compliances. The table has one row for each result. If there are no results, a sentence says so.
     """
-    if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:
+    if not results:
+        return ("No results.",)
+    if all(isinstance(result, ChangeWithForce) for result in results.values()):
         return (change_table({name: change.as_dict() for name, change in results.items()}),)
     if not all(isinstance(result, Budget) for result in results.values()):
         return (conformity_table({name: result.as_dict() for name, result in results.items()}),)
@@ -287,6 +290,12 @@ def _largest_sources(budget: Budget) -> str:
         origin = wording.origin_words(budget.origin_of(term))
         texts.append(f"{wording.source_words(term)} {100 * shares[term]:.0f} % ({origin})")
     return ", ".join(texts)
+
+
+@parts_of.register
+def _passages_of_stiffness(stiffness: DirectionalStiffness) -> tuple[Passage, ...]:
+    """Return a table of the stiffnesses and directions in every plane at every force."""
+    return (table_of(stiffness.table()),)
 
 
 @parts_of.register

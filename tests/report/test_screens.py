@@ -68,6 +68,21 @@ def row_of(text: str, name: str) -> list[str]:
     return line.split()
 
 
+def test_stiffness_prints_its_numbers(posterior: xr.DataTree, width: int) -> None:
+    text = str(lb.stiffness(posterior))
+    least = [line for line in text.splitlines() if line.startswith("k_min")]
+    assert len(least) == 3
+    assert max(map(len, text.splitlines())) <= width
+
+
+def test_stiffness_of_many_forces_prints_the_largest(posterior: xr.DataTree, width: int) -> None:
+    stiffness = lb.stiffness(posterior, FORCES_N)
+    text = str(stiffness)
+    check_screen(text, width)
+    assert [line.split()[1] for line in text.splitlines() if line.startswith("k_min")] == ["N/µm"]
+    assert len([line for line in stiffness.details().splitlines() if "k_min" in line]) == 6
+
+
 def test_a_wide_terminal_does_not_make_long_lines(
     identified: lb.analysis.Identifiability, monkeypatch: pytest.MonkeyPatch
 ) -> None:
