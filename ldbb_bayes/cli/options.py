@@ -347,9 +347,19 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
                 raise
             fail(reason, EXIT_BAD_INPUT)
 
+    run.__doc__ = _with_paragraphs_joined(function.__doc__ or "")
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
+
+
+def _with_paragraphs_joined(text: str) -> str:
+    """Return a docstring with each paragraph on one line, for the help of a command.
+
+    Typer keeps the line ends within paragraphs, which would not be those of the terminal.
+    """
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
 def _only_value(**values: Any) -> Any:

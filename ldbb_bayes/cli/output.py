@@ -14,13 +14,13 @@ import typer
 
 import ldbb_bayes as lb
 from ldbb_bayes.files import check_target, staged_folder
-from ldbb_bayes.results import json_text, lines_of, parts_of
+from ldbb_bayes.results import json_text, lines_of, parts_of, wrapped
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["Output", "drawing", "figure_files", "show", "write_files"]
+__all__ = ["Output", "drawing", "figure_files", "show", "show_written", "write_files"]
 
 _WIDTH = 120  # width of the tables that a command prints if stdout is not a terminal [characters]
 _NARROWEST = 40  # smallest width of printed tables [characters]; narrower terminals wrap lines
@@ -35,12 +35,34 @@ def show(*parts: Any) -> None:
         Tables, sentences and lists. An empty line follows each table. Without parts, nothing is
         printed.
     """
-    width = _WIDTH
-    if sys.stdout.isatty() or "COLUMNS" in os.environ:
-        width = shutil.get_terminal_size((_WIDTH, 24)).columns
-    sys.stdout.write(lines_of(parts, max(width, _NARROWEST)))
+    sys.stdout.write(lines_of(parts, _terminal_width() or _WIDTH))
     if parts:
         sys.stdout.write("\n")
+
+
+def show_written(line: str) -> None:
+    """Print a line that names what was written, wrapped between words on a terminal.
+
+    Unlike in the sentences that `show` prints, no character of the line is changed, so that a path
+    can be copied.
+    """
+    width = _terminal_width()
+    if width is None:
+        typer.echo(line)
+    else:
+        # The no-break space keeps a path that is wider than the terminal beside the first word.
+        unbroken = line.replace(": ", ":\N{NO-BREAK SPACE}", 1)
+        typer.echo("\n".join(wrapped(unbroken, width)))
+
+
+def _terminal_width() -> int | None:
+    """Return the width for texts on stdout [characters], or None if stdout is no terminal.
+
+    The environment variable COLUMNS counts as the width of a terminal.
+    """
+    if sys.stdout.isatty() or "COLUMNS" in os.environ:
+        return max(shutil.get_terminal_size((_WIDTH, 24)).columns, _NARROWEST)
+    return None
 
 
 def figure_files(names: Iterable[str], formats: Sequence[str] = ("png", "svg")) -> tuple[str, ...]:
@@ -217,4 +239,4 @@ class Output:
         parts = result if isinstance(result, tuple) else parts_of(result)
         show(*parts)
         if self.out is not None and not self.quiet:
-            typer.echo(f"Written: {self.out}{note}")
+            show_written(f"Written: {self.out}{note}")

@@ -18,7 +18,7 @@ from ldbb_bayes.cli.file_reports import (
     report_files,
 )
 from ldbb_bayes.cli.options import EXIT_MISSED
-from ldbb_bayes.cli.output import Output, figure_files, show
+from ldbb_bayes.cli.output import Output, figure_files, show, show_written
 from ldbb_bayes.cli.progress import counting_progress, step_progress
 from ldbb_bayes.cli.questions import can_ask
 from ldbb_bayes.cli.sources import ReportSource
@@ -126,7 +126,7 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
     line = f"Written: {', '.join(f'{folder}/{name}' for name in REPORT_FILES)}"
     if figures is not None:
         line += f"; figures: {figures}"
-    typer.echo(line)
+    show_written(line)
 
 
 # ---- report made from stored fits

@@ -180,3 +180,28 @@ def test_names_of_options_are_whole(width: int) -> None:
         help_text = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": str(width)}).stdout
         assert "--help" in help_text
         assert not re.search(r"[a-z]…", help_text), help_text
+
+
+def test_a_paragraph_of_the_help_is_broken_at_the_width_of_the_terminal() -> None:
+    help_text = CliRunner().invoke(app, ["design", "--help"], env={"COLUMNS": "80"}).stdout
+    assert "readings). The chosen tests are written into --out DIR" in help_text
+
+
+def test_what_was_written_is_broken_between_paths(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = [f"/data/machine_{k}/report/report.html" for k in range(4)]
+    monkeypatch.setenv("COLUMNS", "80")
+    output.show_written(f"Written: {', '.join(paths)}")
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert all(any(path in line for line in lines) for path in paths)
+
+
+def test_what_was_written_is_one_line_in_a_file(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    line = f"Written: {', '.join(['/data/machine/report/report.html'] * 9)}"
+    output.show_written(line)
+    assert capsys.readouterr().out == f"{line}\n"
