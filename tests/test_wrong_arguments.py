@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -132,6 +133,18 @@ def test_tolerances_are_texts_with_a_unit_by_name(posterior: xr.DataTree) -> Non
 @pytest.mark.parametrize("read", [lb.read_campaign, lb.load])
 def test_a_path_is_a_text(read: Callable[[Any], Any]) -> None:
     refuses("path must be the name of a f.*, got 3", read, 3)
+
+
+@pytest.mark.parametrize("tests", ["folder", 3, None])
+def test_a_campaign_is_made_of_a_list_of_tests(tests: Any) -> None:
+    message = rf"campaign: tests must be a list, got {tests!r}\..* lb\.read_campaign\("
+    refuses(message, lb.Campaign, tests)
+
+
+def test_an_existing_folder_is_replaced_by_an_argument(
+    tmp_path: Path, recovered: lb.Campaign
+) -> None:
+    refuses(r"replace it: force=True \(--force\)", lb.write_campaign, recovered, tmp_path)
 
 
 def test_readings_are_numbers() -> None:

@@ -72,6 +72,10 @@ LABELS = (
     "ball_bar_calibrated",
     "force_device",
 )
+# Advice to a user who gives something else than a list of tests, such as the name of a folder.
+_ADVICE_ON_TESTS = (
+    "Make tests with lb.CircularTest(...); read a campaign with lb.read_campaign(...)."
+)
 # Largest number of characters of the one-line text (``repr``) that Python shows for a campaign.
 _LONGEST_REPR = 80
 # A stated force is that of the force law if it differs from it by at most this share.
@@ -172,7 +176,7 @@ class CampaignFields(Shown):
     frames_mm: SkipValidation[Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
-@raises_input_error("campaign")
+@raises_input_error("campaign", {"tests": _ADVICE_ON_TESTS})
 @dataclass(frozen=True, eq=False, config=STRICT)
 class Campaign(CampaignFields):
     """Circular tests of one machine: a campaign with readings, or a plan without readings.

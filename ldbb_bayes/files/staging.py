@@ -59,7 +59,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         is_free = names is None and not is_file
         require(
             is_free or force,
-            f"{target} must not exist, got an existing one. Choose another name or pass --force.",
+            f"{target} must not exist, got an existing one. Choose another name, or replace"
+            " it: force=True (--force).",
         )
         require(not is_file, f"{target} must be a folder, got a file. Choose another name.")
         for foreign in sorted(set(names or ()) - set(ours)):
@@ -151,7 +152,7 @@ def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
         require(
             force,
             f"{target} must not exist, got one that another run wrote meanwhile. Choose another"
-            " name or pass --force.",
+            " name, or replace it: force=True (--force).",
         )
         shutil.rmtree(retired, ignore_errors=True)
         with suppress(FileNotFoundError):

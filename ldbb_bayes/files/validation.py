@@ -177,6 +177,8 @@ def _describe_invalid(subject: str, error: Any) -> str:
     message = re.sub(r"dictionary or an instance of _\w+", "table", message)
     message = re.sub(r"a valid boolean(, unable to interpret input)?", "true or false", message)
     value = error["input"]
+    if error["type"] == "sequence_str" or message.endswith("instance of Sequence"):
+        return f"{subject} must be a list, got {value!r}. Write it in brackets: [...]."
     if message.startswith(_EXPECTATION):
         expected = message.removeprefix(_EXPECTATION)
         return f"{subject} must be {expected}, got {value!r}. Correct it."
@@ -184,7 +186,9 @@ def _describe_invalid(subject: str, error: Any) -> str:
     return f"{subject} must be valid, got {value!r}: {reason}. Correct it."
 
 
-def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
+def raises_input_error(
+    subject: str, advice: Mapping[str, str] | None = None
+) -> Callable[[type[T]], type[T]]:
     """Return a decorator that makes a class raise an `InputError` for wrong arguments.
 
     The class is a dataclass of the library pydantic, which otherwise raises a `ValidationError`
@@ -196,6 +200,8 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
     ----------
     subject
         Name of the object in the error message, such as "test".
+    advice
+        Further advice for a wrong argument; the keys are the names of the arguments.
     """
 
     def decorate(cls: type[T]) -> type[T]:
@@ -208,7 +214,7 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
             try:
                 pydantic_init(self, *args, **kwargs)
             except ValidationError as error:
-                raise _input_error(cls, subject, kwargs, error) from None
+                raise _input_error(cls, subject, kwargs, error, advice or {}) from None
 
         cls.__init__ = checked_init  # type: ignore[method-assign, assignment]
         return cls
@@ -217,7 +223,11 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
 
 
 def _input_error(
-    cls: type, subject: str, kwargs: dict[str, Any], error: ValidationError
+    cls: type,
+    subject: str,
+    kwargs: dict[str, Any],
+    error: ValidationError,
+    advice: Mapping[str, str],
 ) -> InputError:
     """Return the `InputError` for a wrong argument of a class.
 
@@ -231,6 +241,8 @@ def _input_error(
         Keyword arguments with which the class was called.
     error
         Error that pydantic raised.
+    advice
+        Further advice for a wrong argument; the keys are the names of the arguments.
     """
     first = error.errors()[0]
     cause = first.get("ctx", {}).get("error")
@@ -255,4 +267,5 @@ def _input_error(
             name for name, field in dataclass_fields.items() if field.init and not field.kw_only
         ]
         key = positional[key]
-    return InputError(f"{place}: {_describe_invalid(key, first)}")
+    further = f" {advice[key]}" if key in advice else ""
+    return InputError(f"{place}: {_describe_invalid(key, first)}{further}")
