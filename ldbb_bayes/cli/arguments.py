@@ -110,7 +110,7 @@ def _require_readings(campaign: lb.Campaign, path: Path) -> None:
 
 
 def readings_from(
-    files: list[Path], *, needs_readings: bool = False, **options: Any
+    files: list[Path], *, needs_readings: bool = False, yes: bool = False, **options: Any
 ) -> SourceCampaign:
     """Return the campaign or plan that is read from a campaign folder, a stored fit, or tables.
 
@@ -120,6 +120,8 @@ def readings_from(
         Paths as typed by the user.
     needs_readings
         Whether a plan is refused.
+    yes
+        Whether nothing is asked, even at a terminal.
     **options
         Values of the options for tables, for their layout, and for certificates.
 
@@ -154,7 +156,7 @@ def readings_from(
         campaign_fields(**options),
         instrument_fields(bar_length_mm=bar_length_mm, **certificates),
     )
-    read = source.read_any()
+    read = source.read_any(may_ask=not yes)
     if needs_readings:
         _require_readings(read.campaign, files[0])
     return read
@@ -482,6 +484,7 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 DETAILS = _SHARED["details"]
 PRIOR_FROM = _SHARED["prior_from"]
+YES = _SHARED["yes"]
 
 # The types of the arguments of commands are written as strings, such as "lb.Campaign". The classes
 # that the strings name are then not imported, and the help of a command appears sooner.
@@ -521,7 +524,12 @@ _FILES = inspect.Parameter(
 GivenReadings = Annotated[
     "SourceCampaign",
     group(
-        readings_from, _FILES, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS, **LAYOUT_OPTIONS.options
+        readings_from,
+        _FILES,
+        yes=YES,
+        **_TABLE_OPTIONS,
+        **_CERTIFICATE_OPTIONS,
+        **LAYOUT_OPTIONS.options,
     ),
 ]
 MeasuredReadings = Annotated[
@@ -529,6 +537,7 @@ MeasuredReadings = Annotated[
     group(
         partial(readings_from, needs_readings=True),
         _FILES,
+        yes=YES,
         **_TABLE_OPTIONS,
         **_CERTIFICATE_OPTIONS,
         **LAYOUT_OPTIONS.options,

@@ -60,6 +60,7 @@ def import_(
     ],
     table: arguments.TableFields,
     certificates: arguments.Certificates,
+    yes: Annotated[bool, arguments.YES],
     force: Annotated[bool, arguments.FORCE],
     as_json: Annotated[bool, arguments.JSON],
     quiet: Annotated[bool, arguments.QUIET],
@@ -84,7 +85,7 @@ def import_(
         """Import the user's files; the layout ``completed`` says how their tables are read."""
         return lb.import_campaign(files, layout=completed, **table, **name, instrument=instrument)
 
-    result = import_with_answers(import_with, layout, ask=can_ask())
+    result = import_with_answers(import_with, layout, ask=not yes and can_ask())
     output.deliver(
         result.as_dict(),
         (*parts_of(result), *notes_on_readings(result.campaign)),

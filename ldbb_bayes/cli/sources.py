@@ -239,12 +239,17 @@ class ReportSource:
             imported = replace(imported, campaign=campaign, assumptions=tuple(assumptions))
         return SourceCampaign(campaign, imported)
 
-    def read_any(self) -> SourceCampaign:
+    def read_any(self, *, may_ask: bool = True) -> SourceCampaign:
         """Return the campaign or plan that the user names.
 
         The user may name a folder of a campaign, a stored fit, or files with tables. If the tables
         lack information that is needed to read them, the user is asked for it at a terminal. The
         user is not asked about the machine, the mount or the balls.
+
+        Parameters
+        ----------
+        may_ask
+            Whether to ask at a terminal. If false, tables that lack information are refused.
 
         Returns
         -------
@@ -273,7 +278,7 @@ class ReportSource:
                 first, certificates=self.certificates, **self.campaign_fields
             )
             return SourceCampaign(campaign, None)
-        return self._read_readings(ask=can_ask())
+        return self._read_readings(ask=may_ask and can_ask())
 
     def _read_readings(self, *, ask: bool) -> SourceCampaign:
         """Return the campaign that is read from a campaign.toml or imported from the user's tables.

@@ -61,6 +61,16 @@ def test_import_asks_what_files_leave_open(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("command", ["import", "identify", "next", "design"])
+def test_with_yes_nothing_is_asked(command: str, tmp_path: Path) -> None:
+    answer, question = QUESTIONS["sign_unclear"]
+    files = written(tmp_path, "sign_unclear")
+    out = ["--out", str(tmp_path / "out")]
+    code, shown = at_a_terminal([command, *files, "--yes", *out], f"{answer}\n")
+    assert (code, question in shown) == (2, True), shown
+
+
+@pytest.mark.slow
 def test_two_questions_are_asked_one_after_the_other(tmp_path: Path) -> None:
     files = written(tmp_path, "zero_oclock")
     out = tmp_path / "campaign"
