@@ -188,16 +188,7 @@ def path_draws(
     geometric_errors = np.concatenate([model_draws.beta for model_draws in draws_of_models])
     geometric_errors = np.where(is_tool_ball_offset(bound), 0.0, geometric_errors)
     hysteresis = _draw_hysteresis(bound, draws_of_models)
-    forces = listed_forces(forces_N)
-    if not forces:
-        forces = [0.0, *distinct_forces(bound.setting.force_N).tolist()]
-    require(
-        min(forces) >= 0.0,
-        f"forces_N must not be negative, got {min(forces):g}. The bar pushes tool and table apart.",
-    )
-    for force in forces:
-        if force != bound.setting.reference_force_N:
-            check_deflecting_force(bound.campaign, force, "forces_N")
+    forces = _forces_of_paths(bound, forces_N)
     circles = [first_circle(bound, plane) for plane in bound.setting.tested_planes]
     loaded = np.array([force for force in forces if force > 0.0])
     per_force = None
@@ -217,6 +208,24 @@ def path_draws(
                 quantities |= _bidirectional_quantities(path_um, half_difference_um)
             place = place_of_circle(bound, r) | {"force_N": force}
             yield PathDraws(place, quantities)
+
+
+def _forces_of_paths(bound: BoundModel, forces_N: float | Sequence[float]) -> list[float]:
+    """Return the forces at which tool paths are computed [N], by default 0 and the tested forces.
+
+    Raise an `InputError` for a negative force, or one too far above the tested forces.
+    """
+    forces = listed_forces(forces_N)
+    if not forces:
+        return [0.0, *distinct_forces(bound.setting.force_N).tolist()]
+    require(
+        min(forces) >= 0.0,
+        f"forces_N must not be negative, got {min(forces):g}. The bar pushes tool and table apart.",
+    )
+    for force in forces:
+        if force != bound.setting.reference_force_N:
+            check_deflecting_force(bound.campaign, force, "forces_N")
+    return forces
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
