@@ -17,6 +17,7 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.comparison_tables import assumptions_table, models_table
 from ldbb_bayes.report.identifiability_text import certificates_table, verdicts_table
 from ldbb_bayes.results import Passage, Table, screen_of, table_of
+from ldbb_bayes.tables import terminal_width
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -27,8 +28,8 @@ from ldbb_bayes.units import (
 
 __all__ = ["screen_of"]
 
-# A table of stiffnesses with more rows than this is printed for the largest force alone.
-_MOST_STIFFNESSES = 36
+# A table of stiffnesses with more lines than this is printed for the largest force alone.
+_MOST_LINES = 42
 # A table compares the recommended design of the next tests with at most this many other designs.
 _MOST_DESIGNS = 2
 
@@ -68,11 +69,12 @@ def _screen_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
 def _screen_of_stiffness(stiffness: DirectionalStiffness) -> tuple[Passage, ...]:
     """Return a table of the stiffnesses and directions, of the largest force alone if it is long.
 
-    Where several planes were tested, the values at all forces do not fit on a screen.
+    The values at all forces may not fit on a screen, for example if several planes were tested.
     """
     table = stiffness.table()
-    if len(table) <= _MOST_STIFFNESSES:
-        return (table_of(table),)
+    of_all_forces = table_of(table)
+    if len(of_all_forces.text(terminal_width()).splitlines()) <= _MOST_LINES:
+        return (of_all_forces,)
     of_force = table[table["force_N"] == table["force_N"].max()]
     return (table_of(of_force), wording.MORE)
 
