@@ -152,10 +152,8 @@ def compose(
     -------
     Document
     """
-    writers = SECTIONS
-    if findings.sheets_only:
-        writers = {}
-    steps = len(writers) + 1
+    keys = [] if findings.sheets_only else list(SECTIONS)
+    steps = len(keys) + 1
     show_progress = progress or _ignore_progress
     name = str(findings.result["campaign"]["name"])
     names = [name, *(other.name for other in others)]
@@ -165,26 +163,23 @@ def compose(
     # Another process may draw the figures of the annex while this one lays out the sheets. It may
     # also still be choosing the tests to run next, so that their section is written last.
     sections: dict[str, Section] = {}
-    for key, (title, write) in writers.items():
+    show_progress(0, steps)
+    for key in keys:
         if key != DESIGN:
+            sections[key] = _write_section(key, findings, translation, executor)
             show_progress(len(sections), steps)
-            section = Section(key, title, tuple(write(findings)))
-            sections[key] = _begin_figures(_in_language(section, translation), executor)
-    show_progress(len(sections), steps)
     fitted_sheets = fit_to_pages(
         (
             *sheets(findings, language=language, force_N=force_N, further=len(others)),
             *difference_sheets(findings, others, shared, words_of(language)),
         )
     )
-    if DESIGN in writers:
-        show_progress(len(sections) + 1, steps)
-        title, write = writers[DESIGN]
-        section = Section(DESIGN, title, tuple(write(findings)))
-        sections[DESIGN] = _begin_figures(_in_language(section, translation), executor)
+    if DESIGN in keys:
+        show_progress(len(keys), steps)
+        sections[DESIGN] = _write_section(DESIGN, findings, translation, executor)
     show_progress(steps, steps)
 
-    in_order = [sections[key] for key in writers]
+    in_order = [sections[key] for key in keys]
     title = f"Loaded double ball bar: {name}"
     if others:
         side_by_side = beside(findings.result, others, shared, prob=findings.prob)
@@ -194,13 +189,26 @@ def compose(
     translate = str if translation is None else translation.text
     return Document(
         translate(title),
-        tuple(translate(line) for line in _lines_below_title(findings)),
-        tuple(translate(alert) for alert in _alerts(findings, others)),
+        tuple(map(translate, _lines_below_title(findings))),
+        tuple(map(translate, _alerts(findings, others))),
         tuple(in_order),
         fitted_sheets,
         annex,
         language,
     )
+
+
+def _write_section(
+    key: str, findings: Findings, translation: TextTranslation | None, executor: Executor | None
+) -> Section:
+    """Write a section of the annex, whose figures another process may begin to draw.
+
+    ``key`` is the key of the section in ``SECTIONS``. ``translation`` is None for English. If
+    ``executor`` is None, this process draws the figures.
+    """
+    title, write = SECTIONS[key]
+    section = _in_language(Section(key, title, tuple(write(findings))), translation)
+    return _begin_figures(section, executor)
 
 
 def _in_language(section: Section, translation: TextTranslation | None) -> Section:
