@@ -29,8 +29,8 @@ __all__ = ["information_of", "informations_of"]
 class _Noise:
     """Nuisance effect that varies randomly between tests and is therefore treated as noise.
 
-    A nuisance effect is modelled but not of interest. ``term`` is the class name of the nuisance
-    term, and ``columns`` holds the change of the reading per unit of each coefficient of this term.
+    ``term`` is the class name of the nuisance term, and ``columns`` holds the change of the reading
+    per unit of each coefficient of this term.
     """
 
     term: str
@@ -39,16 +39,15 @@ class _Noise:
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
         """Return a nuisance effect's contribution to the covariance of reduced readings [mm²].
 
-        Nuisances are effects that are modelled but not of interest. The m reduced readings are at
-        most 25 numbers that replace the readings of a test; the result has the shape (m, m).
+        The m reduced readings are at most 25 numbers that replace the readings of a test; the
+        result has the shape (m, m).
 
         Parameters
         ----------
         factor
             Matrix that converts 25 Fourier coefficients into the test's reduced readings, (m, 25).
         hyper
-            Values of the hyper-parameters (such as the standard deviation of the noise) by name;
-            lengths in mm.
+            Values of the hyper-parameters by name; lengths in mm.
         test
             Index of the test, from 0.
         """
@@ -64,11 +63,11 @@ class _SortedColumns(NamedTuple):
     """Columns of the design matrix for all nuisance terms, sorted into two groups.
 
     The coefficients of one group are the same in all tests; those of the other group differ between
-    tests. Nuisances are effects that are modelled but not of interest.
+    tests.
     """
 
-    #: columns of nuisance terms (effects modelled but not of interest) whose coefficients are the
-    #: same in all tests. A column holds the change of each reading per unit of one coefficient
+    #: columns of nuisance terms whose coefficients are the same in all tests. A column holds the
+    #: change of each reading per unit of one coefficient
     shared: list[Columns]
     #: for each coefficient of the columns in ``shared``, the class name of the nuisance term to
     #: which it belongs
@@ -84,8 +83,7 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
     The coefficients are the parameters of interest, and the nuisance coefficients that have the
     same value in all tests. Nuisances are effects modelled but not of interest; those whose
     coefficients differ between tests are treated as noise. ``bound`` is the model of the campaign.
-    ``phi``, shape (h,), holds the h hyper-parameters (such as the standard deviation of the noise),
-    with lengths in mm.
+    ``phi``, shape (h,), holds the h hyper-parameters, with lengths in mm.
     """
     return next(informations_of(bound, phi[None]))
 
@@ -98,11 +96,11 @@ def informations_of(
     The coefficients are the parameters of interest, and the nuisance coefficients that have the
     same value in all tests. Nuisances are effects modelled but not of interest; those whose
     coefficients differ between tests are treated as noise. ``bound`` is the model of a campaign.
-    ``phi``, shape (w, h), holds w values of the h hyper-parameters (such as the standard deviation
-    of the noise), with lengths in mm. The design matrix holds the effect of one unit of each
-    coefficient on the reduced readings (at most 25 numbers for each test). It does not depend on
-    the hyper-parameters and is computed once. Tests with the same noise share one covariance.
-    ``tests`` are the indices of the tests that give information, from 0. Default: all tests.
+    ``phi``, shape (w, h), holds w values of the h hyper-parameters, with lengths in mm. The design
+    matrix holds the effect of one unit of each coefficient on the reduced readings. It does not
+    depend on the hyper-parameters and is computed once. Tests with the same noise share one
+    covariance. ``tests`` are the indices of the tests that give information, from 0. Default: all
+    tests.
     """
     if tests is None:
         tests = range(len(bound.reduced))
@@ -131,11 +129,10 @@ def informations_of(
 def _sort_columns(bound: BoundModel) -> _SortedColumns:
     """Return the columns of all nuisance terms of a campaign's model, sorted into two groups.
 
-    A nuisance is an effect that is modelled but not of interest. A column holds the change of each
-    reading when one coefficient of a nuisance increases by one unit. The first group holds the
-    columns whose coefficients are the same in all tests, the second group those whose coefficients
-    differ between tests. The result also names the term to which each coefficient of the first
-    group belongs. ``bound`` is the model of the campaign.
+    A column holds the change of each reading when one coefficient of a nuisance increases by one
+    unit. The first group holds the columns whose coefficients are the same in all tests, the second
+    group those whose coefficients differ between tests. The result also names the term to which
+    each coefficient of the first group belongs. ``bound`` is the model of the campaign.
     """
     shared: list[Columns] = []
     owners: list[str] = []
@@ -179,12 +176,11 @@ def _noise_covariances(
 ) -> dict[str, Array]:
     """Return, for each source of noise, the covariance of one test's reduced readings [mm²].
 
-    The result is a dict of arrays of shape (m, m), for m reduced readings (at most 25 numbers that
-    replace the readings of a test). ``noises`` are the nuisance terms (effects modelled but not of
-    interest) that are treated as noise. The keys of the result are the class names of these terms;
-    the white noise of the readings has the key ``NOISE``. ``factor``, shape (m, 25), converts
-    Fourier coefficients into reduced readings. ``hyper`` holds the hyper-parameters by name, with
-    lengths in mm. ``test`` is the index of the test, from 0.
+    The result is a dict of arrays of shape (m, m), for m reduced readings. ``noises`` are the
+    nuisance terms that are treated as noise. The keys of the result are the class names of these
+    terms; the white noise of the readings has the key ``NOISE``. ``factor``, shape (m, 25),
+    converts Fourier coefficients into reduced readings. ``hyper`` holds the hyper-parameters by
+    name, with lengths in mm. ``test`` is the index of the test, from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

@@ -23,10 +23,9 @@ __all__ = ["ParameterConditional"]
 class ParameterConditional(Gaussian):
     """Gaussian density p(β | y, φ) of the parameters given the readings, for w values of φ.
 
-    β are the p parameters, y the readings and φ the hyper-parameters (such as the standard
-    deviation of the noise). ``physical`` is the region A β ≥ 0 in which compliances are not
-    negative, where A has the shape (rows, p). The Gaussian density itself is not truncated to this
-    region.
+    β are the p parameters, y the readings and φ the hyper-parameters. ``physical`` is the region A
+    β ≥ 0 in which compliances are not negative, where A has the shape (rows, p). The Gaussian
+    density itself is not truncated to this region.
     """
 
     physical: Truncation
@@ -47,9 +46,8 @@ class ParameterConditional(Gaussian):
     def orthant(self) -> Orthant:
         """Object that computes the probability that no compliance is negative, for w values of φ.
 
-        φ are the hyper-parameters (such as the standard deviation of the noise). The object can
-        also draw standard normal vectors under the condition that no compliance is negative. The
-        method ``from_standard`` converts such vectors to parameters.
+        The object can also draw standard normal vectors under the condition that no compliance is
+        negative. The method ``from_standard`` converts such vectors to parameters.
         """
         rows = self.physical.rows
         return Orthant(self.mean @ rows.T, self.spread(rows))

@@ -481,7 +481,7 @@ class DesignRows:
     """Observation equations r = A x + noise, and the elimination of their coefficients x.
 
     r are readings, and A is the design matrix with one column for each coefficient. Coefficients
-    belong to nuisances, which are effects modelled but not of interest.
+    belong to nuisances.
 
     Parameters
     ----------
@@ -513,12 +513,11 @@ class DesignRows:
     ) -> None:
         """Store the observation equations r = A x + noise of coefficients x of nuisances.
 
-        Nuisances are effects that are modelled but not of interest. ``columns``, shape (rows,
-        columns), is the design matrix A, and ``values``, shape (rows,), holds the readings r.
-        ``kinds``, shape (rows,), holds the index of each row's kind; rows of one kind have the same
-        variance. ``signs``, shape (columns,), holds the sign (+1 or −1) of the prior variance of
-        each coefficient. The first ``shared`` columns have coefficients that are the same in all
-        tests.
+        ``columns``, shape (rows, columns), is the design matrix A, and ``values``, shape (rows,),
+        holds the readings r. ``kinds``, shape (rows,), holds the index of each row's kind; rows of
+        one kind have the same variance. ``signs``, shape (columns,), holds the sign (+1 or −1) of
+        the prior variance of each coefficient. The first ``shared`` columns have coefficients that
+        are the same in all tests.
         """
         self._columns = columns
         self._values = values
@@ -530,17 +529,16 @@ class DesignRows:
     def elimination(self, last: int) -> Elimination:
         """Return the Cholesky elimination of all nuisance coefficients in an order that saves time.
 
-        Nuisances are effects modelled but not of interest. Shared coefficients are the same in all
-        tests. The shared coefficients of the last columns are eliminated after all others, in the
-        order of these columns; ``last`` is their number.
+        Shared coefficients are the same in all tests. The shared coefficients of the last columns
+        are eliminated after all others, in the order of these columns; ``last`` is their number.
         """
         return self.elimination_ending_with(tuple(range(self._shared - last, self._shared)))
 
     def elimination_ending_with(self, last_columns: tuple[int, ...]) -> Elimination:
         """Return the Cholesky elimination of all nuisance coefficients that ends with some columns.
 
-        Nuisances are effects modelled but not of interest. ``last_columns`` holds the indices of
-        columns of the design matrix, in the order in which they are eliminated after all others.
+        ``last_columns`` holds the indices of columns of the design matrix, in the order in which
+        they are eliminated after all others.
         """
         if last_columns not in self._eliminations:
             indices = np.array(last_columns, dtype=np.intp)

@@ -90,9 +90,8 @@ DEGREE_NAMES = ("constant", "linear", "quadratic")
 Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
-# Order of the hyper-parameters (such as the standard deviation of the noise) in all arrays and
-# lists. Hyper-parameters that are not named here follow. The factors λ, each of which multiplies
-# the noise of one circle, are last.
+# Order of the hyper-parameters in all arrays and lists. Hyper-parameters that are not named here
+# follow. The factors λ, each of which multiplies the noise of one circle, are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
 # each circle has a separate factor λ, which multiplies its noise. Otherwise no circle has such a
@@ -109,7 +108,7 @@ _MOST_MACHINES = 20_000
 
 
 def _default_terms() -> tuple[Term, ...]:
-    """Return the nuisance terms (effects modelled but not of interest) of the default model.
+    """Return the nuisance terms of the default model.
 
     These are all terms except those that are only added on request (``on_demand``).
     """
@@ -148,8 +147,7 @@ class HybridModel(Result):
     #: nuisance terms: effects on the readings that are modelled but not of interest, such as the
     #: form errors of the balls
     nuisances: Sequence[Term] = field(default_factory=_default_terms)
-    #: prior of the parameters of interest (compliances, their changes with force, and geometric
-    #: errors) and of the hyper-parameters (such as the standard deviation of the noise)
+    #: prior of the parameters of interest and of the hyper-parameters
     prior: Prior = field(default_factory=Prior.default)
     #: reference force F0 [N], at which compliances are stated; by default the midpoint between the
     #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the article on the
@@ -188,9 +186,9 @@ class HybridModel(Result):
     def _check_terms(self) -> None:
         """Raise an `InputError` unless the model's nuisance terms are valid and fit together.
 
-        Nuisances are effects that are modelled but not of interest. Each term must be an object of
-        a dataclass derived from `Term`, and each class may occur only once. Names of
-        hyper-parameters must differ. A model with a flat prior must have no nuisance terms.
+        Each term must be an object of a dataclass derived from `Term`, and each class may occur
+        only once. Names of hyper-parameters must differ. A model with a flat prior must have no
+        nuisance terms.
         """
         for term in self.nuisances:
             _check_is_object(term)
@@ -223,9 +221,8 @@ class HybridModel(Result):
     def default(cls, degree: int = 1) -> HybridModel:
         """Return the default model, with proper priors and without negative compliances.
 
-        The model has all nuisances (effects that are modelled but not of interest) except those
-        that are only added on request. Each compliance is a polynomial in force of the degree
-        ``degree``: 0, 1 or 2.
+        The model has all nuisances except those that are only added on request. Each compliance is
+        a polynomial in force of the degree ``degree``: 0, 1 or 2.
         """
         return cls(degree)
 
@@ -244,8 +241,8 @@ class HybridModel(Result):
         """Return the model whose point estimates are least-squares estimates (preset ``paper``).
 
         Eq. 31 in the article on the hybrid model gives these estimates. The model has flat priors
-        and no nuisances (effects modelled but not of interest), and its compliances may be
-        negative. Each compliance is a polynomial in force of the degree ``degree``: 0, 1 or 2.
+        and no nuisances, and its compliances may be negative. Each compliance is a polynomial in
+        force of the degree ``degree``: 0, 1 or 2.
         """
         return cls(degree, (), Prior.paper(), preset="paper")
 
@@ -263,9 +260,9 @@ class HybridModel(Result):
     def with_degree(self, degree: int) -> HybridModel:
         """Return the same model with another degree of the compliance as a polynomial in force.
 
-        The degree is 0, 1 or 2. If it is smaller than before, slopes (changes of compliances with
-        force) of higher degrees no longer exist; priors that the user gave for these slopes are
-        dropped, and the names of these slopes are removed from ``fixed``.
+        The degree is 0, 1 or 2. If it is smaller than before, slopes of higher degrees no longer
+        exist; priors that the user gave for these slopes are dropped, and the names of these slopes
+        are removed from ``fixed``.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -277,9 +274,9 @@ class HybridModel(Result):
     def with_slope_scale(self, scale: float) -> HybridModel:
         """Return the same model with another ``slope_scale``, a factor without unit.
 
-        ``scale`` is the new factor. The default prior sds of all slopes (changes of compliances
-        with force) are proportional to this factor. Prior sds that the user gave for slopes are
-        multiplied by the ratio of the new factor to the old factor.
+        ``scale`` is the new factor. The default prior sds of all slopes are proportional to this
+        factor. Prior sds that the user gave for slopes are multiplied by the ratio of the new
+        factor to the old factor.
         """
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
@@ -310,7 +307,7 @@ class HybridModel(Result):
         """Return the same model with other priors of parameters and hyper-parameters.
 
         For a parameter of interest, give the mean and the sd of its prior; if it was fixed at zero,
-        it is free again. The mean of a slope (change of a compliance with force) must be 0. Each
+        it is free again. The mean of a slope must be 0. Each
         value is a string with a unit, or a number. Numbers for parameters of interest are in
         internal units (mm, N, rad); a number for a field of `Prior` is in the unit that the field's
         name states. Whether the machine has a parameter is checked when the model is applied to a
@@ -377,9 +374,8 @@ class HybridModel(Result):
     def with_term(self, *terms: Term) -> HybridModel:
         """Return the same model with further nuisance terms.
 
-        Nuisances are effects that are modelled but not of interest. If the model already has a term
-        of the same class, the new term replaces it. Raise an `InputError` for anything that is no
-        term, such as the name or the class of one.
+        If the model already has a term of the same class, the new term replaces it. Raise an
+        `InputError` for anything that is no term, such as the name or the class of one.
 
         Examples
         --------
@@ -394,8 +390,7 @@ class HybridModel(Result):
     def including(self, *terms: Term) -> HybridModel:
         """Return the same model with further nuisance terms, as the method `with_term` does.
 
-        Nuisances are effects that are modelled but not of interest. Issue a warning that
-        ``including`` is the old name of the method.
+        Issue a warning that ``including`` is the old name of the method.
         """
         renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
         return self.with_term(*terms)
@@ -432,9 +427,8 @@ class HybridModel(Result):
     def with_rivals(self, *names: str) -> HybridModel:
         """Return the same model without some effects that resemble a slope.
 
-        A slope is a change of a compliance with force. Effects that resemble it, such as ``joint
-        load``, are called rivals; the property `rivals` lists those of a model. The result has only
-        those rivals that are in ``names``.
+        The property `rivals` lists these effects of a model, such as ``joint load``. The result has
+        only those that are in ``names``.
         """
         model = self
         for name in self.rivals:
@@ -452,9 +446,8 @@ class HybridModel(Result):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of the model: first the sd σ of white noise, then those of nuisances.
 
-        Nuisances are effects modelled but not of interest. Most of their hyper-parameters are sds
-        of effects. Some are numbers without unit, such as the exponent with which form errors
-        decrease with their order.
+        Most of their hyper-parameters are sds of effects. Some are numbers without unit, such as
+        the exponent with which form errors decrease with their order.
         """
         scales = [_SIGMA]
         for term in self.nuisances:
@@ -464,9 +457,8 @@ class HybridModel(Result):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters that have an effect on the tests of a campaign.
 
-        Hyper-parameters are quantities such as the standard deviation of the noise. If the noise of
-        each circle is multiplied by a factor λ, these factors are included. ``setting`` describes
-        the test conditions.
+        If the noise of each circle is multiplied by a factor λ, these factors are included.
+        ``setting`` describes the test conditions.
         """
         scales = [_SIGMA]
         acting = {_SIGMA.name}
@@ -481,7 +473,7 @@ class HybridModel(Result):
     def terms(self) -> tuple[str, ...]:
         """Names of all parts of the model: Compliance, GeometricErrors, then its nuisance terms.
 
-        Nuisance terms (effects modelled but not of interest) have the names of their classes.
+        Nuisance terms have the names of their classes.
         """
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
@@ -643,9 +635,9 @@ _KEPT_ESTIMATES = 64
 # Cache of bound models: models that were applied to a whole campaign, the newest last. Several
 # analyses can use the same bound model, because a model in the cache is never changed.
 _BOUND_MODELS: list[BoundModel] = []
-# Largest number of bound models (models applied to a campaign) that the cache holds. An average
-# over models with constant and linear compliance uses sixteen bound models, and a fit of the same
-# campaign may use further bound models.
+# Largest number of bound models that the cache holds. An average over models with constant and
+# linear compliance uses sixteen bound models, and a fit of the same campaign may use further bound
+# models.
 _KEPT_BOUND_MODELS = 24
 
 
@@ -653,8 +645,7 @@ class BoundModel(Shown):
     """The model of one campaign: ρ = H β + nuisances + ε, with priors for this campaign.
 
     ρ are the readings, β the p parameters of interest, H the readings per unit of each parameter,
-    and ε white noise. Parameters of interest are compliances, their slopes (changes with force) and
-    geometric errors. Nuisances are effects that are modelled but not of interest.
+    and ε white noise.
 
     Parameters
     ----------
@@ -847,11 +838,10 @@ class BoundModel(Shown):
         """Return the matrix A of the conditions A β ≥ 0 on the parameters β, shape (rows, p).
 
         β are the p parameters of interest. A β holds the compliances C(F) that must not be
-        negative, at tested forces F. The elements of A for slopes (changes of compliances with
-        force) are powers of F − F0, where F0 is the reference force ``reference_force_N``. If
-        compliances are constant in force, A has rows for only one tested force. If they are linear
-        in force, A has rows for the smallest and the largest tested force. If they are quadratic,
-        A has rows for all tested forces.
+        negative, at tested forces F. The elements of A for slopes are powers of F − F0, where F0 is
+        the reference force ``reference_force_N``. If compliances are constant in force, A has rows
+        for only one tested force. If they are linear in force, A has rows for the smallest and the
+        largest tested force. If they are quadratic, A has rows for all tested forces.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
@@ -924,9 +914,8 @@ class BoundModel(Shown):
     def terms(self) -> tuple[str, ...]:
         """Names of the parts of the model that have an effect on the tests of this campaign.
 
-        The names are Compliance, GeometricErrors and the class names of nuisance terms (effects
-        modelled but not of interest). Drift, for example, has no effect if the order of the tests
-        is not known.
+        The names are Compliance, GeometricErrors and the class names of nuisance terms. Drift, for
+        example, has no effect if the order of the tests is not known.
         """
         idle = []
         for kind, columns in self.columns_of.items():
@@ -960,9 +949,9 @@ class BoundModel(Shown):
     def prior_sd_for_sizes(self, compliance_size: Array) -> Array:
         """Return the prior sds that the parameters have if the compliances have other magnitudes.
 
-        The prior sd of a slope (change of a compliance with force) is proportional to the estimated
-        magnitude of its compliance. ``compliance_size``, shape (compliances,), holds the magnitudes
-        that replace the estimated ones. The result has the shape (p,), in mm, N and rad.
+        The prior sd of a slope is proportional to the estimated magnitude of its compliance.
+        ``compliance_size``, shape (compliances,), holds the magnitudes that replace the estimated
+        ones. The result has the shape (p,), in mm, N and rad.
         """
         setting = replace(self.setting, compliance_size_estimate=compliance_size)
         return self._of_interest.prior_sd(self.model.prior, setting)[self._free]
@@ -991,9 +980,8 @@ class BoundModel(Shown):
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
         """Dict with the columns of every nuisance term; its keys are the classes of the terms.
 
-        Nuisance terms are effects that are modelled but not of interest. A column holds the change
-        of the reading per unit of one coefficient. For a term that has no effect on the tests of
-        this campaign, the dict holds an empty tuple.
+        A column holds the change of the reading per unit of one coefficient. For a term that has no
+        effect on the tests of this campaign, the dict holds an empty tuple.
         """
         columns = {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
         for kind, columns_of_term in columns.items():
@@ -1002,10 +990,7 @@ class BoundModel(Shown):
 
     @property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
-        """Columns (readings per unit coefficient) of all nuisance terms, in one tuple.
-
-        Nuisances are effects that are modelled but not of interest.
-        """
+        """Columns (readings per unit coefficient) of all nuisance terms, in one tuple."""
         columns: list[Columns | BasisNoise] = []
         for columns_of_term in self.columns_of.values():
             columns.extend(columns_of_term)
@@ -1015,10 +1000,9 @@ class BoundModel(Shown):
     def given_interest(self) -> StructuredGaussian:
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
-        The result is an object that computes this density. Nuisances are effects modelled but not
-        of interest. β are the parameters of interest and φ the hyper-parameters (such as the
-        standard deviation of the noise). The methods of the object take the difference β − `centre`
-        instead of β, where `centre` is a least-squares estimate of β.
+        The result is an object that computes this density. β are the parameters of interest and φ
+        the hyper-parameters. The methods of the object take the difference β − `centre` instead of
+        β, where `centre` is a least-squares estimate of β.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
@@ -1027,11 +1011,10 @@ class BoundModel(Shown):
         """Density p(y | φ) of the readings y, with nuisances and parameters β integrated out.
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
-        the hyper-parameters (such as the standard deviation of the noise). Negative compliances are
-        not excluded. The readings that the least-squares estimate `centre` of β predicts are
-        subtracted from y. The differences β − `centre` are then treated like the coefficients of
-        nuisances that are the same in all tests. In arrays, they come after the coefficients of
-        nuisances.
+        the hyper-parameters. Negative compliances are not excluded. The readings that the
+        least-squares estimate `centre` of β predicts are subtracted from y. The differences β −
+        `centre` are then treated like the coefficients of nuisances that are the same in all tests.
+        In arrays, they come after the coefficients of nuisances.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
@@ -1043,12 +1026,11 @@ class BoundModel(Shown):
     ) -> StructuredGaussian:
         """Return the density of the readings, with the nuisance coefficients integrated out.
 
-        The coefficients belong to nuisances, which are effects that are modelled but not of
-        interest. ``columns`` holds the columns of the design matrix that belong to these
-        coefficients, and those nuisances that are described as noise. ``interest``, shape (tests,
-        25, p), holds the change of the readings per unit of each of the p parameters of interest.
-        If it is None, the density does not depend on parameters. The readings that `centre`, the
-        least-squares estimate, predicts are first subtracted.
+        ``columns`` holds the columns of the design matrix that belong to these coefficients, and
+        those nuisances that are described as noise.
+        ``interest``, shape (tests, 25, p), holds the change of the readings per unit of each of the
+        p parameters of interest. If it is None, the density does not depend on parameters. The
+        readings that `centre`, the least-squares estimate, predicts are first subtracted.
         """
         return StructuredGaussian(
             self.reduced,
@@ -1061,10 +1043,8 @@ class BoundModel(Shown):
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y, shape (w,).
 
-        ``phi``, shape (w, h), holds w values of the h hyper-parameters φ (such as the standard
-        deviation of the noise), with lengths in mm. ``beta``, shape (w, p), holds w values of the p
-        parameters of interest β (compliances, their changes with force, and geometric errors) in
-        mm, N and rad.
+        ``phi``, shape (w, h), holds w values of the h hyper-parameters φ, with lengths in mm.
+        ``beta``, shape (w, p), holds w values of the p parameters of interest β in mm, N and rad.
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
@@ -1117,10 +1097,9 @@ class BoundModel(Shown):
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
-        y are the readings, β the p parameters of interest, and φ the h hyper-parameters (such as
-        the standard deviation of the noise). ``phi``, shape (w, h), holds w values of φ, with
-        lengths in mm. Negative compliances are not excluded. With a flat prior of β, the evidence
-        is defined only up to a constant factor.
+        y are the readings, β the p parameters of interest, and φ the h hyper-parameters. ``phi``,
+        shape (w, h), holds w values of φ, with lengths in mm. Negative compliances are not
+        excluded. With a flat prior of β, the evidence is defined only up to a constant factor.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
@@ -1132,10 +1111,9 @@ class BoundModel(Shown):
     def log_evidence(self, phi: Array) -> Array:
         """Return the log evidence ln p(y | φ) of the readings y, shape (w,).
 
-        Nuisances are effects that are modelled but not of interest. φ are the h hyper-parameters,
-        such as the standard deviation of the noise. ``phi``, shape (w, h), holds w values of φ,
-        with lengths in mm. Parameters and nuisances are integrated out, and negative compliances
-        are not excluded. `given` returns the same log evidence.
+        φ are the h hyper-parameters. ``phi``, shape (w, h), holds w values of φ, with lengths in
+        mm. Parameters and nuisances are integrated out, and negative compliances are not excluded.
+        `given` returns the same log evidence.
         """
         return self.collapsed.log_density(phi)
 
@@ -1164,12 +1142,11 @@ class BoundModel(Shown):
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        In the default model, the prior sd of a slope (change of a compliance with force) is
-        proportional to the magnitude of the estimated compliance. For a drawn machine, it is
-        proportional to the magnitude of the drawn compliance instead. If the prior excludes
-        negative compliances, no drawn compliance is negative. The parameters are in mm, N and rad.
-        Raise an `InputError` if the prior is flat, or if nearly all machines drawn from the prior
-        have a negative compliance.
+        In the default model, the prior sd of a slope is proportional to the magnitude of the
+        estimated compliance. For a drawn machine, it is proportional to the magnitude of the drawn
+        compliance instead. If the prior excludes negative compliances, no drawn compliance is
+        negative. The parameters are in mm, N and rad. Raise an `InputError` if the prior is flat,
+        or if nearly all machines drawn from the prior have a negative compliance.
         """
         prior = self.model.prior
         if prior.flat or not prior.slopes_of_estimate:
@@ -1271,8 +1248,7 @@ def _check_coefficient_names(kind: type[Term], columns: Sequence[Columns | Basis
     Results find the unit and the words of a coefficient, and its correlation between campaigns, by
     its name. A name that belongs to no term is allowed if the unit and the correlation that it then
     gets, those of `Term`, are those of the term. A term that is derived from another one may keep
-    its names. ``kind`` is the class of the nuisance term (an effect that is modelled but not of
-    interest), and ``columns`` are its columns.
+    its names. ``kind`` is the class of the nuisance term, and ``columns`` are its columns.
     """
     owners = [base for base in kind.__mro__ if base is not Term]
     if kind.unit == Term.unit and kind.campaign_correlation == Term.campaign_correlation:

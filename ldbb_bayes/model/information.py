@@ -41,35 +41,31 @@ class Information:
 
     z are the reduced readings, scaled so that their noise e is white and has unit variance. c are
     all m coefficients, divided by their ``scale`` (prior sd), and A is the design matrix of c. The
-    coefficients are the parameters of interest, and all coefficients of nuisances (effects modelled
-    but not of interest) that have the same value in all tests. If no prior is flat, c has the
-    posterior covariance (1 + AᵀA)⁻¹. Several methods have an argument ``fixed``, which names terms
-    and coefficients that are treated as known. Coefficients treated as known are left out of c, and
-    noise treated as known is left out of e.
+    coefficients are the parameters of interest, and all coefficients of nuisances that have the
+    same value in all tests. If no prior is flat, c has the posterior covariance (1 + AᵀA)⁻¹.
+    Several methods have an argument ``fixed``, which names terms and coefficients that are treated
+    as known. Coefficients treated as known are left out of c, and noise treated as known is left
+    out of e.
     """
 
-    #: Names of the m coefficients of the model: parameters of interest (compliances, their changes
-    #: with force, geometric errors), then nuisance coefficients, which belong to effects that are
-    #: modelled but not of interest.
+    #: Names of the m coefficients of the model: parameters of interest, then nuisance coefficients,
+    #: which belong to effects that are modelled but not of interest.
     names: tuple[str, ...]
-    #: Class name of the nuisance term (an effect modelled but not of interest) to which each of the
-    #: model's m coefficients belongs, or the word ``Parameters`` (the constant `OWN`) for a
-    #: parameter of interest.
+    #: Class name of the nuisance term to which each of the model's m coefficients belongs, or the
+    #: word ``Parameters`` (the constant `OWN`) for a parameter of interest.
     owners: tuple[str, ...]
     #: Prior sd of each of the model's m coefficients in internal units (mm, N, rad), shape (m,). If
     #: the prior of a coefficient is flat, its typical magnitude is stored instead.
     scale: Array
-    #: Whether the parameters of interest (compliances, their changes with force, and geometric
-    #: errors) have flat priors.
+    #: Whether the parameters of interest have flat priors.
     flat: bool
     #: Design matrix of each test, shape (k, m): the change of the test's k reduced readings per
     #: unit of each of the model's m coefficients. Reduced readings are numbers, 25 at most, that
     #: replace the readings of a test.
     design: tuple[Array, ...]
     #: One dict for each test. It holds, for every independent source of noise, the covariance of
-    #: the test's k reduced readings (at most 25 numbers that replace its readings), shape (k, k)
-    #: [mm²]. The keys are the class names of the terms that cause the noise; the white noise of the
-    #: readings has the key ``NOISE``.
+    #: the test's k reduced readings, shape (k, k) [mm²]. The keys are the class names of the terms
+    #: that cause the noise; the white noise of the readings has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -82,16 +78,12 @@ class Information:
 
     @property
     def interest(self) -> NDArray[np.intp]:
-        """Indices, in the list of all coefficients, of the p parameters of interest, shape (p,).
-
-        Parameters of interest are compliances, their slopes (changes with force) and geometric
-        errors.
-        """
+        """Indices, in the list of all coefficients, of the p parameters of interest, shape (p,)."""
         return np.flatnonzero([owner == OWN for owner in self.owners])
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Class names of all nuisance terms (effects modelled but not of interest).
+        """Class names of all nuisance terms.
 
         Terms that act only as noise of single tests come last. The white noise of the readings is
         left out.
@@ -103,10 +95,7 @@ class Information:
 
     @property
     def shared_terms(self) -> tuple[str, ...]:
-        """Class names of the nuisance terms whose coefficients are the same in all tests.
-
-        Nuisances are effects that are modelled but not of interest.
-        """
+        """Class names of the nuisance terms whose coefficients are the same in all tests."""
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
     def rows(self, fixed: Collection[str] = ()) -> Array:
@@ -124,8 +113,7 @@ class Information:
         """Return the design matrix of each test, scaled so that the noise has unit covariance.
 
         The design matrix is multiplied from the left by the inverse Cholesky factor of the noise
-        covariance of the test's reduced readings (at most 25 numbers that replace the readings).
-        All m coefficients are divided by their prior sd.
+        covariance of the test's reduced readings. All m coefficients are divided by their prior sd.
 
         Parameters
         ----------
@@ -209,8 +197,7 @@ class Information:
     def _root(self) -> Array:
         """Square root of the posterior precision matrix of all m coefficients, shape (m, m).
 
-        Nuisances are effects that are modelled but not of interest. The coefficients are the
-        parameters of interest and the nuisance coefficients of a model.
+        The coefficients are the parameters of interest and the nuisance coefficients of a model.
         """
         return self._root_of(self._all_rows, np.arange(len(self.names)))
 
@@ -220,10 +207,9 @@ class Information:
         The coefficients are divided by their prior sd, so that their prior precision is one. If the
         prior of the parameters of interest is flat, their prior precision is zero.
 
-        ``rows`` is the design matrix of the model's m coefficients for k reduced readings (numbers
-        that replace the readings of the tests) with unit noise, shape (k, m). ``free`` holds the
-        indices of the coefficients that are used; the others are taken as known. The result is a
-        matrix R, with RᵀR = posterior precision.
+        ``rows`` is the design matrix of the model's m coefficients for k reduced readings with unit
+        noise, shape (k, m). ``free`` holds the indices of the coefficients that are used; the
+        others are taken as known. The result is a matrix R, with RᵀR = posterior precision.
         """
         prior = np.ones(len(free))
         if self.flat:
@@ -236,7 +222,7 @@ class Information:
         """Names of all sources of noise.
 
         They are ``NOISE`` for white noise, and the class names of the nuisance terms that act as
-        noise. Nuisances are effects that are modelled but not of interest.
+        noise.
         """
         return frozenset(name for sources in self.noise for name in sources)
 
@@ -293,8 +279,7 @@ class Information:
         """Return the posterior variances of the p parameters of interest, shape (p,).
 
         Each variance is divided by the square of the parameter's ``scale``, which is its prior sd
-        unless the prior is flat. Parameters of interest are compliances, their slopes (changes with
-        force) and geometric errors.
+        unless the prior is flat.
 
         Parameters
         ----------
@@ -311,13 +296,12 @@ class Information:
     ) -> dict[tuple[str, str], Array]:
         """Return the share of every independent source of uncertainty in the parameters' variances.
 
-        Sources are the priors of the p parameters of interest, the nuisance coefficients (of
-        effects modelled but not of interest) and the noise. The estimate of the parameters is a
-        linear function of all sources. Each source s therefore contributes an error with a
-        covariance Cov_s, shape (p, p), and the total error has the covariance C = Σ Cov_s. The
-        share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with Γ_s = Cov_s C⁻¹, where V
-        is the covariance matrix that is to be divided into shares. The shares of all sources sum to
-        one.
+        Sources are the priors of the p parameters of interest, the nuisance coefficients and the
+        noise. The estimate of the parameters is a linear function of all sources. Each source s
+        therefore contributes an error with a covariance Cov_s, shape (p, p), and the total error
+        has the covariance C = Σ Cov_s. The share of s in the variance of parameter i is [Γ_s V]_ii
+        / V_ii with Γ_s = Cov_s C⁻¹, where V is the covariance matrix that is to be divided into
+        shares. The shares of all sources sum to one.
 
         Parameters
         ----------
@@ -392,12 +376,11 @@ class Information:
     def sd_from_readings(self) -> Array:
         """Return the sd of each nuisance coefficient without its prior, in units of its prior sd.
 
-        Nuisances are effects that are modelled but not of interest. The result, shape (m,), has one
-        element for each of the m coefficients of the model; the elements for parameters of interest
-        are NaN. The sd follows from the readings and from the priors of all other nuisance
-        coefficients. Flat priors are assumed for the coefficient itself and for the parameters of
-        interest. The sd is infinite if the coefficient changes no reading, or if the parameters of
-        interest can change the readings in the same way.
+        The result, shape (m,), has one element for each of the m coefficients of the model; the
+        elements for parameters of interest are NaN. The sd follows from the readings and from the
+        priors of all other nuisance coefficients. Flat priors are assumed for the coefficient
+        itself and for the parameters of interest. The sd is infinite if the coefficient changes no
+        reading, or if the parameters of interest can change the readings in the same way.
 
         The sd is computed from the posterior variance v_k of coefficient k, in units of its prior
         variance, for flat priors of the parameters of interest. Its reciprocal is 1 / v_k = 1 +

@@ -29,9 +29,9 @@ __all__ = [
 ]
 
 Group = Literal["compliance", "slope", "geometric"]
-# The prior sd of a slope (change of a compliance with force) is proportional to the magnitude of
-# the estimated compliance. This magnitude is taken to be at least the typical magnitude of the
-# compliance (usually its prior sd) divided by this number.
+# The prior sd of a slope is proportional to the magnitude of the estimated compliance. This
+# magnitude is taken to be at least the typical magnitude of the compliance (usually its prior sd)
+# divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -47,9 +47,8 @@ class Parameter:
     #: infinite if the prior is flat
     prior_sd: float
     group: Group
-    #: exponent k of the factor (F − F0)^k by which a slope (change of a compliance with force) is
-    #: multiplied; F is the force and F0 the reference force. The exponent is 0 for compliances and
-    #: geometric errors.
+    #: exponent k of the factor (F − F0)^k by which a slope is multiplied; F is the force and F0 the
+    #: reference force. The exponent is 0 for compliances and geometric errors.
     degree: int = 0
     #: mean of the prior of a parameter of interest, in internal units (mm, N, rad); zero if the
     #: prior is flat
@@ -57,7 +56,7 @@ class Parameter:
 
     @property
     def compliance(self) -> str:
-        """Name of the compliance to which a slope (change with force) belongs: C_XXX for C_XXX_1.
+        """Name of the compliance to which a slope belongs: C_XXX for C_XXX_1.
 
         For a compliance or a geometric error, it is the name of the parameter itself.
         """
@@ -147,12 +146,11 @@ class ParametersOfInterest:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
         The sds are in internal units (mm, N, rad). A prior sd that the user gave is used unchanged.
-        The default prior sd of a slope (change of a compliance with force) is proportional to the
-        magnitude of its compliance. This magnitude, which ``setting`` holds, is computed from the
-        estimate of the compliance and its standard uncertainty, added in quadrature. It is taken to
-        be at least 1/20 of the compliance's typical magnitude (usually its prior sd). In the
-        model's first edition (preset ``first``), the prior sd of a slope is proportional to this
-        typical magnitude instead.
+        The default prior sd of a slope is proportional to the magnitude of its compliance. This
+        magnitude, which ``setting`` holds, is computed from the estimate of the compliance and its
+        standard uncertainty, added in quadrature. It is taken to be at least 1/20 of the
+        compliance's typical magnitude (usually its prior sd). In the model's first edition (preset
+        ``first``), the prior sd of a slope is proportional to this typical magnitude instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -201,9 +199,9 @@ def interest_columns(setting: Setting, degree: int) -> Array:
     The result has the shape (tests, 25, parameters). An effect is the change of the reading per
     unit of the parameter, as 25 Fourier coefficients. For a compliance it is F j_C, where F is the
     force and j_C the reading per unit force and per unit of the compliance. For the slope of degree
-    k of this compliance (change with force), it is F (F − F0)^k j_C, where F0 is the reference
-    force. For a geometric error it is j_G, the reading per unit of the error. ``setting`` describes
-    the test conditions. Each compliance is a polynomial in force of the degree ``degree``.
+    k of this compliance, it is F (F − F0)^k j_C, where F0 is the reference force. For a geometric
+    error it is j_G, the reading per unit of the error. ``setting`` describes the test conditions.
+    Each compliance is a polynomial in force of the degree ``degree``.
     """
     lever = setting.force_N - setting.reference_force_N
     columns = []
@@ -219,7 +217,7 @@ def compliance_rows(
     """Return the matrix A with C(F) = A β at one force F, shape (compliances, p).
 
     C(F) are the compliances at this force, and β the p parameters of interest: compliances at the
-    reference force F0, their slopes (changes with force), and geometric errors.
+    reference force F0, their slopes, and geometric errors.
 
     Parameters
     ----------
@@ -250,8 +248,7 @@ def physical_rows(
     The conditions exclude negative values of those compliances that are deflections in the
     direction of the load itself. The product of a row of A and β is the value C(F) of such a
     compliance at one force F. Raise an `InputError` if a compliance is fixed at zero but has a free
-    slope (change with force) that would make the compliance negative on one side of the reference
-    force F0.
+    slope that would make the compliance negative on one side of the reference force F0.
 
     Parameters
     ----------

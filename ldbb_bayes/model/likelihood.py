@@ -59,12 +59,11 @@ class _InterestRows(NamedTuple):
     """The k observation equations that contain the parameters of interest β.
 
     All observation equations together are z − H β = A x + noise. z are the readings, β the p
-    parameters of interest, and x the coefficients of nuisances (effects that are modelled but not
-    of interest).
+    parameters of interest, and x the coefficients of nuisances.
     """
 
-    #: Transpose of the design matrix A of the nuisance coefficients (of effects modelled but not of
-    #: interest) in k observation equations, shape (coefficients, k), dense or sparse.
+    #: Transpose of the design matrix A of the nuisance coefficients in k observation equations,
+    #: shape (coefficients, k), dense or sparse.
     transposed_columns: Array | csr_array
     #: Design matrix H of the p parameters of interest in k observation equations, shape (k, p).
     interest: Array
@@ -90,8 +89,8 @@ class _Batch(NamedTuple):
     weight: Array
     #: Part of Aᵀ D⁻¹ r from those observation equations that depend on the parameters of interest
     #: β, for w values of the hyper-parameters, shape (columns of A, w). A is the design matrix of
-    #: the nuisance coefficients (of effects modelled but not of interest), D the diagonal noise
-    #: covariance, and r the readings minus the effect of β. None if there are no parameters β.
+    #: the nuisance coefficients, D the diagonal noise covariance, and r the readings minus the
+    #: effect of β. None if there are no parameters β.
     shift: Array | None
     #: One part of the log density of the readings, for w values of the hyper-parameters, shape
     #: (w,). The part is −½ Σ ln D − ½ rᵀ D⁻¹ r + constant. D is the diagonal noise covariance, and
@@ -118,9 +117,8 @@ class _Batch(NamedTuple):
 class StructuredGaussian:
     """Density p(z | β, φ) of readings z, with all nuisance coefficients integrated out.
 
-    Nuisances are effects modelled but not of interest. Their coefficients are either shared by all
-    tests or private, which means that each belongs to a single test. β are the parameters, and φ
-    the hyper-parameters (such as the standard deviation of the noise).
+    Coefficients are either shared by all tests or private, which means that each belongs to a
+    single test. β are the parameters, and φ the hyper-parameters.
 
     Parameters
     ----------
@@ -152,11 +150,11 @@ class StructuredGaussian:
         """Set up the observation equations; compute what does not depend on the hyper-parameters.
 
         ``reduced`` are the readings of every test, reduced to at most 25 numbers. ``columns``
-        describes the nuisance terms (effects modelled but not of interest): each item holds columns
-        of the design matrix or the sds of a noise. ``offset``, shape (tests, 25), is the known part
-        of the readings as Fourier coefficients [mm]. ``hypers`` are the names of the
-        hyper-parameters. ``interest``, shape (tests, 25, p), is the reading per unit of each of the
-        p parameters of interest, as Fourier coefficients.
+        describes the nuisance terms: each item holds columns of the design matrix or the sds of a
+        noise. ``offset``, shape (tests, 25), is the known part of the readings as Fourier
+        coefficients [mm]. ``hypers`` are the names of the hyper-parameters. ``interest``, shape
+        (tests, 25, p), is the reading per unit of each of the p parameters of interest, as Fourier
+        coefficients.
         """
         _keep_freed_memory()
         if interest is None:
@@ -213,8 +211,7 @@ class StructuredGaussian:
     def log_density(self, phi: Array, beta: Array | None = None) -> Array:
         """Return the log density ln p(z | β, φ) of the readings z, shape (w,).
 
-        β are the parameters of interest, and φ the hyper-parameters (such as the standard deviation
-        of the noise).
+        β are the parameters of interest, and φ the hyper-parameters.
 
         Parameters
         ----------
@@ -330,12 +327,11 @@ class StructuredGaussian:
     def means(self, phi: Array, beta: Array) -> tuple[Array, Array]:
         """Return conditional means of all nuisance coefficients, for w values of φ and β.
 
-        Nuisances are effects that are modelled but not of interest. The means are conditional on
-        the readings, the parameters of interest β and the hyper-parameters φ. The first result,
-        shape (w, q), holds the means of the q coefficients that are the same in all tests. The
-        second result, shape (w, tests, v), holds the means of the v coefficients of every test that
-        belong to this test only. If the covariance of a noise term could not be made diagonal, the
-        last of the v coefficients describe this noise.
+        The means are conditional on the readings, the parameters of interest β and the
+        hyper-parameters φ. The first result, shape (w, q), holds the means of the q coefficients
+        that are the same in all tests. The second result, shape (w, tests, v), holds the means of
+        the v coefficients of every test that belong to this test only. If the covariance of a noise
+        term could not be made diagonal, the last of the v coefficients describe this noise.
 
         Parameters
         ----------
@@ -363,9 +359,8 @@ class StructuredGaussian:
     ) -> Iterator[_Batch]:
         """Yield batches of values of the hyper-parameters φ, one `_Batch` after the other.
 
-        φ are the hyper-parameters, such as the standard deviation of the noise. A batch also holds
-        quantities that depend on φ, such as the noise variances, from which the log density of the
-        readings is computed.
+        A batch also holds quantities that depend on φ, such as the noise variances, from which the
+        log density of the readings is computed.
 
         Parameters
         ----------

@@ -41,15 +41,14 @@ class Rows(NamedTuple):
     """The n rows of observation equations z − H β = A x + N(0, D).
 
     z are reduced readings or prior means, β are the p parameters of interest, x are the
-    coefficients of nuisances (effects modelled but not of interest), and D is a diagonal covariance
-    matrix. Reduced readings are numbers, 26 at most, that replace the readings of a test.
+    coefficients of nuisances, and D is a diagonal covariance matrix. Reduced readings are numbers,
+    26 at most, that replace the readings of a test.
     """
 
-    #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest),
-    #: shape (n, coefficients), with n observation equations and one column for each coefficient.
+    #: Design matrix A of the coefficients of nuisances, shape (n, coefficients), with n observation
+    #: equations and one column for each coefficient.
     columns: Array
-    #: Design matrix H of the p parameters of interest (compliances, their changes with force, and
-    #: geometric errors), shape (n, p) for n observation equations.
+    #: Design matrix H of the p parameters of interest, shape (n, p) for n observation equations.
     interest: Array
     #: Left-hand side z of each of n observation equations, shape (n,): a reduced reading [mm] or
     #: the prior mean of a coefficient. One equation of each test holds the norm of that part of the
@@ -71,37 +70,33 @@ class Rows(NamedTuple):
 class Observations(NamedTuple):
     """Observation equations of all tests, and other quantities that the likelihood needs.
 
-    The equations are linear in the parameters of interest and in the coefficients of nuisances,
-    which are effects modelled but not of interest.
+    The equations are linear in the parameters of interest and in the coefficients of nuisances.
     """
 
     rows: Rows
     #: Sources of variance, one for each column of ``rows.variance``. A source is a hyper-parameter
     #: (such as the standard deviation of the white noise) or a product of hyper-parameters.
     sources: list[Source]
-    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). Nuisances are
-    #: effects modelled but not of interest. The unit is the prior sd of the coefficient divided by
-    #: the hyper-parameter that scales this sd. If no hyper-parameter scales it, the unit is the
-    #: prior sd. If the prior is flat, the unit is the reciprocal norm of the coefficient's column
-    #: in the design matrix.
+    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). The unit is the
+    #: prior sd of the coefficient divided by the hyper-parameter that scales this sd. If no
+    #: hyper-parameter scales it, the unit is the prior sd. If the prior is flat, the unit is the
+    #: reciprocal norm of the coefficient's column in the design matrix.
     unit: Array
-    #: One sign, +1 or −1, for each nuisance coefficient, shape (coefficients,). Nuisances are
-    #: effects modelled but not of interest. If the sign is −1, the prior variance of the
-    #: coefficient is negative: the coefficient reduces the noise covariance of the readings instead
-    #: of increasing it. `_columns_for_uneven_angles` explains why this is needed.
+    #: One sign, +1 or −1, for each nuisance coefficient, shape (coefficients,). If the sign is −1,
+    #: the prior variance of the coefficient is negative: the coefficient reduces the noise
+    #: covariance of the readings instead of increasing it. `_columns_for_uneven_angles` explains
+    #: why this is needed.
     signs: Array
     #: Number of nuisance coefficients that are the same in all tests. Their columns come first in
-    #: the design matrix of the nuisance coefficients. Nuisances are effects modelled but not of
-    #: interest.
+    #: the design matrix of the nuisance coefficients.
     shared: int
     #: Constants that are added to the log density of the readings, shape (tests + 1,): one for
-    #: every test, and a last one for all flat priors of nuisance coefficients together. Nuisances
-    #: are effects modelled but not of interest.
+    #: every test, and a last one for all flat priors of nuisance coefficients together.
     log_constants: Array
 
 
 class _Nuisances(NamedTuple):
-    """Nuisances (effects modelled but not of interest), sorted by their role in the equations.
+    """Nuisances, sorted by their role in the equations.
 
     The observation equations are z − H β = A x + N(0, D). z are the readings, H β is the effect of
     the parameters of interest β, x are the coefficients of nuisances, and the noise covariance D is
@@ -115,26 +110,20 @@ class _Nuisances(NamedTuple):
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: One sign, +1 or −1, for each nuisance coefficient that has a separate value in every test.
-    #: Nuisances are effects modelled but not of interest. A coefficient with the sign +1 adds noise
-    #: to the model of the readings. If the sign is −1, the prior variance of the coefficient is
-    #: negative, and the coefficient reduces the noise covariance.
+    #: One sign, +1 or −1, for each nuisance coefficient that has a separate value in every test. A
+    #: coefficient with the sign +1 adds noise to the model of the readings. If the sign is −1, the
+    #: prior variance of the coefficient is negative, and the coefficient reduces the noise
+    #: covariance.
     private_signs: list[float]
 
     @property
     def shared_size(self) -> int:
-        """Number of nuisance coefficients that are the same in all tests.
-
-        Nuisances are effects that are modelled but not of interest.
-        """
+        """Number of nuisance coefficients that are the same in all tests."""
         return sum(len(term.names) for term in self.shared)
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that have a separate value in every test.
-
-        Nuisances are effects that are modelled but not of interest.
-        """
+        """Number of nuisance coefficients that have a separate value in every test."""
         return len(self.private_signs)
 
 
@@ -156,34 +145,30 @@ class _Rotated(NamedTuple):
 class _CoefficientPriors(NamedTuple):
     """Gaussian priors of all nuisance coefficients, in the order of the coefficients' columns.
 
-    Nuisances are effects modelled but not of interest. The source of variance of a coefficient is
-    the hyper-parameter, or the product of hyper-parameters, to which its prior sd is proportional.
-    A fixed part of the prior sd, ``stated_sd``, may be added in quadrature.
+    The source of variance of a coefficient is the hyper-parameter, or the product of
+    hyper-parameters, to which its prior sd is proportional. A fixed part of the prior sd,
+    ``stated_sd``, may be added in quadrature.
     """
 
     #: Prior sd of every nuisance coefficient, divided by the hyper-parameter (or product of
     #: hyper-parameters) that scales this sd, shape (coefficients,); infinite for a flat prior.
-    #: Nuisances are effects modelled but not of interest.
     sd: Array
     #: Fixed part of the prior sd of every nuisance coefficient, shape (coefficients,). This part
     #: does not depend on hyper-parameters, and is added in quadrature to the part that does.
-    #: Nuisances are effects modelled but not of interest.
     stated_sd: Array
     mean: Array
     #: For each nuisance coefficient, the index of the source of variance that scales its prior sd,
     #: shape (coefficients,). A source is a hyper-parameter or a product of hyper-parameters.
-    #: Nuisances are effects modelled but not of interest.
     source: NDArray[np.intp]
 
 
 class _Scaled(NamedTuple):
     """Observation equations with rescaled nuisance coefficients.
 
-    Nuisances are effects that are modelled but not of interest. ``unit``, shape (coefficients,),
-    holds the unit in which each coefficient is expressed. It is the prior sd divided by the
-    hyper-parameter that scales this sd or, for a flat prior, the reciprocal norm of the
-    coefficient's column. ``log_volume`` is the constant that all flat priors together add to the
-    log density.
+    ``unit``, shape (coefficients,), holds the unit in which each coefficient is expressed. It is
+    the prior sd divided by the hyper-parameter that scales this sd or, for a flat prior, the
+    reciprocal norm of the coefficient's column. ``log_volume`` is the constant that all flat priors
+    together add to the log density.
     """
 
     rows: Rows
@@ -206,12 +191,12 @@ def observation_equations(
     reduced
         Readings of every test, reduced by projection on the 25 Fourier functions.
     terms
-        Columns and noise of the nuisance terms (effects modelled but not of interest).
+        Columns and noise of the nuisance terms.
     offset
         Known part of the readings of every test, as 25 Fourier coefficients, shape (tests, 25)
         [mm]. This part is subtracted from the readings.
     hypers
-        Names of the hyper-parameters φ, such as the standard deviation of the noise.
+        Names of the hyper-parameters φ.
     interest
         Effect of one unit of each of the p parameters of interest on every test, as 25 Fourier
         coefficients, shape (tests, 25, p).
@@ -261,10 +246,9 @@ def _sort_nuisances(
 ) -> _Nuisances:
     """Return the nuisances, sorted into diagonal noise, shared columns and private columns.
 
-    Nuisances are effects that are modelled but not of interest. Diagonal noise has a diagonal
-    covariance matrix after a change of variables. Columns belong to the design matrix. The
-    coefficient of a shared column is the same in all tests; the coefficient of a private column has
-    a separate value in every test.
+    Diagonal noise has a diagonal covariance matrix after a change of variables. Columns belong to
+    the design matrix. The coefficient of a shared column is the same in all tests; the coefficient
+    of a private column has a separate value in every test.
 
     Parameters
     ----------
@@ -336,9 +320,8 @@ def _reading_rows(
     """Return the observation equations that describe readings, in the order of the tests.
 
     The last equation of each test describes the norm of the part of the test's readings that
-    Fourier series to order 12 cannot describe. The other equations describe reduced readings, which
-    are at most 25 numbers that replace the readings of a test. ``reduced`` holds the reduced
-    readings of every test, ``nuisances`` the nuisances (effects modelled but not of interest), and
+    Fourier series to order 12 cannot describe. The other equations describe reduced readings.
+    ``reduced`` holds the reduced readings of every test, ``nuisances`` the nuisances, and
     ``sources`` the sources of variance (hyper-parameters and their products). ``offset`` (tests,
     25) is the known part of the readings and ``interest`` (tests, 25, p) the effect of the p
     parameters of interest, both as Fourier coefficients [mm]. ``all_uniform`` states whether all
@@ -377,8 +360,8 @@ def _reading_rows(
 def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
     """Return the columns of all nuisance terms side by side, shape (tests, 25, columns).
 
-    Nuisances are effects that are modelled but not of interest. A column is the effect of one unit
-    of a nuisance coefficient on each test, as 25 Fourier coefficients.
+    A column is the effect of one unit of a nuisance coefficient on each test, as 25 Fourier
+    coefficients.
     """
     no_columns = np.zeros((tests, SIZE, 0))
     return np.concatenate([no_columns, *(term.values for term in terms)], axis=2)
@@ -468,11 +451,10 @@ def _coefficient_priors(
 ) -> _CoefficientPriors:
     """Return the priors of all coefficients of nuisances.
 
-    Nuisances are effects that are modelled but not of interest. The coefficients that are the same
-    in all tests come first, followed by the coefficients of each test. ``nuisances`` holds the
-    nuisance terms, sorted by whether their coefficients are the same in all tests. ``tests`` is the
-    number of tests. ``sources`` are the sources of variance (hyper-parameters and their products)
-    to which the indices in the result refer.
+    The coefficients that are the same in all tests come first, followed by the coefficients of each
+    test. ``nuisances`` holds the nuisance terms, sorted by whether their coefficients are the same
+    in all tests. ``tests`` is the number of tests. ``sources`` are the sources of variance
+    (hyper-parameters and their products) to which the indices in the result refer.
     """
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
@@ -529,9 +511,8 @@ def _test_of_coefficients(
 ) -> NDArray[np.intp]:
     """Return the index of the test to which each coefficient belongs, shape (coefficients,).
 
-    The coefficients are those of ``nuisances`` (effects modelled but not of interest). For a
-    coefficient that is the same in all tests, the result holds the number of tests (``tests``)
-    instead of an index.
+    The coefficients are those of ``nuisances``. For a coefficient that is the same in all tests,
+    the result holds the number of tests (``tests``) instead of an index.
     """
     shared = np.full(nuisances.shared_size, tests)
     private = np.repeat(np.arange(tests), nuisances.private_size)

@@ -86,8 +86,8 @@ EXAMPLES = [
 # A prior mean of a parameter is refused if its absolute value exceeds the default prior sd times
 # this number, because the unit is then probably wrong.
 _LARGEST_MEAN_PER_SD = 1000.0
-# Regular expression for the names of compliances, such as C_XXX, and of their slopes (changes with
-# force), such as C_XXX_1.
+# Regular expression for the names of compliances, such as C_XXX, and of their slopes, such as
+# C_XXX_1.
 _COMPLIANCE_NAME = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])(?:_[12])?")
 # For each kind of geometric error, a regular expression for the names of such errors. Examples of
 # names are E_XX1 (gain), E_YX2 (straightness), E_C0YX (squareness), E_Xt0 (offset of the tool ball
@@ -243,8 +243,8 @@ def _kind_of(parameter: str) -> _Kind | None:
 def degree_of(parameter: str) -> int:
     """Return the degree of a slope, 1 or 2, from its name; return 0 for all other parameters.
 
-    ``parameter`` is the name of the parameter. A slope is the change of a compliance with force. It
-    is linear (degree 1) for C_XXX_1 and quadratic (degree 2) for C_XXX_2.
+    ``parameter`` is the name of the parameter. The slope C_XXX_1 is linear (degree 1), and C_XXX_2
+    is quadratic (degree 2).
     """
     stem, _, suffix = parameter.rpartition("_")
     return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0
@@ -295,10 +295,10 @@ class Prior(Shown):
     #: prior sd of compliances that are a rotation per moment, such as C_CCY (rotation about Z per
     #: moment about Z) [rad/(N mm)]
     rotation_for_moment_rad_per_N_mm: float = 1e-9
-    #: factor in the prior sd of slopes (changes of a compliance with force), without unit. A slope
-    #: of degree k has the prior sd slope_scale · c / (F_max − F_min)^k. c is a typical magnitude of
-    #: the compliance (``slopes_of_estimate`` explains how it is computed); F_min and F_max are the
-    #: campaign's smallest and largest force.
+    #: factor in the prior sd of slopes, without unit. A slope of degree k has the prior sd
+    #: slope_scale · c / (F_max − F_min)^k. c is a typical magnitude of the compliance
+    #: (``slopes_of_estimate`` explains how it is computed); F_min and F_max are the campaign's
+    #: smallest and largest force.
     slope_scale: float = 0.3
     gain: float = 2e-4  #: prior sd of a scale error, such as E_XX1 of the X axis, without unit
     squareness_rad: float = 5e-5  #: prior sd of squareness errors, such as E_C(0Y)X [rad]
@@ -327,11 +327,11 @@ class Prior(Shown):
     #: prior sd, before truncation to [0.5, 3.5], of the decay p: the exponent with which form
     #: errors decrease with their order
     decay_sd: float = 0.7
-    #: whether the prior sd of a slope (change of a compliance with force) depends on the estimate
-    #: of its compliance. If true, the typical magnitude c in the formula of ``slope_scale`` is
-    #: max(√(Ĉ² + u²), sd(C)/20), where Ĉ is the estimate of the compliance, u the standard
-    #: uncertainty of the estimate, and sd(C) the prior sd of the compliance. If false, c is sd(C),
-    #: as in the model's first edition (preset ``first``).
+    #: whether the prior sd of a slope depends on the estimate of its compliance. If true, the
+    #: typical magnitude c in the formula of ``slope_scale`` is max(√(Ĉ² + u²), sd(C)/20), where Ĉ
+    #: is the estimate of the compliance, u the standard uncertainty of the estimate, and sd(C) the
+    #: prior sd of the compliance. If false, c is sd(C), as in the model's first edition (preset
+    #: ``first``).
     slopes_of_estimate: bool = True
     #: whether the prior is truncated so that compliances that are deflections in the direction of
     #: the load itself (such as C_XXX, C_YYY and C_CCY) are not negative at the tested forces
@@ -428,7 +428,7 @@ class Prior(Shown):
         """Return the prior of the model's first edition (preset ``first``).
 
         The prior of the balls' form errors is wider than in the default prior, and the prior sds of
-        slopes (changes of compliances with force) do not depend on the readings.
+        slopes do not depend on the readings.
         """
         return cls(tau_um=5.0, slopes_of_estimate=False)
 
@@ -453,9 +453,9 @@ class Prior(Shown):
     ) -> Array:
         """Return the prior sd of the slope of each named compliance, shape (compliances,).
 
-        A slope is the change of a compliance with force. A prior sd that the user gave for a slope
-        is used; otherwise the sd is ``slope_scale`` · size / (force range)^degree, where
-        ``slope_scale`` is a field of the prior. The sds are in mm, N and rad.
+        A prior sd that the user gave for a slope is used; otherwise the sd is ``slope_scale`` ·
+        size / (force range)^degree, where ``slope_scale`` is a field of the prior. The sds are in
+        mm, N and rad.
 
         Parameters
         ----------
@@ -556,7 +556,7 @@ def _check_mean(name: str, mean: float) -> None:
 
     ``name`` is the name of the parameter and ``mean`` the prior mean, in internal units (mm, N,
     rad). A prior mean is refused if it is not finite, if its absolute value exceeds 1000 default
-    prior sds, or if the parameter is a slope (change of a compliance with force).
+    prior sds, or if the parameter is a slope.
     """
     require(
         bool(np.isfinite(mean)),

@@ -2,7 +2,10 @@
 
 The estimates Ĉ, Ê of the compliances C at the reference force and of the geometric errors E are
 posterior means, and u(Ĉ) is the posterior sd of C. The posterior is computed with the
-hyper-parameters φ (such as the standard deviation of the noise) fixed at their prior medians.
+hyper-parameters φ (such as the standard deviation of the noise) fixed at their prior medians. Its
+coefficients are the parameters of interest (compliances, their changes with force, and geometric
+errors) and the coefficients of nuisances, which are effects modelled but not of interest. The
+readings of a test are replaced by at most 25 numbers, the reduced readings (module `reduction`).
 Negative compliances are not excluded, so that the posterior is Gaussian. The model itself depends
 on the estimates: effects are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² +
 u(Ĉ)²). The estimate is therefore computed in three steps, starting from the least-squares estimate.
@@ -39,17 +42,16 @@ __all__ = ["ReferencePosterior", "fixed_point"]
 # Number of steps in which a machine's parameters are estimated, starting from the least-squares
 # estimate. In each step, the model is linearised about the estimate of the previous step.
 _STEPS = 3
-# A flat prior of a nuisance coefficient (of an effect modelled but not of interest) is replaced by
-# a wide Gaussian prior. The prior sd is this number times the uncertainty that the coefficient
-# would have, from the readings alone, if all other coefficients were known.
+# A flat prior of a nuisance coefficient is replaced by a wide Gaussian prior. The prior sd is this
+# number times the uncertainty that the coefficient would have, from the readings alone, if all
+# other coefficients were known.
 _FLAT_SDS = 1e6
 
 
 class _SharedCoefficients(NamedTuple):
     """Columns and priors of the coefficients that have the same values in all tests.
 
-    Coefficients of nuisances (effects that are modelled but not of interest) come first, then the
-    parameters of interest.
+    Coefficients of nuisances come first, then the parameters of interest.
     """
 
     #: reading per unit of each of the q coefficients, as 25 Fourier coefficients for each test,
@@ -84,8 +86,8 @@ class ReferencePosterior:
     #: names of the compliances, slopes (changes of compliances with force) and geometric errors
     #: that are fixed at zero
     fixed: Sequence[str]
-    #: dict of the values at which the hyper-parameters (such as the standard deviation of the
-    #: noise) are fixed; its keys are their names. Lengths are in mm
+    #: dict of the values at which the hyper-parameters are fixed; its keys are their names. Lengths
+    #: are in mm
     phi: Mapping[Hyper, float]
     reduced: Sequence[Reduced]  #: readings of every test, reduced to at most 25 numbers
 
@@ -115,10 +117,9 @@ class ReferencePosterior:
     def _posterior(self, setting: Setting, free: Array) -> Gaussian:
         """Return the Gaussian posterior density of the free parameters of interest.
 
-        Nuisances are effects that are modelled but not of interest. The hyper-parameters have the
-        values ``phi`` of this object, and nuisances are integrated out. ``setting`` describes the
-        test conditions. ``free`` is true for the parameters of interest that are free, that is, not
-        fixed at zero.
+        The hyper-parameters have the values ``phi`` of this object, and nuisances are integrated
+        out. ``setting`` describes the test conditions. ``free`` is true for the parameters of
+        interest that are free, that is, not fixed at zero.
         """
         terms: list[Columns | BasisNoise] = []
         for term in self.nuisances:
@@ -137,9 +138,9 @@ class ReferencePosterior:
         stack = np.concatenate([whitened * scale, prior_rows])
         triangle = np.asarray(np.linalg.qr(stack, mode="r"))
         # The posterior is computed from the QR decomposition of a matrix whose last columns belong
-        # to the parameters of interest; all other columns belong to nuisance coefficients (of
-        # effects modelled but not of interest). The last rows of the triangular factor R
-        # (``triangle``) are therefore equations for the parameters of interest alone.
+        # to the parameters of interest; all other columns belong to nuisance coefficients. The last
+        # rows of the triangular factor R (``triangle``) are therefore equations for the parameters
+        # of interest alone.
         size = int(free.sum())
         of_interest = slice(len(sd) - size, len(sd))
         posterior = Gaussian.from_rows(
@@ -156,10 +157,9 @@ class ReferencePosterior:
     ) -> _SharedCoefficients:
         """Return columns and priors of the coefficients that have the same values in all tests.
 
-        Nuisances are effects that are modelled but not of interest. ``setting`` describes the test
-        conditions. ``terms`` describes the nuisances under these conditions: each item holds
-        columns of the design matrix or the sds of a noise. ``free`` is true for the parameters of
-        interest that are free, that is, not fixed at zero.
+        ``setting`` describes the test conditions. ``terms`` describes the nuisances under these
+        conditions: each item holds columns of the design matrix or the sds of a noise. ``free`` is
+        true for the parameters of interest that are free, that is, not fixed at zero.
         """
         values = []
         means = []

@@ -18,14 +18,13 @@ __all__ = ["RIVALS", "Rival"]
 class Rival(NamedTuple):
     """Effect on the readings that resembles a change of a compliance with force.
 
-    The effect is either a whole nuisance term (an effect modelled but not of interest), such as
-    `JointLoad`, or an optional part of a term, such as the curvature of `Mount`.
+    The effect is either a whole nuisance term, such as `JointLoad`, or an optional part of a term,
+    such as the curvature of `Mount`.
     """
 
     term: type[Term]
     #: Name of the field of ``term`` that switches off this effect if it is set to zero, such as
-    #: ``curvature_um``. Empty string if the effect is the whole nuisance term (an effect modelled
-    #: but not of interest).
+    #: ``curvature_um``. Empty string if the effect is the whole nuisance term.
     setting: str
     #: Beginning of the names of the coefficients that describe this effect. A model without the
     #: effect is the model in which these coefficients are zero.

@@ -55,8 +55,8 @@ _KEPT_POWERS = 256
 # Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if their
 # absolute value is below this number, because they are then rounding errors.
 _ROTATION_ROUNDING = 1e-14
-# Two clocking angles (by which a ball is turned in its socket) count as equal if the distance
-# between their points on the unit circle is at most this number.
+# Two clocking angles count as equal if the distance between their points on the unit circle is at
+# most this number.
 _SAME_CLOCKING = 1e-9
 
 
@@ -135,8 +135,7 @@ class Setting:
     #: whether the form errors of work ball and tool ball are modelled separately; otherwise only
     #: the sum of both form errors is modelled
     two_balls: bool
-    #: whether the clocking of a ball (the angle by which it is turned in its socket) differs
-    #: between tests
+    #: whether the clocking of a ball differs between tests
     clocked: bool
     radii_mm: tuple[float, ...]  #: the different nominal radii of the campaign's circles [mm]
     drifts: bool  #: whether the bar's length and the circle's centre may drift between tests

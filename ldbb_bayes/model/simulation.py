@@ -82,11 +82,11 @@ class Simulation(Result):
     #: true hyper-parameters (such as the standard deviation of the noise) of the simulation by
     #: name; lengths in µm
     hyper_um: dict[str, float]
-    #: units, made of mm, N and rad, of all compliances, slopes (changes of compliances with force),
-    #: geometric errors and ``effects``; the keys are the names of these quantities
+    #: units, made of mm, N and rad, of all compliances, slopes, geometric errors and ``effects``;
+    #: the keys are the names of these quantities
     units: dict[str, str]
-    #: true coefficients of the nuisance terms (effects modelled but not of interest) that tests
-    #: have in common, by name, in internal units (mm, N, rad). ``joint_load_X_seat`` is an example.
+    #: true coefficients of the nuisance terms that tests have in common, by name, in internal units
+    #: (mm, N, rad). ``joint_load_X_seat`` is an example.
     effects: dict[str, float]
     #: true compliances C(F) at the tested forces F; the keys are the names of the compliances at
     #: the reference force, such as C_XXX
@@ -94,7 +94,7 @@ class Simulation(Result):
 
 
 class DrawnNuisances(NamedTuple):
-    """Nuisances (effects that are modelled but not of interest) that were drawn at random."""
+    """Nuisances that were drawn at random."""
 
     #: readings of all tests with the nuisances added, as Fourier coefficients, shape (tests, 25)
     #: [mm]

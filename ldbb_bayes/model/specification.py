@@ -1,7 +1,8 @@
 """TOML files of models, and TOML files of true values ("truths") for simulations.
 
 A model (`HybridModel`) is written to and read from TOML text. The SHA-256 digest of this text
-identifies the model.
+identifies the model. The nuisance terms of a model are effects that are modelled but not of
+interest.
 """
 
 from __future__ import annotations
@@ -88,8 +89,8 @@ def model_from_toml(text: str) -> HybridModel:
     ``first`` or ``paper``. If the text names no preset, the preset is ``default``. If the text
     omits the degree of the compliance as a polynomial in force, the degree is 0 for the preset
     ``paper`` and 1 for the other presets. If the text has a table ``[terms]``, the model has
-    exactly the nuisance terms (effects modelled but not of interest) that this table lists. Raise
-    an `InputError` if the text contains a mistake.
+    exactly the nuisance terms that this table lists. Raise an `InputError` if the text contains a
+    mistake.
     """
     return _model_of(parse_toml(text, "model"), "model", None)
 
@@ -181,11 +182,10 @@ def _degree_of(spec: _SpecFile, usual_degree: int | None) -> int:
 def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) -> tuple[Term, ...]:
     """Return the nuisance terms that are listed in a model file, in the tables under [terms].
 
-    Nuisances are effects that are modelled but not of interest. ``tables`` holds the settings of
-    every term; the keys are class names. Settings that a table omits have the values that the term
-    has in ``model``. If ``model`` lacks the term, the omitted settings are the defaults of the
-    class. The terms are in the order of ``Term.kinds``. Raise an `InputError` for an unknown term
-    or setting, or a value of the wrong type.
+    ``tables`` holds the settings of every term; the keys are class names. Settings that a table
+    omits have the values that the term has in ``model``. If ``model`` lacks the term, the omitted
+    settings are the defaults of the class. The terms are in the order of ``Term.kinds``. Raise an
+    `InputError` for an unknown term or setting, or a value of the wrong type.
     """
     check_known(
         "term",

@@ -34,9 +34,8 @@ __all__ = [
 #: change in 7 of 64 simulated machines whose C_XXX grew by 15 %.
 MACHINE_CORRELATION = 0.99
 
-# Beginning of the names of the modules that define the package's own nuisance terms (effects
-# modelled but not of interest). The default model has these terms, except those that are only added
-# on request (``on_demand``).
+# Beginning of the names of the modules that define the package's own nuisance terms. The default
+# model has these terms, except those that are only added on request (``on_demand``).
 _PACKAGE = "ldbb_bayes.model.terms."
 # Regular expression for the positions in the class name of a term where a new word begins: before
 # every capital letter except the first, as before Form in BallForm.
@@ -58,13 +57,12 @@ class Unit(NamedTuple):
     """
 
     #: internal unit, a combination of mm, N and rad, in which a nuisance coefficient is expressed
-    #: in all computations. Nuisances are effects modelled but not of interest.
+    #: in all computations.
     inside: str
     #: unit in which reports display a coefficient, expressed in internal units (mm, N, rad): 1e-3
     #: for µm, for example, because 1 µm is 1e-3 mm
     one: float
-    #: name of the unit in which reports display a nuisance coefficient (of an effect modelled but
-    #: not of interest), such as µm
+    #: name of the unit in which reports display a nuisance coefficient, such as µm
     label: str
 
 
@@ -72,9 +70,9 @@ class Unit(NamedTuple):
 class Uncertainty:
     """Assumed value and standard uncertainty of a property of the instrument.
 
-    In the model, the property is a coefficient of a nuisance term (an effect that is modelled but
-    not of interest). ``name`` is the name of this coefficient, such as bar_length. ``value`` is its
-    assumed value, and ``sd`` the standard uncertainty of this value.
+    In the model, the property is a coefficient of a nuisance term. ``name`` is the name of this
+    coefficient, such as bar_length. ``value`` is its assumed value, and ``sd`` the standard
+    uncertainty of this value.
     """
 
     name: str
@@ -206,53 +204,50 @@ class Term(Shown):
     'five waves (cos 5θ)'
     """
 
-    #: Dict of the classes of all nuisance terms (effects modelled but not of interest); its keys
-    #: are the names of the classes. Models, results and model files list the terms in the order of
-    #: this dict.
+    #: Dict of the classes of all nuisance terms; its keys are the names of the classes. Models,
+    #: results and model files list the terms in the order of this dict.
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: Beginning of the names of the coefficients of a nuisance term (an effect modelled but not of
-    #: interest). It is a tuple if these names can begin in different ways. By default it is made
-    #: from the class name: ``bar_length`` for the class BarLength.
+    #: Beginning of the names of the coefficients of a nuisance term. It is a tuple if these names
+    #: can begin in different ways. By default it is made from the class name: ``bar_length`` for
+    #: the class BarLength.
     stem: ClassVar[str | tuple[str, ...]]
-    #: name of a nuisance term (an effect modelled but not of interest) in reports; by default made
-    #: from the class name, such as ball form for BallForm
+    #: name of a nuisance term in reports; by default made from the class name, such as ball form
+    #: for BallForm
     words: ClassVar[str]
-    #: internal unit of the coefficients of a nuisance term (an effect modelled but not of
-    #: interest), and the unit in which reports display them
+    #: internal unit of the coefficients of a nuisance term, and the unit in which reports display
+    #: them
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
-    #: description of a measurement that would determine the effect of a nuisance term (an effect
-    #: modelled but not of interest); printed in advice to the user
+    #: description of a measurement that would determine the effect of a nuisance term; printed in
+    #: advice to the user
     calibration: ClassVar[str] = "a measurement of it"
-    #: advice (a sentence) that is printed with an uncertainty budget if a nuisance term (an effect
-    #: modelled but not of interest) contributes most to the uncertainty
+    #: advice (a sentence) that is printed with an uncertainty budget if a nuisance term contributes
+    #: most to the uncertainty
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    #: whether the effect of a nuisance term (an effect modelled but not of interest) belongs to the
-    #: instrument (bar, balls, mount or force device)
+    #: whether the effect of a nuisance term belongs to the instrument (bar, balls, mount or force
+    #: device)
     instrument: ClassVar[bool] = False
-    #: whether the effect of a nuisance term (an effect modelled but not of interest) belongs to the
-    #: machine and stays the same as long as its joints are not changed
+    #: whether the effect of a nuisance term belongs to the machine and stays the same as long as
+    #: its joints are not changed
     machine: ClassVar[bool] = False
-    #: prior correlation of each coefficient of a nuisance term (an effect modelled but not of
-    #: interest) between two campaigns that have the instrument, or the machine, in common. It is
-    #: below one if a part of the effect is another in every campaign.
+    #: prior correlation of each coefficient of a nuisance term between two campaigns that have the
+    #: instrument, or the machine, in common. It is below one if a part of the effect is another in
+    #: every campaign.
     campaign_correlation: ClassVar[float] = 1.0
-    #: whether the coefficients of a nuisance term (an effect modelled but not of interest) belong
-    #: to circles of a certain plane, radius and centre
+    #: whether the coefficients of a nuisance term belong to circles of a certain plane, radius and
+    #: centre
     of_circle: ClassVar[bool] = False
-    #: whether the coefficients of a nuisance term (an effect modelled but not of interest) have the
-    #: same values in all campaigns with the same instrument
+    #: whether the coefficients of a nuisance term have the same values in all campaigns with the
+    #: same instrument
     common: ClassVar[bool] = False
-    #: whether a model has a nuisance term (an effect modelled but not of interest) only if the term
-    #: is added with ``with_term``; by default false for terms of the package and true for terms
-    #: that you define
+    #: whether a model has a nuisance term only if the term is added with ``with_term``; by default
+    #: false for terms of the package and true for terms that you define
     on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:
         """Register a new class of nuisance terms, and give it default names.
 
-        Nuisances are effects that are modelled but not of interest. The defaults for ``stem`` and
-        ``words`` are made from the name of the class. Raise an `InputError` if a term of another
-        module has the same name.
+        The defaults for ``stem`` and ``words`` are made from the name of the class. Raise an
+        `InputError` if a term of another module has the same name.
         """
         super().__init_subclass__()
         namesake = Term.kinds.get(cls.__name__)
@@ -300,27 +295,24 @@ class Term(Shown):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of a nuisance term, which scale the prior sds of its coefficients.
 
-        Nuisances are effects that are modelled but not of interest. Hyper-parameters are estimated
-        from the readings. By default a term has none.
+        Hyper-parameters are estimated from the readings. By default a term has none.
         """
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters of a nuisance term for the test conditions of a campaign.
 
-        Nuisances are effects that are modelled but not of interest. ``setting`` describes the test
-        conditions. By default, the result is the property ``scales`` of the term, which does not
-        depend on the campaign.
+        ``setting`` describes the test conditions. By default, the result is the property ``scales``
+        of the term, which does not depend on the campaign.
         """
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
         """Return the columns of a nuisance term for the test conditions of a campaign.
 
-        Nuisances are effects that are modelled but not of interest. ``setting`` describes the test
-        conditions. A column is the change of the reading per unit of one coefficient, as 25 Fourier
-        coefficients for each test. The result is an empty tuple if the term has no effect on these
-        tests.
+        ``setting`` describes the test conditions. A column is the change of the reading per unit of
+        one coefficient, as 25 Fourier coefficients for each test. The result is an empty tuple if
+        the term has no effect on these tests.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
@@ -379,10 +371,10 @@ class Term(Shown):
     def owner(coefficient: str) -> type[Term]:
         """Return the class of the nuisance term to which the named ``coefficient`` belongs.
 
-        Nuisances are effects that are modelled but not of interest. Return `Term` if no term has a
-        coefficient with this name. If the name begins with the stems of several terms, it belongs
-        to the term with the longest of these stems: ``angle_encoder_cos2`` belongs to a term of
-        yours with the stem ``angle_encoder``, not to `Angle`.
+        Return `Term` if no term has a coefficient with this name. If the name begins with the stems
+        of several terms, it belongs to the term with the longest of these stems:
+        ``angle_encoder_cos2`` belongs to a term of yours with the stem ``angle_encoder``, not to
+        `Angle`.
         """
         owner = Term
         longest = 0
@@ -397,10 +389,7 @@ class Term(Shown):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the internal and the display unit of the nuisance coefficient ``coefficient``.
-
-        Nuisances are effects that are modelled but not of interest.
-        """
+        """Return the internal and the display unit of the nuisance coefficient ``coefficient``."""
         return cls.unit
 
     @classmethod

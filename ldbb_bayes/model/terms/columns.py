@@ -22,12 +22,11 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
 # Some lists state to which term each coefficient of a model belongs. For a coefficient of a
-# nuisance term (an effect that is modelled but not of interest), they hold the name of the class of
-# the term. A parameter of interest belongs to no nuisance term; for it, they hold this text.
+# nuisance term, they hold the name of the class of the term. A parameter of interest belongs to no
+# nuisance term; for it, they hold this text.
 OWN = "Parameters"
 # Name of the white noise of the readings in lists of the sources of noise. All other sources in
-# these lists are nuisance terms (effects modelled but not of interest), which are listed by the
-# names of their classes.
+# these lists are nuisance terms, which are listed by the names of their classes.
 NOISE = "ReadingNoise"
 # The scale τ of the balls' form errors and the scale ω of the machine's errors of higher orders are
 # the prior sds of harmonics of this order. For harmonics of another order n, the scales are
@@ -141,8 +140,7 @@ class Columns(Shown):
     ((6, 25, 2), array([0.002, 0.002]))
     """
 
-    #: names of the p coefficients, each of which begins with the ``stem`` of the nuisance term (an
-    #: effect modelled but not of interest)
+    #: names of the p coefficients, each of which begins with the ``stem`` of the nuisance term
     names: Sequence[str]
     #: change of the reading per unit of each of the p coefficients, as 25 Fourier coefficients for
     #: each test, shape (tests, 25, p)
@@ -227,9 +225,8 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the product of hyper-parameters that multiplies the prior sd of each coefficient.
 
-        The result holds one product for each of the p coefficients of a nuisance term (an effect
-        modelled but not of interest). ``test`` is the index of a test. If its circle has a noise
-        factor λ, the products include this factor.
+        The result holds one product for each of the p coefficients of a nuisance term. ``test`` is
+        the index of a test. If its circle has a noise factor λ, the products include this factor.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
@@ -255,10 +252,9 @@ class Columns(Shown):
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
         """Return a random draw of a nuisance term's effect on the readings of all tests [mm].
 
-        Nuisances are effects that are modelled but not of interest. The coefficients of the term
-        are drawn from their prior with the random number generator ``rng``. The result holds
-        Fourier coefficients, shape (tests, 25). ``phi`` maps the names of the hyper-parameters to
-        their values, with lengths in mm; ``tests`` is the number of tests.
+        The coefficients of the term are drawn from their prior with the random number generator
+        ``rng``. The result holds Fourier coefficients, shape (tests, 25). ``phi`` maps the names of
+        the hyper-parameters to their values, with lengths in mm; ``tests`` is the number of tests.
         """
         return self.effect_of(self.draw_coefficients(phi, tests, rng))
 
