@@ -7,7 +7,7 @@ factor e).
 
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
 left out. Here the elpd is the sum, over the tests r, of ln p(y_r | y_−r): the log density of test r
-given all other tests.
+given all other tests. Slopes are changes of compliances with force.
 """
 
 from __future__ import annotations
@@ -136,9 +136,8 @@ class ComparedTest:
 class ScaledSlopes:
     """Log Bayes factor of two models for one prior of the slopes, and its numerical error [nat].
 
-    A slope is the change of a compliance with force. The prior standard deviation of this change,
-    over the range of force, is ``slope_scale`` times a reference value of the compliance. `Prior`
-    defines the reference value.
+    The prior standard deviation of this change, over the range of force, is ``slope_scale`` times a
+    reference value of the compliance. `Prior` defines the reference value.
     """
 
     slope_scale: float
@@ -191,11 +190,10 @@ class Comparison(Result):
     #: assumptions.
     sensitivity_of: str
     #: log Bayes factor of the second model over the first, for narrower and wider priors of the
-    #: slopes (changes of compliance with force). Empty if neither model has slopes, or if the two
-    #: models differ only in this prior.
+    #: slopes. Empty if neither model has slopes, or if the two models differ only in this prior.
     prior_sensitivity: tuple[ScaledSlopes, ...]
     #: widths of the slopes' prior, stated as ``slope_scale``, at which the log Bayes factor of the
-    #: second model over the first changes sign. Slopes are changes of compliance with force.
+    #: second model over the first changes sign.
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factors of the second model over the first, in this order: (1) under the models'
     #: own assumption about the random differences between circles; (2) if ``explanations`` is not
@@ -259,8 +257,8 @@ class Comparison(Result):
         """Return the log Bayes factor of the second model over the first, and its error [nat].
 
         Alternative explanations are effects, such as a nonlinear mount, that influence the readings
-        in a similar way to slopes (changes of compliance with force). If the comparison includes
-        alternative explanations, the log Bayes factor is averaged over them.
+        in a similar way to slopes. If the comparison includes alternative explanations, the log
+        Bayes factor is averaged over them.
         """
         if self.explanations is None:
             return (
@@ -328,8 +326,7 @@ class Comparison(Result):
         """Return whether the sign of the log Bayes factor holds under other assumptions.
 
         The log Bayes factor of the second model over the first is `headline`. The other assumptions
-        are about the random differences between circles, and about the prior of the slopes (changes
-        of compliance with force).
+        are about the random differences between circles, and about the prior of the slopes.
         """
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):

@@ -77,83 +77,57 @@ _MANY_TERMS = 12
 class Update(NamedTuple):
     """Entries of a matrix P that change when groups of its columns are eliminated.
 
-    The elimination of a group, as a step of the Cholesky factorisation, changes P in m later
-    columns. They are called the border of the group and are numbered from 0. Let P_ij be the entry
-    of P in row i and column j of the border; j = m is the right-hand side. The change of P_ij is
-    −Σ_k s_k L_ik L_jk, where k are the columns of the group, L is the Cholesky factor, and s_k is
-    the sign of the pivot of column k (+1 or −1). An `Update` describes the entries P_ij for i from
-    ``first`` to ``stop`` − 1 and j from ``first`` to m.
+    The m columns of a group's border are numbered from 0. Let P_ij be the entry of P in row i and
+    column j of the border; j = m is the right-hand side. The elimination of the group changes P_ij
+    by −Σ_k s_k L_ik L_jk, where k are the columns of the group, L is the Cholesky factor, and s_k
+    is the sign of the pivot of column k (+1 or −1). An `Update` describes the entries P_ij for i
+    from ``first`` to ``stop`` − 1 and j from ``first`` to m.
     """
 
-    #: Groups of columns whose elimination an `Update` describes: a slice of the list of all groups
-    #: that are eliminated at the same time. Groups that change the same later columns are adjacent
-    #: in the list.
+    #: The eliminated groups, as a slice of the groups of a front. Groups with the same border are
+    #: adjacent.
     groups: slice
-    #: Number of borders. When a group of columns of a matrix is eliminated, m later columns change;
-    #: the set of these m columns is called the border of the group. Several groups may have the
-    #: same border; different borders share no column.
+    #: Number of different borders of these groups. They share no column.
     borders: int
-    #: When a group of columns of the precision matrix P is eliminated, m later columns change; here
-    #: they are numbered 0 to m − 1. An `Update` describes changes of entries P_ij, where i and j
-    #: are such numbers; the right-hand side is one more column, with the number j = m. ``first`` is
-    #: the smallest row number i.
+    #: Smallest row i.
     first: int
-    #: When a group of columns of the precision matrix P is eliminated, m later columns change; here
-    #: they are numbered 0 to m − 1. An `Update` describes changes of entries P_ij, where i and j
-    #: are such numbers; the right-hand side is one more column, with the number j = m. All row
-    #: numbers i are smaller than ``stop``.
+    #: Largest row i, plus one.
     stop: int
-    #: Places where the changed entries P_ij of the precision matrix P are stored. When a group
-    #: of columns is eliminated, the entries of m later columns change; they are called the border
-    #: of the group. A place is the index of a row of the workspace, the array that holds all
-    #: entries of P. The shape of ``targets`` is (borders, stop − first, m + 1 − first). Its three
-    #: dimensions are the border, i and j, where i and j are counted from ``first``. The last j
-    #: stands for the right-hand side. P is symmetric, and only entries with j ≥ i are stored. For
-    #: entries with j < i, the array holds the index of the last row of the workspace, which is
-    #: never read.
+    #: Rows of the workspace that hold the entries P_ij, shape (borders, stop − first, m + 1 −
+    #: first): one for each border, i and j, where i and j are counted from ``first``. P is
+    #: symmetric, and only entries with j ≥ i are stored. For j < i, the array holds the index of
+    #: the last row of the workspace, which is never read.
     targets: NDArray[np.intp]
 
 
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated at the same time.
 
-    Each group has s columns. The elimination of a group changes entries of the precision matrix P =
-    Aᵀ D⁻¹ A (D is the noise covariance) in m other columns, which are eliminated later; ``border``
-    holds the indices of these m columns.
+    Each group has s columns, and m columns in its border.
     """
 
-    #: Rows of the workspace that belong to the groups of columns of one front. A front consists of
-    #: groups that are eliminated at the same time. The workspace is an array with one row for each
-    #: stored matrix entry. It first holds the entries of the precision matrix P, which are then
-    #: overwritten by those of its Cholesky factor L. A group of s columns that changes m later
-    #: columns has s (s + m + 1) entries.
+    #: Rows of the workspace that belong to the groups.
     entries: slice
-    #: Shape of the array of those entries of the Cholesky factor L that belong to one front (groups
-    #: of columns that are eliminated at the same time). The dimensions are the groups, the s
-    #: columns of a group, and the s + m + 1 entries of a column. Of these entries, s are in the
-    #: rows of the group's columns, and m in the rows of the later columns that change when the
-    #: group is eliminated. The last entry is in the row of the right-hand side.
+    #: Shape of these rows as an array: the groups, the s columns of a group, and the s + m + 1
+    #: entries of a column. Of these entries, s are in the rows of the group's columns, m in the
+    #: rows of the border, and the last one is in the row of the right-hand side.
     shape: tuple[int, int, int]
-    #: Signs (+1 or −1) of the Cholesky pivots of the s columns of each group of columns, shape
-    #: (groups, s); None if all are positive. A pivot is negative if the prior variance of the
-    #: column's coefficient is negative (`Observations.signs` explains this).
+    #: Signs (+1 or −1) of the Cholesky pivots of the columns, shape (groups, s); None if all are
+    #: positive. A pivot is negative if the prior variance of the column's coefficient is negative
+    #: (`Observations.signs` explains this).
     signs: Array | None
-    #: Indices, in the design matrix, of the s columns of each group of columns that is eliminated,
-    #: shape (groups, s).
+    #: Indices of the s columns of each group in the design matrix, shape (groups, s).
     columns: NDArray[np.intp]
-    #: Indices of the m later columns that change when a group of columns is eliminated from a
-    #: matrix, shape (groups, m). The indices count the columns of the design matrix, from 0.
+    #: Indices of the m columns of each border in the design matrix, shape (groups, m).
     border: NDArray[np.intp]
     updates: list[Update]
 
     def eliminate(self, workspace: Array) -> None:
-        """Compute some columns of a Cholesky factor, and update the later columns of the matrix P.
+        """Compute the columns of the Cholesky factor L for this front, and update the borders.
 
-        The columns belong to one front, that is, to groups of columns that are eliminated together.
-        The columns of the Cholesky factor L for these groups are computed; then products of their
-        entries are subtracted from the entries of later columns. ``workspace``, shape (entries, w),
-        holds the entries of P for w values of the hyper-parameters; they are overwritten by the
-        entries of L.
+        ``workspace``, shape (entries, w), holds the entries of P for w values of the
+        hyper-parameters. Those of this front are overwritten by the entries of L; then products of
+        these are subtracted from the entries of P in the borders.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -173,12 +147,10 @@ class Front(NamedTuple):
     def solve(self, workspace: Array, solution: Array) -> None:
         """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the columns of this front.
 
-        A front consists of groups of columns that are eliminated together. P = Aᵀ D⁻¹ A = L Lᵀ,
-        with the design matrix A, the noise covariance D and the readings r. ``workspace``, shape
-        (entries, w), holds the entries of L for w values of the hyper-parameters. ``solution``,
-        shape (columns of A, w), is changed in place. When the method is called, it must hold
-        L⁻¹ Aᵀ D⁻¹ r in the rows of this front's columns, and the coefficients in the rows of all
-        columns that are eliminated after this front.
+        ``workspace``, shape (entries, w), holds the entries of L for w values of the
+        hyper-parameters. ``solution``, shape (columns of A, w), is changed in place. When the
+        method is called, it must hold L⁻¹ Aᵀ D⁻¹ r in the rows of this front's columns, and the
+        coefficients in the rows of all columns that are eliminated after this front.
         """
         columns = self.shape[1]
         matrix = workspace[self.entries].reshape(*self.shape, workspace.shape[1])
@@ -191,10 +163,7 @@ class Front(NamedTuple):
 
 
 class _Family(NamedTuple):
-    """Groups of columns of a matrix whose elimination changes the same later columns.
-
-    ``border`` holds the indices of these later columns in the design matrix.
-    """
+    """Groups of columns that have the same border."""
 
     border: tuple[int, ...]
     groups: list[ColumnGroup]
@@ -218,29 +187,20 @@ class EliminationPlan:
     """
 
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
-        """Assign a row of the workspace to each entry that is stored, and sort groups into fronts.
-
-        The workspace is the array that stores the entries of the Cholesky factor. ``groups`` are
-        groups of columns of the design matrix in the order of their elimination. A front consists
-        of groups that are eliminated at the same time. ``signs``, shape (columns,), holds the sign
-        (+1 or −1) of the prior variance of each column's coefficient.
-        """
+        """Assign a row of the workspace to each stored entry, and sort the groups into fronts."""
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: Place at which each matrix entry is stored, shape (columns, columns + 1). Element (i, j)
-        #: is the index of the row of the workspace that holds the entry P_ij of the precision
-        #: matrix, and later an entry of its Cholesky factor L. The workspace is the array of all
-        #: stored entries. The last element, (i, −1), is the index of the row that holds the entry
-        #: for column i in the right-hand side. Elements are −1 for entries that are not stored.
+        #: Index of the row of the workspace that holds each entry P_ij, and later an entry of L,
+        #: shape (columns, columns + 1); −1 for entries that are not stored. The last column is for
+        #: the right-hand side.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of rows of the workspace, the array of stored matrix entries: one row for each
-        #: stored entry of the precision matrix P, and a last row for the changes of entries that
-        #: are not stored.
+        #: Number of rows of the workspace: one for each stored entry, and a last row for the
+        #: changes of entries that are not stored.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self.pivots = self.place[np.arange(size), np.arange(size)]
@@ -250,8 +210,8 @@ class EliminationPlan:
     def _place_group(self, group: ColumnGroup, start: int) -> int:
         """Assign rows of the workspace, from the index ``start`` on, to a group of columns.
 
-        The workspace is the array with the entries of the precision matrix P. Each stored entry in
-        the columns of the group gets one row. Return the index of the first row that is still free.
+        Each stored entry in the columns of the group gets one row. Return the index of the first
+        row that is still free.
         """
         members = np.concatenate([group.columns, group.border])
         width = len(members) + 1
@@ -262,13 +222,10 @@ class EliminationPlan:
         return start + len(group.columns) * width
 
     def _front(self, families: list[_Family], signs: Array) -> Front:
-        """Return a `Front`: groups of columns of a matrix that are eliminated at the same time.
+        """Return the front of all groups in ``families``, in the same order.
 
-        Eliminating a group of columns of a matrix changes some later columns. Groups that change
-        the same later columns form a family. The front consists of all groups in ``families``, in
-        the same order. All these groups have equal numbers of columns and change equal numbers of
-        later columns. ``signs`` holds the sign, 1 or −1, of the prior variance of each coefficient.
-        `Observations.signs` explains why a prior variance may be negative.
+        The groups have equal numbers of columns, and borders of equal size. ``signs`` holds the
+        sign, 1 or −1, of the prior variance of each coefficient.
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
@@ -287,13 +244,9 @@ class EliminationPlan:
     def _updates(self, families: list[_Family]) -> list[Update]:
         """Return descriptions of the matrix entries that change when a front is eliminated.
 
-        The matrix is the precision matrix P. Eliminating a group of columns changes later columns,
-        which are called the border of the group. ``families`` is a list of families of groups; the
-        groups of a family have the same border. All these groups are eliminated at the same time
-        and form a front; they have equal numbers of columns. Each `Update` in the result states
-        which entries of P change, not by how much. It describes one family or several consecutive
-        families. Several families are described together if they have equal numbers of groups and
-        no two of them change the same later column.
+        ``families`` are the families of the front. Each `Update` states which entries of P change,
+        not by how much. It describes one family, or several consecutive families if these have
+        equal numbers of groups and their borders share no column.
         """
         updates = []
         start = 0
@@ -317,12 +270,10 @@ class EliminationPlan:
     ) -> NDArray[np.intp]:
         """Return the rows of the workspace that hold the entries P_ij changed by one `Update`.
 
-        P is the matrix that is factorised, and the workspace is the array that stores its entries.
-        Eliminating a group of columns of P changes m later columns, whose indices are in
-        ``border``. The row i and the column j of an entry are stated as positions in ``border``,
-        from 0 to m − 1; the right-hand side is one more column, with the position j = m. The
-        `Update` changes the entries with i from ``first`` to ``stop`` − 1 and j from ``first`` to
-        m. The result has the shape (stop − first, m + 1 − first).
+        ``border`` holds the indices of the m columns of the border; i and j are positions in it,
+        and j = m is the right-hand side. The `Update` changes the entries with i from ``first`` to
+        ``stop`` − 1 and j from ``first`` to m. The result has the shape (stop − first, m + 1 −
+        first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -349,28 +300,19 @@ class Elimination:
     def __init__(
         self, plan: EliminationPlan, columns: Array, values: Array, kinds: NDArray[np.intp]
     ) -> None:
-        """Compute the scalar products of the columns of a design matrix, before the elimination.
-
-        ``plan`` is the order in which the columns are eliminated. ``columns``, shape (rows,
-        columns), is the design matrix, and ``values``, shape (rows,), holds the readings.
-        ``kinds``, shape (rows,), holds the index of each row's kind; rows of one kind have the same
-        variance.
-        """
+        """Compute the scalar products of the columns, from which P is assembled."""
         self._plan = plan
         blocks = [EntryBlock(front.entries, front.shape) for front in plan.fronts]
         self._gram = GramEntries(blocks, plan.place, columns, values, kinds)
 
     @property
     def fronts(self) -> list[Front]:
-        """Groups of columns that are eliminated at the same time (fronts), in order of elimination.
-
-        The columns belong to the design matrix.
-        """
+        """Fronts, in the order of elimination."""
         return self._plan.fronts
 
     @property
     def entries(self) -> int:
-        """Number of rows of the workspace (the array in which Cholesky factors are computed)."""
+        """Number of rows of the workspace."""
         return self._plan.entries
 
     @property
@@ -511,14 +453,7 @@ class DesignRows:
         signs: Array,
         shared: int,
     ) -> None:
-        """Store the observation equations r = A x + noise of coefficients x of nuisances.
-
-        ``columns``, shape (rows, columns), is the design matrix A, and ``values``, shape (rows,),
-        holds the readings r. ``kinds``, shape (rows,), holds the index of each row's kind; rows of
-        one kind have the same variance. ``signs``, shape (columns,), holds the sign (+1 or −1) of
-        the prior variance of each coefficient. The first ``shared`` columns have coefficients that
-        are the same in all tests.
-        """
+        """Store the observation equations; the methods eliminate their columns when called."""
         self._columns = columns
         self._values = values
         self._kinds = kinds
@@ -541,8 +476,14 @@ class DesignRows:
         they are eliminated after all others.
         """
         if last_columns not in self._eliminations:
-            indices = np.array(last_columns, dtype=np.intp)
-            elimination = self._eliminate(self._columns, self._signs, indices)
+            pattern = self._columns != 0.0
+            plan = _elimination_plan(
+                np.packbits(pattern).tobytes(),
+                pattern.shape,
+                np.array(last_columns, dtype=np.intp).tobytes(),
+                self._signs.tobytes(),
+            )
+            elimination = Elimination(plan, self._columns, self._values, self._kinds)
             self._eliminations[last_columns] = elimination
         return self._eliminations[last_columns]
 
@@ -584,12 +525,10 @@ def _elimination_plan(
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
-    Eliminating a group of columns of the precision matrix P changes entries of P in later columns.
-    A front consists of groups that can be eliminated at the same time, because none of them changes
-    the columns of another (function `heights`). The groups of a front also have equal numbers of
-    columns, and they change equal numbers of later columns. A family consists of groups that change
-    the same later columns. Fronts are in the order of elimination. Within a front, families with
-    more groups come first.
+    The groups of a front can be eliminated at the same time, because none of them changes the
+    columns of another (function `heights`). They also have equal numbers of columns, and borders of
+    equal size. A family consists of groups that have the same border. Fronts are in the order of
+    elimination. Within a front, families with more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):
@@ -606,9 +545,8 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
     """Divide families of column groups into lists of families that can be treated together.
 
-    Eliminating a group of columns of a matrix changes some later columns. The groups of one family
-    all change the same later columns; two families of the same list never change the same column.
-    The families of a list also have equal numbers of groups and are consecutive in ``families``.
+    The families of a list are consecutive in ``families`` and have equal numbers of groups, and
+    their borders share no column.
     """
     lists: list[list[_Family]] = []
     used_columns: set[int] = set()

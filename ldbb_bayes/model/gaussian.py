@@ -78,11 +78,7 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
-        """Build the Gaussian functions g(x) = exp(constant + ηᵀ x − ½ xᵀ P x).
-
-        ``precision`` is P, shape (..., q, q), ``shift`` is η, shape (..., q), and ``log_constant``
-        is the constant, shape (...). x holds q coefficients.
-        """
+        """Store precision, shift and constant; mean and factors are computed when needed."""
         # The attributes precision, shift and log_constant of a Gaussian function are cached
         # properties of the class, which are computed from mean and root when they are first read.
         # Because they are assigned here, they are not computed.

@@ -50,40 +50,29 @@ class EntryBlock(NamedTuple):
     of P; only its lower triangle is needed.
     """
 
-    #: Slice that selects the entries of this block from the array of all stored entries of the
-    #: precision matrix P. A block consists of several groups of s columns of P, with n entries for
-    #: each column.
+    #: Slice that selects the entries of this block from the array of all stored entries.
     entries: slice
-    #: Three numbers that describe a block of entries of the precision matrix: number of groups of
-    #: columns, number s of columns in a group, and number n of stored entries in a column.
+    #: Number of groups, number s of columns in a group, and number n of entries in a column.
     shape: tuple[int, int, int]
 
 
 class _DenseGram(NamedTuple):
     """Gram entries for at most four columns of each group of a block, as a dense array.
 
-    Gram entries are scalar products of columns of the design matrix over rows of one kind (rows
-    with the same variance). A block consists of several groups of columns. The array also holds the
-    entries that are zero.
+    The array also holds the entries that are zero.
     """
 
     block: EntryBlock
-    #: Index of the first column whose Gram entries are in ``products``, counted within its group of
-    #: columns. Gram entries are scalar products of columns of the design matrix. The products with
-    #: columns of a smaller index than ``first`` lie above the diagonal; they are not needed and are
-    #: left out.
+    #: Index of the first column whose Gram entries are in ``products``, counted within its group.
+    #: The products with columns of a smaller index lie above the diagonal; they are not needed and
+    #: are left out.
     first: int
-    #: For each group of columns of the design matrix, the kinds of rows in which these columns are
-    #: not zero, shape (groups, k). Rows with the same variance are of one kind. A kind is stated as
-    #: its index in the list of all kinds. ``products`` holds a separate sum of products for each of
-    #: the k kinds. If a group has fewer than k kinds, the last indices are 0 and their sums are
-    #: zero.
+    #: Indices of the kinds of rows in which the columns of each group are not zero, shape (groups,
+    #: k). If a group has fewer than k kinds, the last indices are 0 and their products are zero.
     kinds: NDArray[np.intp]
-    #: Scalar products of each column of the design matrix with itself, with later columns and with
-    #: the readings. The shape is (groups, columns, products, k). The dimensions are the groups of
-    #: columns, at most four columns of each group, the products of a column, and k kinds of rows
-    #: (rows with the same variance are of one kind). Each product is a sum over the rows of one
-    #: kind.
+    #: Gram entries: scalar products of each column with itself, with later columns and with the
+    #: readings, shape (groups, columns, products, k). The dimensions are the groups, at most four
+    #: columns of each group, the products of a column, and the kinds of rows.
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:
@@ -129,16 +118,7 @@ class GramEntries:
         values: Array,
         kinds: NDArray[np.intp],
     ) -> None:
-        """Compute scalar products of columns with each other and with the readings.
-
-        ``columns``, shape (rows, columns), is the design matrix, and ``values``, shape (rows,),
-        holds the readings. All products are stored in one list, which is divided into ``blocks``.
-        ``place``, shape (columns, columns + 1), holds indices of this list: ``place[i, j]`` is the
-        index of the product of columns i and j, and ``place[i, -1]`` that of the product of column
-        i with the readings. Rows with the same variance are of one kind. ``kinds``, shape (rows,),
-        holds the number of each row's kind. The products are summed separately over the rows of
-        each kind.
-        """
+        """Compute the scalar products, separately over the rows of each kind."""
         size = 1 + sum(block.entries.stop - block.entries.start for block in blocks)
         gram = _sparse_gram(size, place, columns, values, kinds)
         self._dense: list[_DenseGram] = []

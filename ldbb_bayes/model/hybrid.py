@@ -689,13 +689,7 @@ class BoundModel(Shown):
         pilot: Campaign | None = None,
         coefficients_of_pilot: bool = False,
     ) -> None:
-        """Apply a model to one campaign: compute effects of parameters on readings, and priors.
-
-        ``model`` is the model for any campaign. ``keep_tests`` names the tests of ``campaign`` that
-        are used; by default all are used. ``pilot`` is the campaign from which a plan takes the
-        reference force, the range of forces and the estimated compliances. If
-        ``coefficients_of_pilot`` is true, it also takes what coefficients are scaled with.
-        """
+        """Compute effects of parameters on the readings of the campaign, and their priors."""
         _check_force_levels(model, campaign if pilot is None else pilot)
         self.model = model
         self.campaign = campaign

@@ -147,15 +147,7 @@ class StructuredGaussian:
         hypers: Sequence[Hyper],
         interest: Array | None = None,
     ) -> None:
-        """Set up the observation equations; compute what does not depend on the hyper-parameters.
-
-        ``reduced`` are the readings of every test, reduced to at most 25 numbers. ``columns``
-        describes the nuisance terms: each item holds columns of the design matrix or the sds of a
-        noise. ``offset``, shape (tests, 25), is the known part of the readings as Fourier
-        coefficients [mm]. ``hypers`` are the names of the hyper-parameters. ``interest``, shape
-        (tests, 25, p), is the reading per unit of each of the p parameters of interest, as Fourier
-        coefficients.
-        """
+        """Set up the observation equations; compute what does not depend on φ."""
         _keep_freed_memory()
         if interest is None:
             interest = np.zeros((len(reduced), SIZE, 0))

@@ -13,14 +13,15 @@ __all__ = ["minimum_norm_solution", "singular_root", "sparse_or_dense"]
 # zero. For each element that is not zero, a product with a sparse matrix takes about three times as
 # long as a product with a dense matrix (measured).
 _SPARSE_SHARE = 0.35
+# In a least-squares problem, combinations of parameters whose singular value is below this fraction
+# of the largest singular value count as undetermined by the readings.
+_RANK_TOLERANCE = 1e-10
 
 
 def minimum_norm_solution(
     jacobian: Array,
     y: Array,
     scale: Array | None = None,
-    *,
-    rank_tolerance: float = 1e-10,
 ) -> Array:
     """Return the p parameters β of smallest norm that minimise |jacobian β − y|, shape (p,).
 
@@ -33,14 +34,11 @@ def minimum_norm_solution(
     scale
         Units of the parameters, shape (p,), in which the norm of β is computed. By default the
         units are the reciprocal norms of the columns of ``jacobian``.
-    rank_tolerance
-        Combinations of parameters whose singular value is below this fraction of the largest
-        singular value count as undetermined by the readings.
     """
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
         scale = 1.0 / np.where(norms > 0, norms, 1.0)
-    solution, *_ = np.linalg.lstsq(jacobian * scale, y, rcond=rank_tolerance)
+    solution, *_ = np.linalg.lstsq(jacobian * scale, y, rcond=_RANK_TOLERANCE)
     return solution * scale
 
 

@@ -61,6 +61,8 @@ _CHUNK = 1 << 20
 # factor, modulo 1. The factor is so large that even slightly different bounds give different
 # shifts.
 _DIGITS = 1e5
+# Seed of the quasi-random points for moments. It has an effect only in more than ten dimensions.
+_MOMENTS_SEED = 0
 
 
 class OrthantMoments(NamedTuple):
@@ -72,18 +74,13 @@ class OrthantMoments(NamedTuple):
     coordinates.
     """
 
-    #: Conditional means of the d coordinates of w standard normal vectors e, shape (w, d). The
-    #: condition is that all constraints on e hold. The coordinates are components of e along the d
-    #: directions ``axes``.
+    #: Means of the coordinates, shape (w, d).
     mean: Array
-    #: Conditional covariances of the d coordinates of w standard normal vectors e, shape (w, d, d).
-    #: The condition is that all constraints on e hold. The coordinates are components of e along
-    #: the d directions ``axes``.
+    #: Covariances of the coordinates, shape (w, d, d).
     covariance: Array
-    #: Orthonormal directions for each of w standard normal vectors e with q elements, shape
-    #: (w, d, q). The constraints depend only on the d coordinates of e along these directions.
+    #: Orthonormal directions, shape (w, d, q).
     axes: Array
-    #: Log probabilities ln P(u ≥ 0) that all constraints on e hold, shape (w,)
+    #: Log probabilities ln P(u ≥ 0), shape (w,).
     log_probability: Array
 
 
@@ -165,11 +162,7 @@ class Orthant:
     """
 
     def __init__(self, mean: Array, spread: Array) -> None:
-        """Store means and square roots of the covariances of w Gaussian vectors u.
-
-        Each vector is u = mean + spread @ e, where e is standard normal with q elements. ``mean``
-        has the shape (w, m) and ``spread`` the shape (w, m, q) for vectors of m elements.
-        """
+        """Store means and square roots of the covariances."""
         self._mean = mean
         self._spread = spread
 
@@ -266,7 +259,7 @@ class Orthant:
         """
         return self._tilted.log_bound
 
-    def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
+    def moments(self, size: int = 512) -> OrthantMoments:
         """Return mean and covariance of standard normal vectors e, given u = mean + spread @ e ≥ 0.
 
         The result also holds the log probability of the condition u ≥ 0.
@@ -283,9 +276,6 @@ class Orthant:
         size
             Number of quasi-random points. It has no effect if there are only one or two directions
             `axes`; a quadrature rule is then used instead.
-        seed
-            Seed of the quasi-random points. It has an effect only if there are more than ten
-            directions `axes`.
         """
         d = len(self._tilted.bound)
         if d <= 2:
@@ -294,7 +284,7 @@ class Orthant:
             log_rule_weight = rule.log_weight
         else:
             shift = _shift_of_points(self._tilted)
-            points = folded((lattice_points(d, size, seed)[:, :, None] + shift) % 1.0)
+            points = folded((lattice_points(d, size, _MOMENTS_SEED)[:, :, None] + shift) % 1.0)
             log_rule_weight = np.full(1, -np.log(size))
         log_weight, x = self._tilted.propose(points)
         largest = log_weight.max(axis=0)
@@ -317,9 +307,7 @@ class Orthant:
         """
         return self._solved.axes
 
-    def draw_along_axes(
-        self, rng: np.random.Generator, *, max_proposals: int = _MOST_PROPOSALS
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def draw_along_axes(self, rng: np.random.Generator) -> tuple[Array, NDArray[np.bool_]]:
         """Return an exact random draw of ``x = axes @ e`` given u ≥ 0 for each of w vectors e.
 
         Each standard normal vector e has the constraints u = mean + spread @ e ≥ 0. x holds the d
@@ -330,9 +318,6 @@ class Orthant:
         ----------
         rng
             Random number generator.
-        max_proposals
-            The search for an accepted proposal ends after about this number of proposals for each
-            draw.
 
         Returns
         -------
@@ -348,7 +333,7 @@ class Orthant:
         open_members = np.arange(w)
         tries = 2
         proposals = 0
-        while proposals < max_proposals and open_members.size:
+        while proposals < _MOST_PROPOSALS and open_members.size:
             members = self._tilted.select(open_members)
             uniform = rng.random((open_members.size, tries, d)).transpose(2, 1, 0)
             log_weight, proposal = members.propose(uniform)
@@ -459,10 +444,7 @@ class Orthant:
 
     @property
     def _tilted(self) -> Tilted:
-        """Constraints that may fail, and shifted densities from which random vectors are drawn.
-
-        The constraints are u = mean + spread @ e ≥ 0 on w standard normal vectors e.
-        """
+        """Constraints that may fail, and shifted densities from which random vectors are drawn."""
         return self._solved.tilted
 
     @cached_property

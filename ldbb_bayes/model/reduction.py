@@ -47,28 +47,17 @@ class NearUniform(NamedTuple):
     uniform spacing; they are called departures. All matrices have the shape (25, 25).
     """
 
-    #: Norms that the 25 Fourier functions 1, cos θ, sin θ, …, sin 12θ have at uniform angles, shape
-    #: (25,). A norm is the square root of the sum of squares over the angles of the test.
+    #: Diagonal of S: the norms that the Fourier functions have at uniform angles, shape (25,). A
+    #: norm is the square root of the sum of squares over the angles of the test.
     column_norms: Array
-    #: 25 numbers λ that describe how far the test's angles are from uniform spacing, sorted so that
-    #: the largest absolute value is first, shape (25,). They are the diagonal of the matrix Λ in
-    #: RᵀR = S (I + V Λ Vᵀ) S. R is the triangular factor in the QR decomposition of the Fourier
-    #: functions at these angles, S is the diagonal matrix of ``column_norms``, I is the identity
-    #: matrix, and V is the orthogonal matrix ``directions``. At uniform angles Λ is zero, and RᵀR =
-    #: S².
+    #: Diagonal elements λ of Λ, sorted so that the largest absolute value is first, shape (25,).
     departure: Array
-    #: Orthogonal matrix V in RᵀR = S (I + V Λ Vᵀ) S, shape (25, 25). R is the triangular factor in
-    #: the QR decomposition of the Fourier functions at the test's angles, and I is the identity
-    #: matrix. S and Λ are diagonal matrices with the elements ``column_norms`` and ``departure``.
-    #: Each column of V belongs to one element of Λ.
+    #: Orthogonal matrix V, shape (25, 25). Each column belongs to one element of ``departure``.
     directions: Array
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each of the 25 numbers ``departure`` is too large to be neglected, shape (25,).
-
-        These numbers describe how far the angles of a test are from uniform spacing.
-        """
+        """Whether each of the numbers ``departure`` is too large to be neglected, shape (25,)."""
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 
@@ -80,18 +69,14 @@ class Reduced:
     With the QR decomposition B = Q R, the readings are projected on the columns of Q.
     """
 
-    #: Reduced readings Qᵀ y [mm], shape (m,) with m = min(n, 25). y are the n readings of the test,
-    #: and Q is the orthogonal factor in the QR decomposition of the Fourier functions at the test's
-    #: angles. None for a planned test, which has no readings.
+    #: Reduced readings Qᵀ y [mm], shape (m,) with m = min(n, 25), where y are the n readings of the
+    #: test. None for a planned test, which has no readings.
     reading_mm: Array | None
-    #: Triangular factor R in the QR decomposition of the 25 Fourier functions at the test's n
-    #: angles, shape (m, 25) with m = min(n, 25). It converts Fourier coefficients into the m
-    #: reduced readings that replace the readings of the test.
+    #: Triangular factor R, shape (m, 25). It converts Fourier coefficients into reduced readings.
     factor: Array
-    #: Sum of squares of the part of a test's readings that the Fourier functions to order 12 (1,
-    #: cos θ, sin θ, …, sin 12θ) cannot describe [mm²].
+    #: Sum of squares of the part of the readings that the Fourier functions cannot describe [mm²].
     residual_ss: float
-    #: Number n of readings of one test, before they are reduced to at most 25 numbers.
+    #: Number n of readings of the test, before they are reduced.
     readings: int
 
     @cached_property

@@ -84,21 +84,15 @@ class _Interval(NamedTuple):
     tails otherwise.
     """
 
-    #: Logarithm of the probability that a standard normal variable is between ``low`` and ``high``,
-    #: ln (Φ(high) − Φ(low)), where Φ is the standard normal distribution function.
+    #: Log probability of the interval, ln (Φ(high) − Φ(low)).
     log_mass: Array
-    #: Log probability of that tail of the standard normal distribution which contains the interval
-    #: from ``low`` to ``high``: the tail to the left of ``high`` if the centre of the interval is
-    #: negative, otherwise the tail to the right of ``low``.
+    #: Log probability of the tail that contains the interval: the tail to the left of ``high`` or
+    #: to the right of ``low``.
     log_tail: Array
-    #: Ratio of two tail probabilities of the normal distribution. The denominator is the
-    #: probability of the tail that contains the interval from ``low`` to ``high``. The numerator is
-    #: the probability of the part of this tail beyond the interval. None if the interval has no
-    #: upper limit.
+    #: Probability of the part of this tail beyond the interval, divided by the probability of the
+    #: tail. None if the interval has no upper limit.
     tail_ratio: Array | None
-    #: −1 if the probability of an interval of the standard normal distribution is computed from
-    #: left tails, because the centre of the interval is negative; 1 if it is computed from right
-    #: tails.
+    #: −1 for a left tail, 1 for a right tail.
     direction: Array | float
 
 
@@ -113,20 +107,15 @@ class _ConvexFunction(NamedTuple):
     distribution function.
     """
 
-    #: Value of the convex function whose minimum gives the saddle point of the log importance
-    #: weight, for each of w sets of constraints, shape (w,).
+    #: Value of the function, shape (w,).
     value: Array
-    #: Derivatives of the convex function with respect to the d inverse Mills ratios m, for each of
-    #: w sets of constraints, shape (w, d). The derivatives are zero at the saddle point of the log
-    #: importance weight.
+    #: Derivatives with respect to the d ratios m_j, shape (w, d); zero at the saddle point.
     gradient: Array
-    #: Derivative of each inverse Mills ratio m_j with respect to the lower limit e_j of a shifted
-    #: normal variable. There are d ratios for each of w sets of constraints, shape (w, d). The
-    #: derivatives are between 0 and 1.
+    #: Derivative of each ratio m_j with respect to the limit e_j, between 0 and 1, shape (w, d).
     slope: Array
-    #: Largest relative magnitude of the elements of ``gradient``, for each of w sets of
-    #: constraints, shape (w,). Each element of the gradient is a sum. Its relative magnitude is its
-    #: absolute value divided by 1 plus the sum of the absolute values of the summands.
+    #: Largest relative magnitude of the elements of ``gradient``, shape (w,). Each element is a
+    #: sum. Its relative magnitude is its absolute value divided by 1 plus the sum of the absolute
+    #: values of the summands.
     error: Array
 
 
@@ -153,37 +142,26 @@ class Tilted(NamedTuple):
     independent constraints.
     """
 
-    #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
-    #: normal vector x, shape (d, d, w) for w sets of constraints. The diagonal elements are 1.
+    #: Lower triangular matrices of the independent constraints, with ones on the diagonal, shape
+    #: (d, d, w).
     unit: Array
-    #: Lower bounds in the d independent constraints unit · x ≥ bound on a standard normal vector x,
-    #: shape (d, w) for w sets of constraints.
+    #: Lower bounds of the independent constraints, shape (d, w).
     bound: Array
-    #: Coordinates x of the saddle point of the log importance weight, which is a function of the
-    #: standard normal vector x and of the tilt. The shape is (d, w): d elements for each of w sets
-    #: of constraints on x. The last element is zero.
+    #: Coordinates x of the saddle point of the log importance weight, shape (d, w). The last
+    #: coordinate is zero.
     x: Array
-    #: Shifts (tilts) of the normal densities from which the d elements of a vector x are drawn at
-    #: random, shape (d, w) for w sets of constraints on x. The shift of the last element is zero.
+    #: Tilts at the saddle point: the shifts of the normal densities from which the elements of x
+    #: are drawn, shape (d, w). The last tilt is zero.
     tilt: Array
-    #: Coefficients of the vector x in the k dependent constraints dependent_mean + dependent · x ≥
-    #: 0, shape (k, d, w) for w sets of constraints. Dependent constraints are linear combinations
-    #: of other constraints.
+    #: Coefficients of x in the dependent constraints, shape (k, d, w).
     dependent: Array
-    #: Constant terms of the k dependent constraints dependent_mean + dependent · x ≥ 0 on a vector
-    #: x, shape (k, w) for w sets of constraints. Dependent constraints are linear combinations of
-    #: other constraints.
+    #: Constant terms of the dependent constraints, shape (k, w).
     dependent_mean: Array
-    #: For each dependent constraint, the index of the last element of the vector x that occurs in
-    #: it. A dependent constraint is a linear combination of other constraints. Shape (k, w) for k
-    #: such constraints in each of w sets.
+    #: Index of the last element of x that occurs in each dependent constraint, shape (k, w).
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return some of the w sets of constraints on a vector, selected by their indices.
-
-        ``members`` holds the indices, from 0.
-        """
+        """Return the sets of constraints with the indices ``members``, from 0."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],
@@ -198,9 +176,8 @@ class Tilted(NamedTuple):
     def log_bound(self) -> Array:
         """Upper bound of the log probability that all constraints on a vector hold, shape (w,).
 
-        There is one bound for each of w sets of constraints: the log importance weight at its
-        saddle point. The dependent constraints (linear combinations of the independent constraints)
-        are not taken into account; they could only reduce the bound.
+        The bound is the log importance weight at the saddle point. The dependent constraints are
+        not taken into account; they could only reduce the bound.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]

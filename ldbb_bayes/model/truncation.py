@@ -272,8 +272,9 @@ def _distribution_of_first(
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
     limits = _range_of_first(coefficients, edges)
+    equal_fractions = np.linspace(0.0, 1.0, _COARSE_GRID)
     for _ in range(_NARROWINGS):
-        coarse = _density_between(limits, coefficients, edges, _equal_fractions(_COARSE_GRID))
+        coarse = _density_between(limits, coefficients, edges, equal_fractions)
         limits = _range_of_density(coarse)
     fractions = _fractions_dense_at_ends(_GRID)
     grid, density = _density_between(limits, coefficients, edges, fractions)
@@ -299,11 +300,6 @@ def _range_of_density(distribution: _DensityOnGrid) -> _Limits:
     first = max(counts[0] - 1, 0)
     last = min(counts[-1] + 1, len(grid) - 1)
     return _Limits(grid[first], grid[last])
-
-
-def _equal_fractions(size: int) -> Array:
-    """Return ``size`` equidistant numbers from 0 to 1."""
-    return np.linspace(0.0, 1.0, size)
 
 
 def _fractions_dense_at_ends(size: int) -> Array:
@@ -373,7 +369,8 @@ def _probability_inside(rows: Array, edge: Array) -> Array:
     """
     if rows.shape[1] > 1:
         limits = _range_of_first(rows, edge)
-        grid, density = _density_between(limits, rows, edge, _equal_fractions(_COARSE_GRID))
+        equal_fractions = np.linspace(0.0, 1.0, _COARSE_GRID)
+        grid, density = _density_between(limits, rows, edge, equal_fractions)
         return np.asarray(trapezoid(density, grid, axis=-1))
     low, high = _limits_of_first(rows, edge)
     upper_tail = ndtr(-low) - ndtr(-high)

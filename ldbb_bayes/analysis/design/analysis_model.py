@@ -22,9 +22,8 @@ __all__ = ["analysis_model"]
 def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     """Return the model for an analysis of planned tests alone, without the readings of the pilot.
 
-    The pilot is the campaign or plan that the design starts from. The model takes its reference
-    force, and the prior standard deviations of the slopes (changes of compliance with force), from
-    the pilot. ``space`` holds the model and the pilot of the design, and ``tests`` are the planned
+    The model takes its reference force, and the prior standard deviations of the slopes, from the
+    pilot. ``space`` holds the model and the pilot of the design, and ``tests`` are the planned
     tests.
     """
     model = space.model
@@ -37,9 +36,9 @@ def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     forces = [float(test.force_N or 0.0) for test in tests]
     force_range_N = max(forces) - min(forces)
     if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
-        # The default prior standard deviation of a slope (change of a compliance with force)
-        # depends on the range of force of the tests. Set this prior standard deviation to its value
-        # for the campaign that the design starts from.
+        # The default prior standard deviation of a slope depends on the range of force of the
+        # tests. Set this prior standard deviation to its value for the campaign that the design
+        # starts from.
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd

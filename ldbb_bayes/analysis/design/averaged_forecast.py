@@ -62,8 +62,8 @@ def averaged_uncertainties(analyses: SimulatedAnalyses) -> dict[str, AveragedUnc
     """Return the uncertainties to expect from planned tests, averaged over constant and linear.
 
     They are those that the sheets of a report will state. The keys are the names of the compliances
-    and geometric errors, without slopes (changes of compliance with force). The result is empty if
-    the model has no linear compliance or flat priors.
+    and geometric errors, without slopes. The result is empty if the model has no linear compliance
+    or flat priors.
 
     Parameters
     ----------
@@ -91,9 +91,8 @@ def averaged_uncertainties(analyses: SimulatedAnalyses) -> dict[str, AveragedUnc
 def _known_before(models: NestedModels, analyses: SimulatedAnalyses) -> Coefficients:
     """Return what is known of the q coefficients before the planned tests, in each of K states.
 
-    A state is a set of hyper-parameters (such as the standard deviation of the noise). The result
-    is the posterior given the pilot's readings or, without readings, the prior. The condition that
-    no compliance is negative is left out.
+    A state is a set of hyper-parameters. The result is the posterior given the pilot's readings or,
+    without readings, the prior. The condition that no compliance is negative is left out.
     """
     bound = models.bound
     phi = analyses.states.phi
@@ -206,9 +205,9 @@ def _stated_variances(
     """Return the averaged variances that analyses of the planned tests state, shape (K, p).
 
     ``known`` are the coefficients in each state before the planned tests, and ``machines`` are the
-    K possible machines. ``scales``, shape (K, n, h), are n sets of the h hyper-parameters (such as
-    the standard deviation of the noise) that the analysis of each machine finds likely. The
-    variances are in internal units (products of powers of mm, N and rad).
+    K possible machines. ``scales``, shape (K, n, h), are n sets of the h hyper-parameters that the
+    analysis of each machine finds likely. The variances are in internal units (products of powers
+    of mm, N and rad).
     """
     bound = models.bound
     number, beliefs, h = scales.shape

@@ -31,7 +31,7 @@ __all__ = ["objective_of", "prediction_weight"]
 # fraction of the largest element in the same column.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. These
-# forces span the range of force of the pilot (the campaign that a design starts from).
+# forces span the range of force of the pilot.
 _PREDICTED_FORCES = 33
 
 
@@ -78,8 +78,8 @@ def objective_of(
     run
         Number of tests that have already been run.
     phi
-        K sets of the h hyper-parameters φ (such as the standard deviation of the noise) of the
-        campaign that the design starts from, shape (K, h); lengths in mm.
+        K sets of the h hyper-parameters φ of the campaign that the design starts from, shape (K,
+        h); lengths in mm.
     chosen
         Names of the parameters of interest.
     criterion

@@ -25,8 +25,8 @@ DECISIVE = 5.0
 # each value of the hyper-parameters.
 _POINTS = 256
 # Lower limit for two quantities: the variances of the components of the posterior mean of the
-# slopes (changes of compliance with force), and the shares of the slopes' variances that remain
-# after the tests. Smaller values are replaced by the limit, to avoid a division by zero.
+# slopes, and the shares of the slopes' variances that remain after the tests. Smaller values are
+# replaced by the limit, to avoid a division by zero.
 _LEAST_VARIANCE = 1e-12
 
 
@@ -34,43 +34,38 @@ _LEAST_VARIANCE = 1e-12
 class Discrimination(Result):
     """Evidence that planned tests are expected to give for or against slopes.
 
-    Slopes are changes of the compliances with force. The Bayes factor is that of a model with
-    slopes over a model without slopes. Attributes whose names end in ``_with`` assume that the
-    machine has slopes; those whose names end in ``_without`` assume that it has none.
+    The Bayes factor is that of a model with slopes over a model without slopes. Attributes whose
+    names end in ``_with`` assume that the machine has slopes; those whose names end in ``_without``
+    assume that it has none.
     """
 
-    #: root mean square that the slopes (changes of compliance with force) are assumed to have on a
-    #: machine with slopes, in prior standard deviations
+    #: root mean square that the slopes are assumed to have on a machine with slopes, in prior
+    #: standard deviations
     size: float
-    #: whether the analysis includes tests that have already been run. If so, the slopes (changes of
-    #: compliance with force) are assumed to follow their posterior given these tests. If not, they
-    #: are assumed to follow their prior, with standard deviations multiplied by ``size``.
+    #: whether the analysis includes tests that have already been run. If so, the slopes are assumed
+    #: to follow their posterior given these tests. If not, they are assumed to follow their prior,
+    #: with standard deviations multiplied by ``size``.
     augmented: bool
     #: smallest absolute value of the log Bayes factor at which evidence is decisive [nat]. The
-    #: Bayes factor compares the model with slopes (changes of compliance with force) to the model
-    #: without slopes.
+    #: Bayes factor compares the model with slopes to the model without slopes.
     threshold: float
-    #: expected log Bayes factor [nat] of the model with slopes (changes of compliance with force)
-    #: over the model without slopes, if the machine has slopes
+    #: expected log Bayes factor [nat] of the model with slopes over the model without slopes, if
+    #: the machine has slopes
     expected_with: float
-    #: expected log Bayes factor [nat] of the model with slopes (changes of compliance with force)
-    #: over the model without slopes, if the machine has no slopes
+    #: expected log Bayes factor [nat] of the model with slopes over the model without slopes, if
+    #: the machine has no slopes
     expected_without: float
-    #: probability of decisive evidence for slopes (changes of compliance with force) if slopes
-    #: exist
+    #: probability of decisive evidence for slopes if slopes exist
     decisive_with: float
-    #: probability of decisive evidence against slopes (changes of compliance with force) if none
-    #: exist
+    #: probability of decisive evidence against slopes if none exist
     decisive_without: float
-    #: probability of decisive, but wrong evidence against slopes (changes of compliance with force)
-    #: if slopes exist
+    #: probability of decisive, but wrong evidence against slopes if slopes exist
     misleading_with: float
-    #: probability of decisive, but wrong evidence for slopes (changes of compliance with force) if
-    #: none exist
+    #: probability of decisive, but wrong evidence for slopes if none exist
     misleading_without: float
-    #: a dict with the names of the slopes (changes of compliance with force) as keys. Each value is
-    #: the probability of decisive evidence for slopes if this slope is plus or minus ``size`` prior
-    #: standard deviations, and all other slopes are zero.
+    #: a dict with the names of the slopes as keys. Each value is the probability of decisive
+    #: evidence for slopes if this slope is plus or minus ``size`` prior standard deviations, and
+    #: all other slopes are zero.
     power: dict[str, float]
 
 
@@ -86,9 +81,8 @@ def discrimination_of(
 ) -> Discrimination:
     """Return the expected log Bayes factor for slopes, and the probabilities of decisive evidence.
 
-    Slopes are the changes of the compliances with force. The results are computed for two cases:
-    the machine has slopes, or it has none. B is the Bayes factor of the model with the slopes over
-    the model without slopes.
+    The results are computed for two cases: the machine has slopes, or it has none. B is the Bayes
+    factor of the model with the slopes over the model without slopes.
 
     Let m, shape (s,), be the posterior mean of the s slopes after the tests, and C, shape (s, s),
     their posterior covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁ be
@@ -133,9 +127,8 @@ def discrimination_of(
         slope_variance = size**2
     root = np.linalg.cholesky(covariance)
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
-    # Each eigenvalue in ``remaining`` belongs to a combination of the slopes (changes of compliance
-    # with force). The eigenvalue is the share of the variance of this combination that remains
-    # after the planned tests.
+    # Each eigenvalue in ``remaining`` belongs to a combination of the slopes. The eigenvalue is the
+    # share of the variance of this combination that remains after the planned tests.
     remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
@@ -187,19 +180,19 @@ def _log_bayes_factor(slopes: Gaussian) -> Array:
 class _LogBayesFactorDistribution:
     """Distribution of the log Bayes factor in favour of slopes, ½ (ln det C + Σ z²) + correction.
 
-    Slopes are changes of compliance with force. C is the posterior covariance of the s slopes, for
-    each of K values of the hyper-parameters, in units of the slopes' prior standard deviations. The
-    s components z of the slopes' posterior mean are independent and normally distributed.
+    C is the posterior covariance of the s slopes, for each of K values of the hyper-parameters, in
+    units of the slopes' prior standard deviations. The s components z of the slopes' posterior mean
+    are independent and normally distributed.
     """
 
-    # ln det C, where C is the posterior covariance of the slopes (changes of compliance with
-    # force), for each of K values of the hyper-parameters, shape (K,)
+    # ln det C, where C is the posterior covariance of the slopes, for each of K values of the
+    # hyper-parameters, shape (K,)
     log_volume: Array
     # quasi-random standard normal numbers, shape (K, samples, s − 1), for K values of the
-    # hyper-parameters. The posterior mean of s slopes (changes of compliance with force) has s
-    # independent normal components z. The component with the largest variance is not sampled: its
-    # probabilities are computed from the normal distribution. The numbers are samples of the other
-    # components, scaled to mean 0 and variance 1.
+    # hyper-parameters. The posterior mean of s slopes has s independent normal components z. The
+    # component with the largest variance is not sampled: its probabilities are computed from the
+    # normal distribution. The numbers are samples of the other components, scaled to mean 0 and
+    # variance 1.
     points: Array
     # what is added to the log Bayes factor at each value of the hyper-parameters, shape (K,) [nat]
     correction: Array
@@ -207,10 +200,10 @@ class _LogBayesFactorDistribution:
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the expected log Bayes factor in favour of slopes [nat].
 
-        Slopes are changes of compliance with force. The expectation is averaged over the
-        hyper-parameters. Before the tests, the posterior mean of the slopes is random, with s
-        independent normal components. ``mean``, shape (K, 1, s), and ``variance``, shape (K, s),
-        are the means and variances of these components, for K values of the hyper-parameters.
+        The expectation is averaged over the hyper-parameters. Before the tests, the posterior mean
+        of the slopes is random, with s independent normal components. ``mean``, shape (K, 1, s),
+        and ``variance``, shape (K, s), are the means and variances of these components, for K
+        values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float((0.5 * (self.log_volume + squares) + self.correction).mean())
@@ -218,13 +211,12 @@ class _LogBayesFactorDistribution:
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds ``level`` [nat].
 
-        The Bayes factor compares the models with and without slopes (changes of compliance with
-        force). It depends on the posterior mean of the slopes. Before the tests, this mean is
-        random; in suitable coordinates, it has s independent normal components. ``mean``, shape (K,
-        1 or 2, s), and ``variance``, shape (K, s), are the means and variances of these components
-        for K values of the hyper-parameters. The probability is averaged over these values. If
-        ``mean`` holds two values for each component, each value is used for half of the
-        quasi-random samples.
+        The Bayes factor compares the models with and without slopes. It depends on the posterior
+        mean of the slopes. Before the tests, this mean is random; in suitable coordinates, it has s
+        independent normal components. ``mean``, shape (K, 1 or 2, s), and ``variance``, shape (K,
+        s), are the means and variances of these components for K values of the hyper-parameters.
+        The probability is averaged over these values. If ``mean`` holds two values for each
+        component, each value is used for half of the quasi-random samples.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -232,11 +224,11 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The log Bayes factor depends on independent components of the posterior mean of the slopes
-        # (changes of compliance with force). They are sorted, so that the first component has the
-        # largest variance. If the other components are known, the probability that the log Bayes
-        # factor exceeds ``level`` follows from the normal distribution of the first component. This
-        # probability is averaged over quasi-random samples of the other components.
+        # The log Bayes factor depends on independent components of the posterior mean of the
+        # slopes. They are sorted, so that the first component has the largest variance. If the
+        # other components are known, the probability that the log Bayes factor exceeds ``level``
+        # follows from the normal distribution of the first component. This probability is averaged
+        # over quasi-random samples of the other components.
         needed = 2.0 * (level - self.correction) - self.log_volume
         needed_square = needed[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]

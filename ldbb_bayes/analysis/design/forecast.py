@@ -3,8 +3,9 @@
 `design` uses this forecast for the tests that it recommends, `identify` uses it for a plan, and the
 browser page uses it for the tests that are set with its sliders.
 
-β are the parameters (compliances, their changes with force, and geometric errors), φ the
-hyper-parameters (such as the standard deviation of the noise). A forecast depends on the model, on
+β are the parameters: compliances, their slopes (changes of compliances with force) and geometric
+errors. φ are the hyper-parameters, such as the standard deviation of the noise. A forecast depends
+on the model, on
 the tests, and on the distribution of φ and β before the tests. This distribution is the posterior
 given the readings of a pilot (the campaign that a design starts from). If there are no readings, it
 is the prior.
@@ -59,8 +60,8 @@ __all__ = [
 # Number of possible states of the machine (values of parameters and hyper-parameters) that a
 # forecast averages over.
 _STATES = 64
-# Number of posterior draws of the hyper-parameters (such as the standard deviation of the noise)
-# for each possible machine. The posterior variance of a parameter is computed from these draws.
+# Number of posterior draws of the hyper-parameters for each possible machine. The posterior
+# variance of a parameter is computed from these draws.
 _BELIEFS = 4
 # Number of posterior means of the parameters that are drawn at random for each possible machine, if
 # the forecast assumes that the hyper-parameters are known. Several means are drawn because the
@@ -100,10 +101,10 @@ class Expected(Result):
     in all tests. The condition that no compliance is negative reduces ``floor_sd`` in the same
     ratio as ``sd``.
 
-    ``prior_sd`` is that of an analysis of the planned tests, which sizes the prior of a slope
-    (change of a compliance with force) by the compliance that its own readings show; it is then the
-    median over the machines. It is infinite for a flat prior. If priors are flat and the tests do
-    not determine all parameters, all values are infinite.
+    ``prior_sd`` is that of an analysis of the planned tests, which sizes the prior of a slope by
+    the compliance that its own readings show; it is then the median over the machines. It is
+    infinite for a flat prior. If priors are flat and the tests do not determine all parameters, all
+    values are infinite.
     """
 
     unit: str
@@ -125,8 +126,8 @@ class Forecast(Result):
     #: expected information gain of the planned tests [nat]: the expectation of the Kullback-Leibler
     #: divergence of the posterior from the prior; infinite for a flat prior
     information_gain: Finite
-    #: evidence for or against slopes (changes of compliance with force) that the planned tests are
-    #: expected to give; None if the model has no slopes, or if priors are flat
+    #: evidence for or against slopes that the planned tests are expected to give; None if the model
+    #: has no slopes, or if priors are flat
     discrimination: Discrimination | None
 
     @property
@@ -138,15 +139,12 @@ class Forecast(Result):
 @dataclass(frozen=True)
 class Slopes:
     """Slopes about which planned tests give evidence, and their assumed root mean square.
-
-    Slopes are changes of compliances with force.
     """
 
-    #: names of the slopes (changes of compliance with force) about which evidence is forecast, such
-    #: as ``C_XXX_1``
+    #: names of the slopes about which evidence is forecast, such as ``C_XXX_1``
     names: tuple[str, ...]
-    #: root mean square that the slopes (changes of compliance with force) are assumed to have on a
-    #: machine with slopes, in prior standard deviations
+    #: root mean square that the slopes are assumed to have on a machine with slopes, in prior
+    #: standard deviations
     size: float = 1.0
 
 
@@ -163,15 +161,14 @@ class SimulatedAnalyses:
     #: the K possible machines before the planned tests, and what is known about them
     states: States
     #: the same K possible machines, with the prior that each analysis uses. The prior sd of a slope
-    #: (change of a compliance with force) depends on the compliance that the analysis estimates.
+    #: depends on the compliance that the analysis estimates.
     states_of_analyses: States
     #: covariances of the p parameters that the analysis of each machine finds for n random draws
     #: from the posterior of the hyper-parameters, shape (K, n, p, p), in units of the prior
     #: standard deviations of ``bound``. They are computed as if compliances could be negative.
     covariance: Array
-    #: the n random draws of the h hyper-parameters (such as the standard deviation of the noise)
-    #: for each of the K machines, shape (K, n, h), with lengths in mm; None if the analyses know
-    #: the hyper-parameters
+    #: the n random draws of the h hyper-parameters for each of the K machines, shape (K, n, h),
+    #: with lengths in mm; None if the analyses know the hyper-parameters
     scales: Array | None = None
     seed: int = _SEED  #: seed of the random numbers for the readings of the planned tests
 
@@ -356,9 +353,9 @@ def forecast_tests(
         assumed size. Default: all slopes of the model, with a root mean square of one prior
         standard deviation.
     known_scales
-        Whether to assume that the analysis knows the hyper-parameters (such as the standard
-        deviation of the noise), and that the noise has the same size in all circles. Default: the
-        analysis estimates the hyper-parameters from its readings.
+        Whether to assume that the analysis knows the hyper-parameters, and that the noise has the
+        same size in all circles. Default: the analysis estimates the hyper-parameters from its
+        readings.
     analyses
         Simulated analyses of the tests, if they are already known. Default: they are simulated.
 
@@ -401,9 +398,9 @@ def _believed_scales(bound: BoundModel, states: States, run: int, seed: int) -> 
 def _believed_covariance(bound: BoundModel, scales: Array) -> Array:
     """Return the covariances of the p parameters at given hyper-parameters, shape (K, n, p, p).
 
-    ``scales``, shape (K, n, h), are n sets of the h hyper-parameters (such as the standard
-    deviation of the noise) for each of K machines. The covariances are in units of the prior
-    standard deviations of the parameters. The condition that no compliance is negative is ignored.
+    ``scales``, shape (K, n, h), are n sets of the h hyper-parameters for each of K machines. The
+    covariances are in units of the prior standard deviations of the parameters. The condition that
+    no compliance is negative is ignored.
     """
     _, posterior = bound.given(scales.reshape(-1, scales.shape[-1]))
     relative_spread = posterior.spread() / bound.scale[:, None]
@@ -417,12 +414,12 @@ def _simulated_analyses(
 ) -> SimulatedAnalyses:
     """Simulate the analyses of planned tests on the possible machines ``states``.
 
-    The prior sd of a slope (change of a compliance with force) is proportional to the estimated
-    magnitude of its compliance. ``bound``, the model applied to the tests, takes this estimate from
-    the campaign that the design starts from. An analysis of the tests estimates the compliances
-    anew, from its own readings, so that its priors of the slopes differ. Covariances and states of
-    the result have these new priors. ``run`` is the number of tests of ``bound`` that have already
-    been run; they come first. ``seed`` is the seed of the random numbers.
+    The prior sd of a slope is proportional to the estimated magnitude of its compliance. ``bound``,
+    the model applied to the tests, takes this estimate from the campaign that the design starts
+    from. An analysis of the tests estimates the compliances anew, from its own readings, so that
+    its priors of the slopes differ. Covariances and states of the result have these new priors.
+    ``run`` is the number of tests of ``bound`` that have already been run; they come first.
+    ``seed`` is the seed of the random numbers.
     """
     scales = _believed_scales(bound, states, run, seed)
     covariance = _believed_covariance(bound, scales)
@@ -443,12 +440,11 @@ def _simulated_analyses(
 def precision_added_by_slope_priors(bound: BoundModel, estimates: Array) -> Array:
     """Return by how much the analysis of planned tests changes the prior precision of each slope.
 
-    The prior sd of a slope (change of a compliance with force) is proportional to the estimated
-    magnitude of its compliance. ``estimates``, shape (K, p), are the estimates of the p parameters
-    that K analyses find, in internal units (mm, N, rad). Let r be the ratio of the new prior sd of
-    a slope to that in ``bound``. The prior precision of the slope, in units of the prior sd in
-    ``bound``, increases by 1/r² − 1. The result has the shape (K, p) and is zero for all parameters
-    that are not slopes.
+    The prior sd of a slope is proportional to the estimated magnitude of its compliance.
+    ``estimates``, shape (K, p), are the estimates of the p parameters that K analyses find, in
+    internal units (mm, N, rad). Let r be the ratio of the new prior sd of a slope to that in
+    ``bound``. The prior precision of the slope, in units of the prior sd in ``bound``, increases by
+    1/r² − 1. The result has the shape (K, p) and is zero for all parameters that are not slopes.
     """
     sd = _sd_of_estimates(bound)
     column_of = {name: j for j, name in enumerate(bound.names)}
@@ -469,11 +465,10 @@ def _draw_estimates(
 ) -> Array:
     """Draw the estimates from which the analyses of planned tests size the priors of the slopes.
 
-    Slopes are changes of compliances with force. One estimate of the p parameters is drawn for each
-    of the K states, shape (K, p), in internal units (mm, N, rad). If ``run`` tests have already
-    been run, a part of the readings is known, and the estimate is taken to be a posterior mean,
-    which follows from ``covariance``, shape (K, n, p, p), in units of the prior sds in ``bound``.
-    ``seed`` is the seed of the random numbers.
+    One estimate of the p parameters is drawn for each of the K states, shape (K, p), in internal
+    units (mm, N, rad). If ``run`` tests have already been run, a part of the readings is known, and
+    the estimate is taken to be a posterior mean, which follows from ``covariance``, shape (K, n, p,
+    p), in units of the prior sds in ``bound``. ``seed`` is the seed of the random numbers.
     """
     if run == 0:
         phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
@@ -505,9 +500,8 @@ def _evidence(
     ``states`` are K possible states of the machine before the tests: values of its parameters and
     hyper-parameters. ``covariance`` are the posterior covariances of the p parameters in each
     state, shape (K, p, p), in units of the prior standard deviations. ``run`` is the number of
-    tests that have already been run. ``slopes`` holds the names of the slopes (changes of
-    compliances with force), and the root mean square that the slopes are assumed to have if the
-    compliances change with force.
+    tests that have already been run. ``slopes`` holds the names of the slopes, and the root mean
+    square that the slopes are assumed to have if the compliances change with force.
     """
     if not slopes.names:
         return None
@@ -625,10 +619,9 @@ def stated_variances(
     A state is one possible machine. States in which a compliance is negative at a force of the new
     tests are left out, unless no state would remain. For every remaining state, one or several
     analyses are simulated: posterior means of the parameters are drawn at random. An analysis does
-    not know the hyper-parameters (such as the standard deviation of the noise); n sets of values
-    represent their posterior. The variance that the analysis states for a parameter is the mean of
-    its posterior variances given these sets, plus the variance of its posterior means given these
-    sets.
+    not know the hyper-parameters; n sets of values represent their posterior. The variance that the
+    analysis states for a parameter is the mean of its posterior variances given these sets, plus
+    the variance of its posterior means given these sets.
 
     Parameters
     ----------
@@ -698,9 +691,8 @@ def _draw_posterior_means(
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given the parameters β of a state, the posterior
     mean is normally distributed with the mean m₁ + W (β − m₁) and the covariance W C. C depends on
-    the hyper-parameters (such as the standard deviation of the noise), for which there are n
-    values. The posterior means for all n values belong to the same readings. They are therefore
-    drawn with the same random numbers.
+    the hyper-parameters, for which there are n values. The posterior means for all n values belong
+    to the same readings. They are therefore drawn with the same random numbers.
 
     ``is_possible``, shape (K,), is true for those of the K states that are used. ``covariance``,
     shape (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are

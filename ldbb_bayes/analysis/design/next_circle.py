@@ -638,7 +638,7 @@ class _ModelOdds:
     """Comparison of linear with constant compliance, given the circles run so far."""
 
     known: Known
-    # indices of the slopes (changes of compliance with force) in the list of the model's parameters
+    # indices of the slopes in the list of the model's parameters
     columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
     error: float  # numerical error of the log Bayes factor of linear over constant compliance [nat]
@@ -652,10 +652,10 @@ class _ModelOdds:
     ) -> _ModelOdds | None:
         """Return the odds of linear over constant compliance; None if the model has no slopes.
 
-        Slopes are changes of compliance with force. The odds are averaged over alternative
-        explanations of an apparent change of compliance with force. ``known`` is the posterior
-        given the circles run so far. ``evidences`` computes the evidences of the two models.
-        ``confidence`` is the minimum probability at which a decision is made.
+        The odds are averaged over alternative explanations of an apparent change of compliance with
+        force. ``known`` is the posterior given the circles run so far. ``evidences`` computes the
+        evidences of the two models. ``confidence`` is the minimum probability at which a decision
+        is made.
         """
         parameters = known.bound.parameters
         columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]
@@ -695,10 +695,10 @@ class _ModelOdds:
         repeated = np.tile(self.known.phi, (len(covariance) // len(self.known.phi), 1))
         _, present = self.known.bound.given(repeated)
         slopes = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
-        # ``slopes`` is the posterior of the slopes (changes of compliance with force) before the
-        # next circle. Its mean and standard deviations are divided by ``scale``. They are then in
-        # units of the prior standard deviations, as ``covariance`` is. ``size`` has no effect on
-        # the fields of ``expected`` that are used here.
+        # ``slopes`` is the posterior of the slopes before the next circle. Its mean and standard
+        # deviations are divided by ``scale``. They are then in units of the prior standard
+        # deviations, as ``covariance`` is. ``size`` has no effect on the fields of ``expected``
+        # that are used here.
         expected = discrimination_of(
             covariance[:, self.columns][:, :, self.columns],
             tuple(self.known.bound.names[k] for k in self.columns),

@@ -71,8 +71,7 @@ class QuickForecast:
     """Forecast of how far a campaign is from the goals, at known hyper-parameters.
 
     A goal limits the standard uncertainty of a parameter. A campaign consists of candidate tests.
-    The forecast is made for K values of the hyper-parameters (such as the standard deviation of the
-    noise).
+    The forecast is made for K values of the hyper-parameters.
 
     Parameters
     ----------
