@@ -1,4 +1,4 @@
-"""Check that the direction of travel is given for all tests in a plane, or for none."""
+"""Planes in which circles run in both directions of travel, clockwise and counterclockwise."""
 
 from __future__ import annotations
 

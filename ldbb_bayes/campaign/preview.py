@@ -10,11 +10,11 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, require_campaign
 from ldbb_bayes.campaign.circular_test import usual_gap
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST, time_source
+from ldbb_bayes.campaign.spikes import SERIES_ORDER, fit_regular_readings, regular_readings
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
@@ -28,15 +28,13 @@ __all__ = [
     "resolution_of",
 ]
 
-# Highest order of the Fourier series that is fitted to the readings of a test in its preview.
-_ORDER = 12
 # Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
 # angles cover a smaller arc.
 _FULL_DEG = 359.0
 # A remark on a test whose angles do not cover the full circle states the covered arc if the arc is
 # at most this limit [deg], and otherwise the largest gap between angles. The limit is a full circle
 # minus one period of the highest order of the fitted Fourier series.
-_LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
+_LARGEST_ARC_DEG = 360.0 - 360.0 / SERIES_ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this multiple of the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
@@ -57,20 +55,12 @@ _SMALLEST_SPAN_RESOLUTIONS = 3.0
 # readings is probably wrong.
 _LARGEST_SPAN_UM = 1000.0
 # The preview fits a Fourier series only to tests whose number of readings is in this range.
-_FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# A reading is a spike if it deviates from the Fourier series fitted to its test by more than this
-# number of standard deviations. The standard deviation is that of the readings about the series.
-_SPIKE_SCATTERS = 8.0
+_FITTED_READINGS = range(2 * SERIES_ORDER + 11, 200_001)
 # For a test that goes once round the circle, the preview computes the jump between the last and the
 # first reading. It reports the circle as not closed if the jump exceeds this multiple of the noise
 # level. The noise level is the standard deviation of the noise or the resolution of the readout,
 # whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Spikes are searched for in two steps. The first step makes this number of fits, and gives the
-# readings new weights after each fit. The second step makes at most this number of fits. Each of
-# them leaves out the spikes that the previous fit shows; the step ends when the spikes no longer
-# change.
-_MAX_ROUNDS = 20
 # The preview examines the sign of the readings if at least `_FEWEST_FOR_SIGN` tests were run on the
 # same circle. Only tests that cover more than `_WHOLE_TURN_DEG` [deg] are counted. A remark is made
 # if the mean reading falls by more than `_SMALLEST_FALL_UM` [µm] from the smallest to the largest
@@ -79,9 +69,6 @@ _FEWEST_FOR_SIGN = 3
 _WHOLE_TURN_DEG = 340.0
 _SMALLEST_FALL_UM = 2.0
 _FALLING = -0.95
-# Ratio of the standard deviation of a normal distribution to its median absolute deviation (MAD).
-# The MAD of readings times this factor is an estimate of their standard deviation.
-_SD_PER_MAD = 1.4826
 # Smallest resolution [µm] that is accepted if more than nine tenths of the readings are distinct. A
 # smaller step only shows the number of digits with which the readings were written.
 _FINEST_STEP_UM = 0.005
@@ -473,15 +460,15 @@ def _noise_and_spikes(
     on spikes and on a large jump are added to ``remarks``. ``resolution_um`` is the resolution of
     the readout [µm].
     """
-    phases = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
+    phases = np.exp(1j * np.outer(test.angles_rad(), np.arange(SERIES_ORDER + 1)))
     reading = np.asarray(test.reading_um)
     fourier_columns = np.hstack([phases.real, phases.imag[:, 1:]])
     turn = test.angle_deg / 360.0
     columns = fourier_columns
     if closes:
         columns = np.column_stack([fourier_columns, turn])
-    regular = _find_regular_readings(columns, reading)
-    fit = _fit_regular_readings(columns, reading, regular)
+    regular = regular_readings(columns, reading)
+    fit = fit_regular_readings(columns, reading, regular)
     deviation = fit.deviation
     if closes:
         drift = (turn[-1] - turn[0]) * fit.coefficients[-1]
@@ -506,80 +493,7 @@ def _noise_and_spikes(
             off_um=float(deviation[largest]),
             count=len(spikes),
         )
-    return _fit_regular_readings(fourier_columns, reading, regular).scatter, len(spikes)
-
-
-class _Fit(NamedTuple):
-    """Result of a least-squares fit of a curve to the n readings of a test, without its spikes.
-
-    Spikes are readings far from the curve. The curve is a sum of k functions of the angle, whose
-    coefficients are ``coefficients``, shape (k,).
-    """
-
-    coefficients: Array
-    #: deviations of the n readings of a test from a curve fitted to them, spikes included [µm],
-    #: shape (n,)
-    deviation: Array
-    #: standard deviation of a test's readings about a curve fitted to them, without spikes [µm]
-    scatter: float
-
-
-def _fit_regular_readings(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
-    """Fit a curve to the n readings of a test by least squares, without the spikes.
-
-    ``columns`` (n, k) are the values of the k fitted functions at the angles of the readings, and
-    ``reading`` (n,) [µm] are the readings. ``regular`` is a mask of the readings, shape (n,), that
-    is false for spikes.
-    """
-    solution = np.linalg.lstsq(columns[regular], reading[regular], rcond=1e-9)
-    coefficients: Array = solution[0].astype(float)
-    deviation = reading - columns @ coefficients
-    freedom = np.count_nonzero(regular) - columns.shape[1]
-    scatter = float(np.sqrt(np.sum(deviation[regular] ** 2) / freedom))
-    return _Fit(coefficients, deviation, scatter)
-
-
-def _find_regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
-    """Return a mask of the n readings of a test, shape (n,), that is false for spikes.
-
-    A reading is a spike if it deviates from a fitted curve by more than eight standard deviations.
-    The first curve minimises the sum of absolute deviations. Then the spikes are left out and a new
-    curve is fitted by least squares. This step is repeated until the set of spikes no longer
-    changes, at most 20 times. ``columns`` (n, k) are the values of the k fitted functions at the
-    angles of the readings, and ``reading`` (n,) [µm] are the readings.
-    """
-    deviation, p = _least_absolute_deviations(columns, reading)
-    regular = np.ones(len(reading), dtype=bool)
-    for _ in range(_MAX_ROUNDS):
-        # The first fitted curve is a weighted sum of p functions. Because it minimises the sum of
-        # absolute deviations, it passes exactly through p of the readings. These readings say
-        # nothing about the scatter and are left out.
-        scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
-        previous = regular
-        regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
-        if np.array_equal(previous, regular) or np.count_nonzero(regular) <= p:
-            break
-        deviation = _fit_regular_readings(columns, reading, regular).deviation
-    return regular
-
-
-def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, int]:
-    """Return the deviations of n readings from a robust fit, and the rank of ``columns``.
-
-    The fit minimises the sum of absolute deviations, by iteratively reweighted least squares.
-    ``columns`` (n, k) are the values of the k fitted functions at the angles of the readings,
-    and ``reading`` (n,) are the readings. The deviations have the shape (n,).
-    """
-    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
-    basis = basis[:, size > 1e-9 * size[0]]
-    deviation = reading - basis @ (basis.T @ reading)
-    for _ in range(_MAX_ROUNDS):
-        distance = np.abs(deviation)
-        weight = 1.0 / np.maximum(distance, 1e-6 * distance.max() + 1e-12)
-        normal_matrix = (basis.T * weight) @ basis
-        coefficients = np.linalg.solve(normal_matrix, basis.T @ (weight * reading))
-        deviation = reading - basis @ coefficients
-    return deviation, basis.shape[1]
+    return fit_regular_readings(fourier_columns, reading, regular).scatter, len(spikes)
 
 
 def resolution_of(reading_um: Array) -> float | None:

@@ -138,8 +138,7 @@ class Forecast(Result):
 
 @dataclass(frozen=True)
 class Slopes:
-    """Slopes about which planned tests give evidence, and their assumed root mean square.
-    """
+    """Slopes about which planned tests give evidence, and their assumed root mean square."""
 
     #: names of the slopes about which evidence is forecast, such as ``C_XXX_1``
     names: tuple[str, ...]
