@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, settings
 from reports import fitted
 
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.design import forecast, space
+from ldbb_bayes.analysis.design import simulated_analyses, space
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
 from ldbb_bayes.cli import app
@@ -59,7 +59,7 @@ def designs_of_few_states() -> Iterator[None]:
     """Designs average over few values of the hyper-parameters: how they are chosen does not hang on
     it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(forecast, "_STATES", 16)
+        patch.setattr(simulated_analyses, "_STATES", 16)
         patch.setattr(space, "_SEARCH_NODES", 4)
         yield
 

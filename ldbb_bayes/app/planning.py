@@ -17,8 +17,8 @@ from ldbb_bayes.analysis.design.analysis_model import analysis_model
 from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
 from ldbb_bayes.analysis.design.candidates import grid_of_tests
 from ldbb_bayes.analysis.design.costs import Costs, effort_of, minutes_of
-from ldbb_bayes.analysis.design.forecast import simulate_analyses
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
+from ldbb_bayes.analysis.design.simulated_analyses import simulate_analyses
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app.fields import RESULT, linear_model
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, with_goals

@@ -17,8 +17,8 @@ import pandas as pd
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
-from ldbb_bayes.analysis.design.forecast import simulate_analyses
 from ldbb_bayes.analysis.design.present_estimates import present_estimates
+from ldbb_bayes.analysis.design.simulated_analyses import simulate_analyses
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.rival_explanations import subsets
 from ldbb_bayes.inference.evidence import probabilities

@@ -15,7 +15,8 @@ from ldbb_bayes.analysis.design.averaged_forecast import (
     _known_before,
     averaged_uncertainties,
 )
-from ldbb_bayes.analysis.design.forecast import forecast_plan, simulate_analyses
+from ldbb_bayes.analysis.design.forecast import forecast_plan
+from ldbb_bayes.analysis.design.simulated_analyses import simulate_analyses
 from ldbb_bayes.analysis.nested_models import NestedModels
 
 LINEAR = lb.HybridModel.default(1)

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.believed_scales import believed_scales, fisher_information
-from ldbb_bayes.analysis.design.forecast import simulate_analyses
+from ldbb_bayes.analysis.design.simulated_analyses import simulate_analyses
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.inference.nodes import HyperPosterior
 from tests.campaigns import oracle_of, plan, simulated

@@ -25,15 +25,13 @@ from ldbb_bayes.analysis.design.candidates import (
     templates,
 )
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
-from ldbb_bayes.analysis.design.forecast import (
-    forecast_plan,
-    forecast_tests,
-    posteriors,
+from ldbb_bayes.analysis.design.forecast import forecast_plan, forecast_tests, posteriors
+from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
+from ldbb_bayes.analysis.design.simulated_analyses import (
     precision_added_by_slope_priors,
     simulate_analyses,
     stated_variances,
 )
-from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import (
     States,

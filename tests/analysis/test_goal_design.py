@@ -20,9 +20,9 @@ from ldbb_bayes.analysis.design.cheapest_search import (
     judge_plan,
     shares_of_machines,
 )
-from ldbb_bayes.analysis.design.forecast import StatedByMachines
 from ldbb_bayes.analysis.design.goal_design import _near_misses
 from ldbb_bayes.analysis.design.goals import Goal
+from ldbb_bayes.analysis.design.simulated_analyses import StatedByMachines
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters, states_before
 from ldbb_bayes.errors import InputError

@@ -20,12 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import softmax
 
-from ldbb_bayes.analysis.design.forecast import (
+from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
+from ldbb_bayes.analysis.design.simulated_analyses import (
     LIKELY,
     SimulatedAnalyses,
     precision_added_by_slope_priors,
 )
-from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.analysis.nested_models import Coefficients, NestedModels, averaged_variances
 from ldbb_bayes.analysis.truncated_moments import symmetric_root

@@ -27,11 +27,12 @@ from ldbb_bayes.analysis.design.design_result import (
     Pilot,
     Planned,
 )
-from ldbb_bayes.analysis.design.forecast import Forecast, states_of
+from ldbb_bayes.analysis.design.forecast import Forecast
 from ldbb_bayes.analysis.design.goal_design import GoalDesign, design_for_goals
 from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, Goal
 from ldbb_bayes.analysis.design.search import MAX_TESTS, ExactDesign
 from ldbb_bayes.analysis.design.shares import Optimum
+from ldbb_bayes.analysis.design.simulated_analyses import states_of
 from ldbb_bayes.analysis.design.space import CriterionName, Space
 from ldbb_bayes.campaign.campaign import (
     Campaign,

@@ -19,14 +19,14 @@ import numpy as np
 
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.costs import Costs
-from ldbb_bayes.analysis.design.forecast import (
+from ldbb_bayes.analysis.design.forecast import forecast_plan
+from ldbb_bayes.analysis.design.goals import Goal
+from ldbb_bayes.analysis.design.simulated_analyses import (
     SimulatedAnalyses,
     StatedByMachines,
-    forecast_plan,
     simulate_analyses,
     stated_by_machines,
 )
-from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.results import Array
 

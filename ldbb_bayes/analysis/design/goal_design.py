@@ -36,7 +36,7 @@ from ldbb_bayes.analysis.design.cheapest_search import (
 )
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_forces
-from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan, states_of
+from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY, Goal, goals_in
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.possible_certificates import require_possible
@@ -45,6 +45,7 @@ from ldbb_bayes.analysis.design.present_estimates import (
     present_estimates,
     sds_of_fit,
 )
+from ldbb_bayes.analysis.design.simulated_analyses import states_of
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_probability, require

@@ -25,14 +25,10 @@ from ldbb_bayes.analysis.design.candidates import (
     templates,
 )
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
-from ldbb_bayes.analysis.design.forecast import (
-    Forecast,
-    SimulatedAnalyses,
-    Slopes,
-    forecast_plan,
-)
+from ldbb_bayes.analysis.design.forecast import Forecast, Slopes, forecast_plan
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.search import ExactDesign, Search
+from ldbb_bayes.analysis.design.simulated_analyses import SimulatedAnalyses
 from ldbb_bayes.analysis.design.states import hyper_nodes
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import check_known, require
