@@ -51,9 +51,8 @@ _MICROMETRE = 1e-3
 class Degeneracy:
     """A combination of parameters and nuisance coefficients whose effects on the readings cancel.
 
-    Nuisance coefficients describe effects that are modelled but not of interest. The model may have
-    been made from a preset (a ready-made model) by leaving out some effects. The combination can
-    contain coefficients of these effects too.
+    The model may have been made from a preset (a ready-made model) by leaving out some effects. The
+    combination can contain coefficients of these effects too.
     """
 
     #: class name of the model term that the pivot belongs to; an empty string if the pivot is a
@@ -62,7 +61,7 @@ class Degeneracy:
     term: str
     #: change of each coefficient of the degeneracy, in a unit composed of mm, N and rad; the keys
     #: are the names of the coefficients. Together, these changes have no effect on any reading.
-    #: Nuisance coefficients (of effects not of interest) come before parameters.
+    #: Nuisance coefficients come before parameters.
     combination: Mapping[str, float]
     #: parameters of interest that contribute notably to the degeneracy: the effect of each on the
     #: readings is more than 2 % of the largest effect of any coefficient in ``combination``
@@ -70,9 +69,8 @@ class Degeneracy:
     #: unit of each parameter in ``combination``, composed of mm, N and rad; the keys are the names
     #: of the parameters
     units: Mapping[str, str]
-    #: whether the model has a term for every nuisance coefficient (of an effect not of interest) in
-    #: ``combination``. If a term is missing, its effect is not included in the credible intervals
-    #: of the parameters.
+    #: whether the model has a term for every nuisance coefficient in ``combination``. If a term is
+    #: missing, its effect is not included in the credible intervals of the parameters.
     modelled: bool
     #: whether the standard uncertainty of every nuisance coefficient in ``combination`` is stated
     #: by a certificate or by the user; false if one of them is only assumed
@@ -87,11 +85,7 @@ class Degeneracy:
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the nuisance coefficients in the degeneracy.
-
-        A degeneracy is a combination of coefficients whose effects on the readings cancel. Nuisance
-        coefficients describe effects that are modelled but not of interest.
-        """
+        """Names of the nuisance coefficients in the degeneracy."""
         return tuple(name for name in self.combination if name not in self.units)
 
 
@@ -99,13 +93,12 @@ class Degeneracy:
 class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients describe effects that are not of interest. If the model was made from a
-    preset (a ready-made model) by leaving out effects, these effects are included here. ``owners``
-    are the class names of the model terms that the coefficients belong to; for a parameter, the
-    name is empty. ``prior_sd``, shape (m,), are the prior standard deviations of the coefficients.
-    The radial deviation of each test is described by 25 Fourier coefficients. ``columns``, shape
-    (tests, 25, m), holds the changes of these 25 Fourier coefficients per unit of each of the m
-    coefficients.
+    If the model was made from a preset (a ready-made model) by leaving out effects, these effects
+    are included here. ``owners`` are the class names of the model terms that the coefficients
+    belong to; for a parameter, the name is empty. ``prior_sd``, shape (m,), are the prior standard
+    deviations of the coefficients. The radial deviation of each test is described by 25 Fourier
+    coefficients. ``columns``, shape (tests, 25, m), holds the changes of these 25 Fourier
+    coefficients per unit of each of the m coefficients.
     """
 
     names: tuple[str, ...]
@@ -117,9 +110,8 @@ class _Coefficients:
 def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """Return a sparse basis of the degeneracies that involve parameters of interest.
 
-    A degeneracy is a combination of parameters and nuisance coefficients whose effects on the
-    readings cancel. One coefficient of each degeneracy is called its pivot: the other coefficients
-    together cancel the effect of the pivot on the readings.
+    One coefficient of each degeneracy is called its pivot: the other coefficients together cancel
+    the effect of the pivot on the readings.
 
     Parameters
     ----------
@@ -149,11 +141,10 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
     """Return a degeneracy without nuisance coefficients if the effects of its parameters cancel.
 
-    A degeneracy is a combination of coefficients whose effects on the readings cancel. ``vector``,
-    shape (m,), holds the values of the m coefficients in units of their prior standard deviations.
-    The function sets the nuisance coefficients to zero. If the effects of the parameters still
-    cancel, the parameters alone are returned. If not, ``vector`` is returned unchanged. ``space``
-    is the null space of the campaign's design matrix.
+    ``vector``, shape (m,), holds the values of the m coefficients in units of their prior standard
+    deviations. The function sets the nuisance coefficients to zero. If the effects of the
+    parameters still cancel, the parameters alone are returned. If not, ``vector`` is returned
+    unchanged. ``space`` is the null space of the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -255,9 +246,9 @@ def _largest_change_um(space: NullSpace, prior_sds: Array) -> float:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients describe effects that are not of interest. A model may leave out some
-    terms of the preset (ready-made model) that it is made from. The result contains the nuisance
-    coefficients of all terms of the preset, including those that are left out.
+    A model may leave out some terms of the preset (ready-made model) that it is made from. The
+    result contains the nuisance coefficients of all terms of the preset, including those that are
+    left out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**ready_made_terms(bound), **modelled}
@@ -289,10 +280,9 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 def _reading_changes(bound: BoundModel, columns: Array) -> Array:
     """Return by how much k readings change per unit of each of m coefficients, shape (k, m) [mm].
 
-    A coefficient is a parameter or describes an effect that is not of interest. The radial
-    deviation of a test is described by 25 Fourier coefficients. ``columns``, shape (tests, 25, m),
-    states by how much these change per unit of each of the m coefficients. The k readings are taken
-    at the angles of the tests, at most ``_MOST_ANGLES`` for each test.
+    The radial deviation of a test is described by 25 Fourier coefficients. ``columns``, shape
+    (tests, 25, m), states by how much these change per unit of each of the m coefficients. The k
+    readings are taken at the angles of the tests, at most ``_MOST_ANGLES`` for each test.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

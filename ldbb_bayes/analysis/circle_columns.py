@@ -39,16 +39,15 @@ COS2, SIN2 = harmonic_index(2)
 class MachineColumns(NamedTuple):
     """Changes of the 25 Fourier coefficients of one circle per unit of each of p parameters.
 
-    The coefficients describe the radial deviation of the circle [mm].
+    The coefficients describe the radial deviation of the circle [mm]. The parameters are the
+    compliances, their slopes (changes with force) and the geometric errors.
     """
 
-    #: changes of a circle's 25 Fourier coefficients per unit of each of the p parameters, shape
-    #: (25, p). Only the effects of compliances and slopes (changes of compliance with force) are
-    #: included; the columns of geometric errors are zero.
+    #: changes per unit of compliances and slopes, shape (25, p); the columns of geometric errors
+    #: are zero
     elastic: Array
-    #: changes of a circle's 25 Fourier coefficients per unit of each of the p parameters, shape
-    #: (25, p). Only the effects of geometric errors are included; the columns of compliances and
-    #: slopes (changes of compliance with force) are zero.
+    #: changes per unit of geometric errors, shape (25, p); the columns of compliances and slopes
+    #: are zero
     geometric: Array
 
 
@@ -58,11 +57,9 @@ class SecondOrderFactors(NamedTuple):
     The second harmonic of the radial deviation has two amplitudes: one of cos 2θ and one of sin 2θ.
     """
 
-    #: factor for the scale mismatch of the plane's two axes [µm/m]: the mismatch divided by the
-    #: amplitude of cos 2θ in the radial deviation of a circle [µm]
+    #: scale mismatch of the plane's two axes, divided by the amplitude of cos 2θ
     scale_mismatch: float
-    #: factor for the squareness of the plane's two axes [µm/m]: the squareness divided by the
-    #: amplitude of sin 2θ in the radial deviation of a circle [µm]
+    #: squareness of the plane's two axes, divided by the amplitude of sin 2θ
     squareness: float
 
 

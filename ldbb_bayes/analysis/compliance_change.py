@@ -31,17 +31,15 @@ _FEWEST_CHANGES = 20
 class DrawnValue(Result):
     """The mean, sd, median and credible interval of a compliance or of its change with force."""
 
-    mean: float  #: posterior mean of a compliance or of its change with force
-    sd: float  #: posterior standard deviation of a compliance or of its change with force
-    median: float  #: posterior median of a compliance or of its change with force
-    #: lower end of the equal-tailed credible interval of a compliance or of its change with force
-    ci_low: float
-    #: upper end of the equal-tailed credible interval of a compliance or of its change with force
-    ci_high: float
+    mean: float  #: posterior mean
+    sd: float  #: posterior standard deviation
+    median: float  #: posterior median
+    ci_low: float  #: lower end of the equal-tailed credible interval
+    ci_high: float  #: upper end of the equal-tailed credible interval
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the credible interval of a compliance or its change with force."""
+        """Lower and upper end of the credible interval."""
         return self.ci_low, self.ci_high
 
 

@@ -53,10 +53,8 @@ _FIRST_DIRECTION: Direction = "CW"
 class Cure(StrEnum):
     """A way to resolve a degeneracy: further tests of one kind, or a calibration.
 
-    A degeneracy is a combination of parameters and nuisance coefficients whose effects on every
-    reading cancel. The further tests differ from those of the plan in one respect. For example,
-    they are run at other forces, with a ball turned, at another radius, or in the opposite
-    direction.
+    The further tests differ from those of the plan in one respect. For example, they are run at
+    other forces, with a ball turned, at another radius, or in the opposite direction.
     """
 
     FORCES = "forces"
@@ -72,8 +70,6 @@ class Cure(StrEnum):
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
     """Return what would resolve each degeneracy: kinds of further tests, or a calibration.
 
-    A degeneracy is a combination of parameters and nuisance coefficients whose effects on every
-    reading cancel. Nuisance coefficients describe effects that are modelled but not of interest.
     The result lists each kind of tests that removes the degeneracy when such tests are added to the
     plan. One kind is tests with one ball turned; tests with both balls turned are listed only if
     one turned ball is not enough. A calibration is listed for every degeneracy whose field ``term``
@@ -113,11 +109,7 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a degeneracy of a plan remains after tests have been added to the plan.
-
-    A degeneracy is a combination of coefficients whose effects on the readings cancel.
-    ``remaining`` are the degeneracies of the plan with the added tests.
-    """
+    """Return whether a degeneracy of a plan is among those that ``remaining`` lists."""
     return any(_is_same(degeneracy, candidate) for candidate in remaining)
 
 
@@ -229,12 +221,12 @@ def clocked(
     tests = []
     for test in plan.tests:
         for turn in turns_deg:
-            clocked = test
+            turned = test
             if work_ball:
-                clocked = replace(clocked, work_ball_deg=test.work_ball_deg + turn)
+                turned = replace(turned, work_ball_deg=test.work_ball_deg + turn)
             if tool_ball:
-                clocked = replace(clocked, tool_ball_deg=test.tool_ball_deg + turn)
-            tests.append(clocked)
+                turned = replace(turned, tool_ball_deg=test.tool_ball_deg + turn)
+            tests.append(turned)
     return tests
 
 

@@ -15,7 +15,8 @@ of the form error may extend this knowledge to the orders 2 and 3. At these two 
 error still does not count as measured. When an origin is determined, the priors of the parameters
 of interest (compliances, their changes with force, and geometric errors) are made flat, too.
 Otherwise, the narrow prior of a squareness error would count as a measurement of a form error that
-changes the readings in the same way. All other effects keep their priors.
+changes the readings in the same way. All other effects keep their priors. Nuisance terms are the
+terms of a model for effects that are modelled but not of interest.
 
 Scatter differs from reading to reading, or from circle to circle, and is not described by
 coefficients that several circles have in common. Reading noise counts as measured here, because the
@@ -61,12 +62,11 @@ MEASURED_SD_RATIO = 0.5
 class Origin(StrEnum):
     """Origin of a source's standard uncertainty: measured in this campaign, stated or assumed."""
 
-    #: the readings of this campaign determine the standard uncertainty of a source of uncertainty
+    #: the readings of this campaign determine the standard uncertainty
     MEASURED = "measured here"
-    #: a certificate, or a prior that the user gave, states the standard uncertainty of a source of
-    #: uncertainty
+    #: a certificate, or a prior that the user gave, states the standard uncertainty
     STATED = "stated"
-    #: the standard uncertainty of a source of uncertainty is that of a default prior
+    #: the standard uncertainty is that of a default prior
     ASSUMED = "assumed"
 
 
@@ -159,14 +159,12 @@ class _PriorSize(NamedTuple):
     may be fixed.
     """
 
-    #: the prior standard deviation of a coefficient. If this is proportional to
-    #: ``hyper_parameters``, the factor of proportionality is stored instead.
+    #: the prior standard deviation or, if it is proportional to ``hyper_parameters``, the factor of
+    #: proportionality
     sd: float
-    #: the hyper-parameters to whose product the prior standard deviation of a coefficient is
-    #: proportional
+    #: the hyper-parameters to whose product the prior standard deviation is proportional
     hyper_parameters: Source
-    #: the part of a coefficient's prior standard deviation that is not multiplied by
-    #: hyper-parameters, because the user or a certificate states it
+    #: the fixed part of the prior standard deviation, which the user or a certificate states
     stated: float
 
 
@@ -202,9 +200,9 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
 def ready_made_terms(bound: BoundModel) -> dict[type[Term], Term]:
     """Return the nuisance terms of a model, with the settings that they have by default.
 
-    A nuisance is an effect that is modelled but not of interest. The terms are those of the
-    ready-made model, such as ``HybridModel.first``, from which the model ``bound`` was made.
-    Changes that the user has made since are ignored. The keys are the classes of the terms.
+    The terms are those of the ready-made model, such as ``HybridModel.first``, from which the model
+    ``bound`` was made. Changes that the user has made since are ignored. The keys are the classes
+    of the terms.
     """
     return {type(term): term for term in _ready_made_model(bound).nuisances}
 
@@ -212,8 +210,8 @@ def ready_made_terms(bound: BoundModel) -> dict[type[Term], Term]:
 def _ready_made_model(bound: BoundModel) -> HybridModel:
     """Return the ready-made model, such as ``HybridModel.first``, from which a model was made.
 
-    The ready-made model ``paper`` has no nuisance terms (effects not of interest);
-    ``HybridModel.first`` is returned in its place.
+    The ready-made model ``paper`` has no nuisance terms; ``HybridModel.first`` is returned in its
+    place.
     """
     return _ready_made_model_named(bound.model.preset, bound.model.degree)
 
@@ -233,8 +231,7 @@ def _ready_made_model_named(preset: str, degree: int) -> HybridModel:
 def term_named(bound: BoundModel, owner: str) -> Term | None:
     """Return the nuisance term of the class named ``owner``; None if the model has no such term.
 
-    A nuisance is an effect that is modelled but not of interest. ``bound`` is the model, applied to
-    a campaign or to a plan.
+    ``bound`` is the model, applied to a campaign or to a plan.
     """
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:

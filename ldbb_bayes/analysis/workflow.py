@@ -64,12 +64,8 @@ class PriorRange:
     """
 
     measured_um: float
-    #: lower end of the prior predictive interval of a circle's range (largest minus smallest
-    #: reading) [µm]
-    low_um: float
-    #: upper end of the prior predictive interval of a circle's range (largest minus smallest
-    #: reading) [µm]
-    high_um: float
+    low_um: float  #: lower end of the prior predictive interval [µm]
+    high_um: float  #: upper end of the prior predictive interval [µm]
     #: prior predictive probability that the range of the circle is at least as large as the
     #: measured range, not adjusted for the number of circles. If the value is small, such a large
     #: range is improbable under the prior.

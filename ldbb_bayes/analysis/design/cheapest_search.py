@@ -223,35 +223,29 @@ def are_enough(share: float, machines: int, probability: float) -> bool:
 class _Progress:
     """Progress of the search in one family of campaigns.
 
-    All campaigns of a family have the same clockings (pairs of angles by which the two balls are
-    turned), radii and certificates.
+    u is the uncertainty of a goal's parameter in the full forecast, in which the analysis must
+    estimate the hyper-parameters, and v its uncertainty in the quick forecast, in which they are
+    known.
     """
 
     family: CampaignFamily
-    #: number of circles of the campaign that the search for the cheapest campaign tries next
+    #: number of circles of the campaign that is tried next
     circles: int
     #: number of circles of every candidate test in the campaign that was tried last, shape
     #: (candidates,)
     counts: Array
-    #: ln(u/v) for the campaign with the largest number of circles allowed. u is the uncertainty of
-    #: a goal's parameter in the full forecast, and v its uncertainty in the quick forecast (with
-    #: known hyper-parameters). Zero if u is smaller than v.
+    #: ln(u/v) for the campaign with the largest number of circles allowed; zero if u < v
     lasting_inflation: float = 0.0
-    #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n. Here, n is the number of
-    #: circles of a campaign, u the uncertainty of a goal's parameter in the full forecast, and v
-    #: its uncertainty in the quick forecast (with known hyper-parameters). None before the first
-    #: full forecast.
+    #: coefficient a of the formula ln(u/v) = ``lasting_inflation`` + a/n for a campaign of n
+    #: circles; None before the first full forecast
     inflation: float | None = None
-    #: number of campaigns, in one family of campaigns, for which a full forecast (with unknown
-    #: hyper-parameters) was made
+    #: number of full forecasts made
     forecasts: int = 0
-    #: number of circles of the largest campaign whose full forecast (with hyper-parameters that the
-    #: analysis must estimate) missed the goals for uncertainties
+    #: number of circles of the largest campaign whose full forecast missed the goals
     last_failed: int = 0
-    #: number of circles of the campaign that the search in this family of campaigns tried first
+    #: number of circles of the campaign that was tried first
     first: int = 0
-    #: whether the search in this family of campaigns has already estimated the number of circles
-    #: that the goals need
+    #: whether the number of circles that the goals need has been estimated
     started: bool = False
 
 
@@ -263,12 +257,10 @@ class _QueuedFamily:
     in the family.
     """
 
-    #: lower limit of the price of the campaign that is tried next in this family of campaigns
     price: float
-    #: number of the family in the list of campaign families; families with equal prices are
-    #: searched in the order of these numbers
+    #: number of the family in the list of families; families with equal prices are searched in the
+    #: order of these numbers
     position: int
-    #: progress of the search in this family of campaigns
     progress: _Progress = field(compare=False)
 
 
@@ -318,9 +310,7 @@ def find_cheapest(
         minutes = progress.family.least_minutes(costs, progress.circles)
         if any(_buys_in_vain(progress.family, minutes, campaign, costs) for campaign in campaigns):
             continue
-        # The queue holds the families of campaigns that are still searched. A family leaves the
-        # queue when the search has found a campaign of the family that meets the goals for
-        # uncertainties, or has shown that there is none.
+        # A family leaves the queue when a campaign of the family meets the goals, or when none can.
         campaign = None
         if not progress.started:
             goes_on = search.start(progress)
@@ -333,7 +323,7 @@ def find_cheapest(
             heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
         if campaign is not None:
             campaigns = [*_not_in_vain(campaigns, campaign, costs), campaign]
-            queue = _without_skips(queue, costs)
+            queue = _retry_skipped(queue, costs)
             if reported < min(len(campaigns), number):
                 on_campaign()
                 reported += 1
@@ -366,8 +356,8 @@ def _is_complete(
     return len(campaigns) >= number and lowest_price >= prices[number - 1]
 
 
-def _without_skips(queue: Sequence[_QueuedFamily], costs: Costs) -> list[_QueuedFamily]:
-    """Return the queue of families with the numbers of circles that were skipped to be tried again.
+def _retry_skipped(queue: Sequence[_QueuedFamily], costs: Costs) -> list[_QueuedFamily]:
+    """Return the queue of families, in which the numbers of circles that were skipped come again.
 
     Numbers of circles are skipped if the expected uncertainties miss the goals. What is expected
     depends on the full forecasts so far, which were of few circles at first; after a campaign that
