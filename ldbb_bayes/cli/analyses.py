@@ -101,15 +101,8 @@ def identify(
     )
 
 
-def _read_model_files(entries: list[str], flag: str) -> dict[str, str]:
-    """Return a dictionary of the model files that the user typed as NAME=FILE.toml.
-
-    The keys are the names of the models, and the values are the paths of the files.
-    """
-    return pairs_in(entries, flag, "NAME=FILE.toml")
-
-
-_COMPARE_OPTIONS = group(**options_of("compare", models=Kind(list[str], _read_model_files)))
+_MODEL_FILES = Kind(list[str], partial(pairs_in, form="NAME=FILE.toml"))
+_COMPARE_OPTIONS = group(**options_of("compare", models=_MODEL_FILES))
 
 
 @command

@@ -14,7 +14,7 @@ __all__ = ["LAYOUT_FLAGS", "LAYOUT_OPTIONS"]
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
 
 
-def _column_in(text: str) -> str | int:
+def _read_column(text: str, flag: str) -> str | int:
     """Return the number or the heading by which the user names a column of a table.
 
     If ``text`` consists only of digits, it is the number of the column, counted from 1. Otherwise
@@ -23,14 +23,9 @@ def _column_in(text: str) -> str | int:
     return int(text) if text.isdecimal() else text
 
 
-def _read_column(text: str, flag: str) -> str | int:
-    """Return the number or heading of a table column that the user typed; numbers begin with 1."""
-    return _column_in(text)
-
-
 def _read_columns(entries: list[str], flag: str) -> list[str | int]:
-    """Return the numbers or headings of table columns that the user typed; numbers begin with 1."""
-    return [_column_in(text) for text in entries]
+    """Return the numbers or headings by which the user names columns of a table."""
+    return [_read_column(text, flag) for text in entries]
 
 
 def _read_sheets(text: str, flag: str) -> list[str]:

@@ -404,25 +404,6 @@ def _read_probability(probability: float, flag: str) -> float:
     return probability
 
 
-def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
-    """Return the goals for expanded uncertainties U that the user typed as NAME=U.
-
-    The result is a dictionary; its keys are names of quantities, and its values are texts such as
-    "20 nm/N". Raise an `InputError` if an entry has another form, or if a name occurs twice.
-    ``flag`` is the flag of the option for the error messages.
-    """
-    return pairs_in(entries, flag, "NAME=U")
-
-
-def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
-    """Return the tolerances of parameters that the user typed as NAME="VALUE UNIT".
-
-    The result is a dictionary; its keys are names of quantities, and its values are texts such as
-    "60 nm/N".
-    """
-    return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
-
-
 # Kinds of command-line options whose value is a comma-separated list of forces [N] or of pressures
 # [bar].
 FORCES = Kind(str, partial(numbers_in, example="36,389,742"))
@@ -444,6 +425,6 @@ _KINDS: Mapping[str, Any] = {
     "negated": Kind(bool, _read_negated),
     "probability": Kind(float, _read_probability, "X"),
     "points": Kind(list[str], points_in, "X,Y,Z"),
-    "goals": Kind(list[str], _read_goals),
-    "tolerances": Kind(list[str], _read_tolerances),
+    "goals": Kind(list[str], partial(pairs_in, form="NAME=U")),
+    "tolerances": Kind(list[str], partial(pairs_in, form='NAME="VALUE UNIT"')),
 }
