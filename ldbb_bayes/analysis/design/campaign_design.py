@@ -1,8 +1,9 @@
 """Design of the next campaign: its forces, its number of circles and its clockings.
 
-Candidates are the tests from which a design is chosen; each can be run once or several times. A
-criterion, such as the expected information gain, measures how good a design is. `design_result`
-explains the other terms.
+The pilot is the campaign or plan that a design starts from. Candidates are the tests from which a
+design is chosen; each can be run once or several times. A clocking is the pair of angles by which
+the two balls are turned. A criterion, such as the expected information gain, measures how good a
+design is. `design_result` explains the other terms.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ _LISTED_SHARE = 1e-4
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
-# Default clocking (pair of angles by which the balls are turned): the balls are not turned.
+# Default clocking: the balls are not turned.
 _NOT_TURNED: tuple[Clocking, ...] = ((0.0, 0.0),)
 _EQUAL_STEPS = "equal steps"
 _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
@@ -298,10 +299,7 @@ def _refuse_beside_goals(names: Sequence[str]) -> None:
 
 
 def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
-    """Return the number of circles to run: ``tests`` or, if None, as many as the pilot has.
-
-    The pilot is the campaign or plan that the design starts from.
-    """
+    """Return the number of circles to run: ``tests`` or, if None, as many as the pilot has."""
     number = len(pilot.tests) if tests is None else tests
     require_whole("tests", number)
     require(
@@ -344,8 +342,7 @@ def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:
 def _levels_in_range(pilot: Campaign) -> list[float]:
     """Return the force levels [N] from the lowest to the highest force of a pilot, in 1 N steps.
 
-    The pilot is the campaign or plan that a design starts from. The highest force of the pilot is
-    always the last level.
+    The highest force of the pilot is always the last level.
     """
     low = float(pilot.forces_N.min())
     high = float(pilot.forces_N.max())
@@ -458,8 +455,8 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
     The result names, for example, the parameters whose uncertainties would remain large, and the
     kinds of further tests or the calibrations that would reduce these uncertainties. ``space``
-    holds the pilot (the campaign or plan that the design starts from), the model and the parameters
-    of interest. ``forecast`` is the forecast of the results of the tests ``tests``.
+    holds the pilot, the model and the parameters of interest. ``forecast`` is the forecast of the
+    results of the tests ``tests``.
     """
     bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
     term_types = {type(term) for term in space.model.nuisances}

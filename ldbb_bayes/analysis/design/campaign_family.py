@@ -105,10 +105,9 @@ class CampaignFamily:
     def least_minutes(self, costs: Costs, circles: int) -> float:
         """Return the least machine time that a campaign of ``circles`` circles can have [min].
 
-        All campaigns of a family use the same radii and the same clockings (pairs of angles by
-        which the balls are turned in their sockets), but not all planes. Every plane and radius
-        needs a set-up, in which the first clocking needs no turn of the balls. ``costs`` holds the
-        time that each circle, set-up and turn takes.
+        All campaigns of a family use the same radii and the same clockings, but not all planes.
+        Every plane and radius needs a set-up, in which the first clocking needs no turn of the
+        balls. ``costs`` holds the time that each circle, set-up and turn takes.
         """
         radii = len(self.space.radii_mm)
         clockings = len(self.space.clockings_deg)
@@ -233,13 +232,13 @@ def families_of(
 ) -> Iterator[CampaignFamily]:
     """Yield the families of campaigns among which the cheapest campaign is sought.
 
-    The campaigns of one family use the same clockings (pairs of angles by which the two balls are
-    turned), the same radii and the same certificates. There is one family for each combination of
-    three choices: a subset of the clockings that contains the first clocking, a non-empty subset of
-    the radii, and one of the sets in ``sets_of_certificates`` (certificates that could be bought).
-    ``space`` holds the clockings and radii to choose from. ``goals`` are the goals for
-    uncertainties, ``states`` are the possible states of the machine, and ``truncation`` are the
-    ratios of `CampaignFamily.truncation`; all are the same for all families.
+    The campaigns of one family use the same clockings, the same radii and the same certificates.
+    There is one family for each combination of three choices: a subset of the clockings that
+    contains the first clocking, a non-empty subset of the radii, and one of the sets in
+    ``sets_of_certificates`` (certificates that could be bought). ``space`` holds the clockings and
+    radii to choose from. ``goals`` are the goals for uncertainties, ``states`` are the possible
+    states of the machine, and ``truncation`` are the ratios of `CampaignFamily.truncation`; all are
+    the same for all families.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]

@@ -52,11 +52,10 @@ Clocking = tuple[float, float]
 def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[CircularTest, ...]:
     """Return a test without readings for every plane and every direction of travel.
 
-    ``pilot`` is the campaign or plan that a design starts from, and ``directions`` are the
-    directions of travel. By default, each plane has the directions of the pilot's tests in the
-    plane. All other settings are copied from one of the pilot's tests in the plane: the test with
-    the median number of readings. The angles of the tests returned are in equal steps. A plane of
-    which the pilot has only foreseen tests counts, too.
+    ``directions`` are the directions of travel. By default, each plane has the directions of the
+    pilot's tests in the plane. All other settings are copied from one of the pilot's tests in the
+    plane: the test with the median number of readings. The angles of the tests returned are in
+    equal steps. A plane of which the pilot has only foreseen tests counts, too.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.scope):
@@ -170,8 +169,8 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
     """Return whether the parameters of the model depend on the radii of the circles.
 
     The parameters depend on the radii only if the centre of a circle, or the coordinate frame of a
-    joint, does not lie at the machine's origin. ``pilot`` is the campaign or plan that a design
-    starts from, and ``tests`` are further tests that may be run. The tests of both are considered.
+    joint, does not lie at the machine's origin. The circles considered are those of the pilot and
+    of ``tests``, which may be run.
     """
     if any(any(frame) for frame in pilot.frames_mm.values()):
         return True
@@ -232,9 +231,8 @@ def grid_of_tests(
 ) -> tuple[CircularTest, ...]:
     """Return every combination of template, radius, clocking and force as a planned test.
 
-    A template is a test without readings; a clocking is the pair of angles by which the balls are
-    turned. In the result, the force changes fastest, then the clocking, then the radius. The
-    template changes most slowly.
+    A template is a test without readings. In the result, the force changes fastest, then the
+    clocking, then the radius. The template changes most slowly.
     """
     tests = []
     for template, radius_mm, clocking, force_N in product(

@@ -450,16 +450,14 @@ def _with_more_circles(
 class _Search:
     """Search for the cheapest campaigns, in one family of campaigns after another.
 
-    A family consists of all campaigns with the same clockings (pairs of ball angles), radii and
-    certificates. Forecasts for one family are also used in the families that are searched later.
+    Forecasts for one family are also used in the families that are searched later.
     """
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
         """Begin a search in which no family of campaigns has been examined yet.
 
-        ``goals`` are the goals for uncertainties; the keys are the names of the parameters.
-        ``costs`` holds the costs and the longest machine time allowed. ``probability`` is the
-        minimum share of the possible machines on which all goals are to be met.
+        ``probability`` is the minimum share of the possible machines on which all goals are to be
+        met.
         """
         self._goals = goals
         self._costs = costs
@@ -560,11 +558,10 @@ class _Search:
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
         """Return a campaign of a family that meets the uncertainty goals, or None if this fails.
 
-        A family consists of all campaigns with the same clockings (pairs of ball angles), radii and
-        certificates. ``progress`` holds the family and the number of circles to try. The result has
-        this number of circles, or fewer if fewer are enough. The attempt fails if the best campaign
-        with this number of circles misses the goals, needs too much machine time, or does not use
-        all clockings and radii of the family.
+        ``progress`` holds the family and the number of circles to try. The result has this number
+        of circles, or fewer if fewer are enough. The attempt fails if the best campaign with this
+        number of circles misses the goals, needs too much machine time, or does not use all
+        clockings and radii of the family.
         """
         family = progress.family
         circles = progress.circles
@@ -655,9 +652,7 @@ class _Search:
         """Return ``campaign``, or a campaign with fewer circles that also meets the goals.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
-        is the progress of the search among the campaigns with the same ball angles, radii and
-        certificates. It is updated after every full forecast (a forecast in which the
-        hyper-parameters are unknown).
+        is updated after every full forecast.
         """
         family = progress.family
         best = campaign
@@ -678,10 +673,8 @@ class _Search:
     def _store_inflation(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
         """Store how much larger the uncertainties are in the full forecast than in the quick one.
 
-        The quick forecast takes the hyper-parameters as known. ln(u_full / u_quick), the logarithm
-        of the ratio of the uncertainties, is assumed to be a constant plus ``progress.inflation``
-        divided by the number of circles. The coefficient ``progress.inflation`` is computed from
-        both forecasts of ``campaign``. ``counts`` is the campaign's number of circles of every
+        `_expected_inflation` states the formula. Its coefficient ``progress.inflation`` is computed
+        from both forecasts of ``campaign``. ``counts`` is the campaign's number of circles of every
         candidate test.
         """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
@@ -691,12 +684,10 @@ class _Search:
     def _expected_inflation(self, progress: _Progress) -> float:
         """Return the expected logarithm of a ratio of uncertainties, ln(u_full / u_quick).
 
-        u_full and u_quick are the standard uncertainties in the full and in the quick forecast of a
-        campaign. The quick forecast assumes that the hyper-parameters (such as the standard
-        deviation of the noise) are known. In the full forecast, more circles determine them better.
-        ln(u_full / u_quick) is therefore assumed to be a constant plus a term that is inversely
-        proportional to the number of circles. Both are estimated from the forecasts of earlier
-        campaigns; ``progress`` holds them.
+        The quick forecast assumes that the hyper-parameters are known. In the full forecast, more
+        circles determine them better. The logarithm is therefore assumed to be a constant plus a
+        term that is inversely proportional to the number of circles. Both are estimated from the
+        forecasts of earlier campaigns; ``progress`` holds them.
         """
         inflation = progress.inflation
         if inflation is None:

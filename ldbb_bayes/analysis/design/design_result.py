@@ -151,9 +151,9 @@ class Design(Forecast):
     #: optimality certificate: it states whether it is proven that no other shares of the candidate
     #: tests give a better value of the design criterion than ``shares``
     certificate: Certificate
-    #: best shares of the candidate tests (tests that could be run), one row per candidate with a
-    #: share above 0.0001. The share is the candidate's number of runs divided by the number of all
-    #: runs. The columns are force_N, the columns that `columns` names, and share.
+    #: best shares of the candidate tests, one row per candidate with a share above 0.0001. The
+    #: share is the candidate's number of runs divided by the number of all runs. The columns are
+    #: force_N, the columns that `columns` names, and share.
     shares: Records
     #: expected standard deviation of each parameter for a simple design with evenly spaced forces.
     #: All tests of this design have the same radius and the same clocking (pair of ball angles):

@@ -369,8 +369,7 @@ class _Steps:
 def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
     """Return CW and CCW, or an empty tuple if a test of the pilot states no direction of travel.
 
-    The pilot is the campaign or plan that the design starts from. The model can include hysteresis
-    only if the directions of all tests are known.
+    The model can include hysteresis only if the directions of all tests are known.
     """
     if any(test.direction is None for test in pilot.tests):
         return ()

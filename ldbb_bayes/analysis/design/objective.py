@@ -65,9 +65,8 @@ class _CandidateGroup(NamedTuple):
 class Objective(Shown):
     """Criterion Φ as a function of a design, averaged over K values of the hyper-parameters.
 
-    The criterion is the figure of merit that the search for a design maximises. A candidate is a
-    test that could be run. A design is described by the number of runs of each candidate,
-    ``counts``, shape (candidates,).
+    The criterion is the figure of merit that the search for a design maximises. A design is
+    described by the number of runs of each candidate, ``counts``, shape (candidates,).
     """
 
     #: derivatives G of the readings of each candidate with respect to the p parameters, divided by
@@ -115,8 +114,7 @@ class Objective(Shown):
     def value(self, counts: Array) -> float:
         """Return the criterion Φ of a design; −inf if the design does not determine all parameters.
 
-        ``counts`` is the number of runs of each candidate (test that could be run), shape
-        (candidates,).
+        ``counts`` is the number of runs of each candidate, shape (candidates,).
         """
         return float(self._values(self._precision(counts)).mean())
 
@@ -200,7 +198,7 @@ class Objective(Shown):
         """Return the precision matrices of all p parameters after the tests of a design.
 
         The matrices have the shape (K, p, p), for K values of the hyper-parameters. ``counts`` is
-        the number of runs of each candidate (test that could be run), shape (candidates,).
+        the number of runs of each candidate, shape (candidates,).
         """
         precision = self.prior.copy()
         for group in self._groups:

@@ -31,10 +31,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["QuickForecast", "limits_of_goals"]
 
-# The largest of the values r of several goals is approximated by (Σ r^s)^(1/s), which is a smooth
-# function. Here, r is the standard uncertainty of a goal's parameter, divided by the largest
-# standard uncertainty that the goal permits; s is this number. For two equal values r and s = 16,
-# the result is 4 % too large.
+# The largest of the values r_g of several goals is approximated by (Σ r_g^s)^(1/s), where s is this
+# number. For two equal values r_g, the result is 4 % too large.
 _SHARPNESS = 16.0
 # Largest number of passes of the search for a campaign. A campaign states how many circles of each
 # candidate test are run. In each pass, the search goes through the candidates that are run, and
@@ -84,12 +82,7 @@ class QuickForecast:
     """
 
     def __init__(self, objective: Objective, relative_limits: Array) -> None:
-        """Prepare forecasts for campaigns that consist of the candidate tests of ``objective``.
-
-        ``relative_limits``, shape (K, goals), are the largest standard uncertainties that the goals
-        permit, in units of the prior standard deviations of the goals' parameters, at K values of
-        the hyper-parameters.
-        """
+        """Store the information of the candidate tests, and the limits of the goals."""
         self._rows = objective.rows
         self._prior = objective.prior
         self._limits = relative_limits
@@ -98,33 +91,24 @@ class QuickForecast:
     def distance(self, counts: Array) -> float:
         """Return the distance of a campaign from its goals: about zero if the goals are just met.
 
-        For each goal, u is the standard uncertainty of its parameter, and u* the largest standard
-        uncertainty that the goal permits. First, a smooth maximum of ln(u/u*) over all goals is
-        computed at each value of the hyper-parameters. It is slightly larger than the true maximum
-        if there are several goals. The distance is the mean of the smooth maxima over the values of
-        the hyper-parameters. ``counts``, shape (candidates,), is the campaign's number of circles
-        of every candidate test.
+        With several goals, it is slightly larger than zero, because the smooth maximum of ln r is
+        slightly larger than the true maximum. ``counts``, shape (candidates,), is the campaign's
+        number of circles of every candidate test.
         """
-        covariance = self._covariance(counts)
-        return float(self._distance(self._variances_of_goals(covariance)))
+        variances = self._variances_of_goals(self._covariance(counts))
+        return float(self._distance(variances))
 
     def distances(self, counts: Array) -> Array:
         """Return ln(u/u*) of every goal, averaged over the hyper-parameters, shape (goals,).
 
-        u is the standard uncertainty of the goal's parameter after a campaign, and u* the largest
-        standard uncertainty that the goal permits. ``counts`` holds, for every candidate test, the
-        number of circles in the campaign, shape (candidates,).
+        ``counts`` holds, for every candidate test, the number of circles in the campaign, shape
+        (candidates,).
         """
-        covariance = self._variances_of_goals(self._covariance(counts))
-        return np.asarray(self._log_ratio(covariance).mean(axis=0))
+        variances = self._variances_of_goals(self._covariance(counts))
+        return np.asarray(self._log_ratio(variances).mean(axis=0))
 
     def floor(self) -> Array:
-        """Return ln(u/u*) of every goal after very many circles, shape (goals,).
-
-        u is the standard uncertainty that the goal's parameter would have if every test that could
-        be run were run very many times. u* is the largest standard uncertainty that the goal
-        permits.
-        """
+        """Return ln(u/u*) of every goal if every candidate were run very often, shape (goals,)."""
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
@@ -217,18 +201,13 @@ class QuickForecast:
     def _log_ratio(self, variances: Array) -> Array:
         """Return ln(u/u*) of every goal, at K values of the hyper-parameters φ.
 
-        u is the standard uncertainty of the goal's parameter, and u* the largest standard
-        uncertainty that the goal permits. ``variances`` holds the values of u². It has the same
-        shape as the result, (..., K, goals).
+        ``variances`` holds the values of u². It has the same shape as the result, (..., K, goals).
         """
         return np.asarray(0.5 * np.log(variances) - np.log(self._limits))
 
     def _distance(self, variances: Array) -> Array:
         """Return how far each campaign is from its goals, shape (...).
 
-        The distance from one goal is ln(u/u*): u is the standard uncertainty of the goal's
-        parameter, and u* the largest standard uncertainty that the goal permits. The result is a
-        smooth maximum of the distances from all goals, averaged over the hyper-parameters φ.
         ``variances`` are the variances u² at K values of φ, shape (..., K, goals). Further
         dimensions, written (...), stand for campaigns.
         """

@@ -86,8 +86,7 @@ def efficient_rounding(share: Array, tests: int) -> Array:
     Parameters
     ----------
     share
-        Share of each candidate (test that could be run) in the number of all runs, shape
-        (candidates,).
+        Share of each candidate in the number of all runs, shape (candidates,).
     tests
         Number of tests.
 
@@ -126,10 +125,9 @@ def exchange(
 ) -> tuple[Array, float]:
     """Return a design improved by exchanging one test at a time, and its criterion.
 
-    A candidate is a test that could be run, once or several times. A design states the number of
-    runs of each candidate. A test is exchanged for another candidate if this improves the design.
-    The function ends when none of the exchanges that are tried improves the design, or after it has
-    gone through all tests 50 times.
+    A design states the number of runs of each candidate. A test is exchanged for another candidate
+    if this improves the design. The function ends when none of the exchanges that are tried
+    improves the design, or after it has gone through all tests 50 times.
 
     Parameters
     ----------
@@ -234,9 +232,8 @@ class ExactDesign:
 class Search:
     """Search for the best design among candidate tests.
 
-    A candidate is a test that could be run, once or several times. A design states the number of
-    runs of each candidate. The objective is a function that measures how good a design is. ``seed``
-    is the seed of the random numbers.
+    A design states the number of runs of each candidate. The objective is a function that measures
+    how good a design is. ``seed`` is the seed of the random numbers.
     """
 
     objective: Objective
@@ -248,10 +245,9 @@ class Search:
     def shares(self, tests: float) -> Optimum:
         """Return the best share of each candidate, and the sensitivity of each candidate.
 
-        A candidate is a test that could be run. The number of all runs is ``tests``; the share of a
-        candidate is its number of runs divided by ``tests``. The sensitivity of a candidate is the
-        derivative of the design criterion with respect to its share. The result is computed only
-        once for each number of tests.
+        The number of all runs is ``tests``; the share of a candidate is its number of runs divided
+        by ``tests``. The sensitivity of a candidate is the derivative of the design criterion with
+        respect to its share. The result is computed only once for each number of tests.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)

@@ -110,8 +110,8 @@ def simulate_analyses(
     model
         Model for the analysis of the plan's tests. It must have proper priors.
     plan
-        Plan. Before it is run, the machine is known only from the readings of the plan's pilot (the
-        campaign that the plan starts from) or, if there are none, from the prior.
+        Plan. Before it is run, the machine is known only from the readings of the plan's pilot or,
+        if there are none, from the prior.
     machines
         Number of possible machines, which are drawn from the posterior or prior. Default: 64.
     seed

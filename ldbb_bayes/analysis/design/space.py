@@ -1,7 +1,8 @@
 """Choices from which a design is made: candidate tests, criterion and parameters of interest.
 
 The pilot is the campaign or plan that a design starts from. Candidates are tests that could be run,
-once or several times. The criterion measures how good a design is.
+once or several times. A clocking is the pair of angles by which the balls are turned. The criterion
+measures how good a design is.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Regular expression for the name of a campaign that ends in its number, such as "spindle 4 (2)".
 _NUMBERED = re.compile(r"(?P<name>.*) \((?P<number>\d{1,3})\)")
-# Number of values of the hyper-parameters (such as the standard deviation of the noise) that the
-# search for a design averages over. Larger numbers have led to the same designs.
+# Number of values of the hyper-parameters that the search for a design averages over. Larger
+# numbers have led to the same designs.
 _SEARCH_NODES = 12
 _MAX_CANDIDATES = 5000
 # ``_ALL_GROUPS`` holds all groups of parameters: compliances, slopes (changes of compliance with
@@ -66,11 +67,10 @@ class Space:
     The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
     values are removed.
 
-    The pilot is the campaign or plan that the design starts from. It may list foreseen tests, that
-    is, tests that may be run later; the model includes every effect that these tests can reveal.
-    Two tests are of the same kind if they agree in plane, set-up, centre, radius and direction. If
-    the candidates include a kind of test that the pilot does not have, one candidate of this kind
-    is added to the foreseen tests.
+    The pilot may list foreseen tests, that is, tests that may be run later; the model includes
+    every effect that these tests can reveal. Two tests are of the same kind if they agree in plane,
+    set-up, centre, radius and direction. If the candidates include a kind of test that the pilot
+    does not have, one candidate of this kind is added to the foreseen tests.
     """
 
     model: HybridModel
@@ -91,10 +91,9 @@ class Space:
     def __post_init__(self) -> None:
         """Remove repeated values from the attributes, and add foreseen tests to the pilot.
 
-        The pilot is the campaign or plan that the design starts from. Foreseen tests are tests that
-        may be run later; the model includes their effects. If no radii are given, the radii of the
-        pilot's tests are used. An `InputError` is raised if the candidate tests, the criterion or
-        the parameters of interest are not valid.
+        Foreseen tests are tests that may be run later; the model includes their effects. If no
+        radii are given, the radii of the pilot's tests are used. An `InputError` is raised if the
+        candidate tests, the criterion or the parameters of interest are not valid.
         """
         radii_mm = self.radii_mm or _radii_of(self.pilot)
         self._store("forces_N", tuple(dict.fromkeys(self.forces_N)))
@@ -104,9 +103,8 @@ class Space:
         self._store("directions", tuple(directions))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # The candidate tests are derived from the pilot (the campaign or plan that the design
-        # starts from). They must be made from the pilot that the user gave, before tests that may
-        # be run later are added to its field ``foreseen``.
+        # The candidate tests are derived from the pilot. They must be made from the pilot that the
+        # user gave, before tests that may be run later are added to its field ``foreseen``.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
         # Check the parameters of interest last. The check applies the model to the pilot, whose
@@ -173,10 +171,7 @@ class Space:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model applied to the tests of the pilot alone, without the candidate tests.
-
-        The pilot is the campaign or plan that the design starts from.
-        """
+        """The model applied to the tests of the pilot alone, without the candidate tests."""
         return self.model.bind(self.pilot)
 
     @cached_property
@@ -203,8 +198,7 @@ class Space:
     def tests(self) -> tuple[CircularTest, ...]:
         """The candidate tests: every combination of template, force, clocking and radius.
 
-        A template is a test without readings; a clocking is the pair of angles by which the balls
-        are turned.
+        A template is a test without readings.
         """
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
@@ -235,9 +229,8 @@ class Space:
         """Return ``number`` tests at forces in equal steps, as nearly as the force levels allow.
 
         Forces in equal steps are computed first. Each is then replaced by the nearest force level.
-        All tests have the first clocking (pair of angles of the balls) in ``clockings_deg`` and the
-        first radius in ``radii_mm``. Planes and directions of travel alternate from one force step
-        to the next.
+        All tests have the first clocking in ``clockings_deg`` and the first radius in ``radii_mm``.
+        Planes and directions of travel alternate from one force step to the next.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -254,8 +247,7 @@ class Space:
     def _tests_run(self) -> int:
         """Number of the pilot's tests that are analysed together with the new tests.
 
-        The pilot is the campaign or plan that the design starts from. If ``augment`` is true, all
-        its tests are counted; otherwise the number is zero.
+        If ``augment`` is true, all tests of the pilot are counted; otherwise the number is zero.
         """
         return len(self.pilot.tests) if self.augment else 0
 
@@ -305,8 +297,7 @@ class Space:
     def plan_of(self, tests: Sequence[CircularTest], *, seed: int = 1) -> Campaign:
         """Return a plan of ``tests`` for the pilot's machine, in the order in which to run them.
 
-        The pilot is the campaign or plan that the design starts from. ``seed`` is the seed of the
-        random order.
+        ``seed`` is the seed of the random order.
         """
         ordered = running_order(tests, np.random.default_rng(seed))
         return replace(
