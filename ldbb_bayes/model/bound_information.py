@@ -39,8 +39,7 @@ class _Noise:
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
         """Return a nuisance effect's contribution to the covariance of reduced readings [mm²].
 
-        The m reduced readings are at most 25 numbers that replace the readings of a test; the
-        result has the shape (m, m).
+        The result has the shape (m, m), for m reduced readings.
 
         Parameters
         ----------

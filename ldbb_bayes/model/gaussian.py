@@ -79,9 +79,8 @@ class Gaussian(Shown):
         log_constant: Array | float = 0.0,
     ) -> None:
         """Store precision, shift and constant; mean and factors are computed when needed."""
-        # The attributes precision, shift and log_constant of a Gaussian function are cached
-        # properties of the class, which are computed from mean and root when they are first read.
-        # Because they are assigned here, they are not computed.
+        # These attributes are cached properties. Because they are assigned here, they are not
+        # computed from mean and root.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)

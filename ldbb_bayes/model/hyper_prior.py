@@ -1,7 +1,9 @@
 """Priors of the hyper-parameters φ, and the unbounded coordinates in which φ are sampled.
 
-The h hyper-parameters are the scales (standard deviations) of the noise and of other effects on the
-readings, and the decay p: the prior sd of a form error of order n is proportional to n^(−p).
+The h hyper-parameters are of three kinds: lengths, which are the scales (standard deviations) of
+the noise and of other effects on the readings; the decay p, where the prior sd of a form error of
+order n is proportional to n^(−p); and noise factors λ, each of which multiplies the noise of one
+circle. Decay and λ have no unit.
 """
 
 from __future__ import annotations
@@ -29,27 +31,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["HyperPrior"]
 
-
-# Lower bound of the decay p. The prior sd of a form error with n waves around the circle is
-# proportional to n^(−p).
+# Lower bound of the decay p.
 _LEAST_DECAY = 0.5
-
-
-# Upper bound of the decay p. The prior sd of a form error with n waves around the circle is
-# proportional to n^(−p).
+# Upper bound of the decay p.
 _MOST_DECAY = 3.5
-
-
-# Shape parameter of the inverse gamma prior of λ², where λ is the factor that multiplies the noise
-# of one circle.
+# Shape parameter of the inverse gamma prior of λ².
 _SHAPE = 1.5
-
-
-# Rate parameter of the inverse gamma prior of λ², where λ is the factor that multiplies the noise
-# of one circle.
+# Rate parameter of the inverse gamma prior of λ².
 _RATE = 1.5
-
-
 # A model may take the values of its hyper-parameters from another model. If the other model lacks a
 # hyper-parameter that is a key of this dict, the value of its substitute is taken. A model lacks
 # the scale ω of the machine's pattern (geometric and cyclic errors of higher orders) if no ball is
@@ -62,23 +51,17 @@ _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 class HyperPrior:
     """Independent prior densities of the h hyper-parameters, which are of three kinds (``laws``).
 
-    - A length, such as the sd of the noise, has a half-normal prior with the scale ``scale`` [mm],
-      truncated to values of at least ``lower`` [mm].
-    - A decay p (the prior sd of a form error of order n is proportional to n^(−p)) has the prior
-      Normal(``scale``, ``decay_sd``), truncated to [0.5, 3.5].
-    - λ is a factor that multiplies the noise of a circle. Its square has an inverse gamma prior,
-      λ² ~ InvGamma(3/2, 3/2).
-
-    Decay and λ have no unit.
+    - A length has a half-normal prior with the scale ``scale`` [mm], truncated to values of at
+      least ``lower`` [mm].
+    - A decay p has the prior Normal(``scale``, ``decay_sd``), truncated to [0.5, 3.5].
+    - The square of a noise factor λ has an inverse gamma prior, λ² ~ InvGamma(3/2, 3/2).
     """
 
     names: tuple[Hyper, ...]
-    #: one number for each of the h hyper-parameters, shape (h,): for a length, the scale of its
-    #: half-normal prior [mm]; for the decay exponent p of form errors, the prior mean (no unit);
-    #: not used for factors that multiply the noise of circles
+    #: scale of the prior of each length [mm], and prior mean of the decay, shape (h,); not used for
+    #: noise factors
     scale: Array
-    #: lower bound of each of the h hyper-parameters, shape (h,) [mm for lengths]; not used for the
-    #: decay exponent p of form errors, whose bounds are 0.5 and 3.5
+    #: lower bound of each length [mm], shape (h,); not used for the decay
     lower: Array
     laws: tuple[Law, ...]
     decay_sd: float
@@ -136,15 +119,12 @@ class HyperPrior:
 
     @cached_property
     def _is_decay(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is a decay, shape (h,).
-
-        A decay is the exponent with which form errors decrease with their order.
-        """
+        """Whether each of the h hyper-parameters is a decay, shape (h,)."""
         return np.array([law == "decay" for law in self.laws])
 
     @cached_property
     def _is_noise_factor(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is a factor that multiplies a circle's noise."""
+        """Whether each of the h hyper-parameters is a noise factor, shape (h,)."""
         return np.array([law == "circle" for law in self.laws])
 
     @property
@@ -173,10 +153,9 @@ class HyperPrior:
         return np.asarray(total)
 
     def _log_density_of_lengths(self, length: Array) -> Array:
-        """Return the log of the joint prior density of the hyper-parameters that are lengths.
+        """Return the log of the joint prior density of the lengths, shape (...).
 
-        Each length has a half-normal prior, truncated at its lower bound. ``length``, shape (...,
-        lengths), holds the lengths in mm; the result has the shape (...).
+        ``length``, shape (..., lengths), holds the lengths in mm.
         """
         scale = self.scale[self.in_mm]
         with np.errstate(over="ignore"):
@@ -189,8 +168,7 @@ class HyperPrior:
     def _log_density_of_decay(self, decay: Array) -> Array:
         """Return the log of the joint prior density of the decays, shape (...).
 
-        A decay is the exponent with which form errors decrease with their order. Its prior is
-        normal and truncated at its bounds. ``decay`` has the shape (..., decays).
+        ``decay`` has the shape (..., decays).
         """
         low, high = self._decay_levels
         white = (decay - self.scale[self._is_decay]) / self.decay_sd
@@ -200,15 +178,13 @@ class HyperPrior:
         return total
 
     def _log_density_of_noise_factors(self, noise_factor: Array) -> Array:
-        """Return the log of the joint prior density of the noise factors λ of all circles.
+        """Return the log of the joint prior density of the noise factors λ, shape (...).
 
-        Each λ multiplies the noise of one circle. Each λ² has an inverse gamma distribution.
-        ``noise_factor``, shape (..., circles), holds the factors; the result has the shape (...).
+        ``noise_factor``, shape (..., circles), holds the factors.
         """
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
-            # The density contains λ⁻², where λ is the factor that multiplies the noise of a circle.
             # If λ is so small that λ⁻² overflows, the density is set to zero.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
@@ -218,10 +194,7 @@ class HyperPrior:
         return total
 
     def log_density_of_log_noise(self, log_noise: Array) -> Array:
-        """Return the log prior density of ln λ at values of ln λ, an array of the same shape.
-
-        λ is the factor that multiplies the noise of a circle, and ln λ is its unbounded coordinate.
-        """
+        """Return the log prior density of ln λ at values of ln λ, an array of the same shape."""
         with np.errstate(over="ignore"):
             noise_factor = np.exp(log_noise)[..., None]
         return self._log_density_of_noise_factors(noise_factor) + log_noise
@@ -230,9 +203,9 @@ class HyperPrior:
         """Return unbounded coordinates of the h hyper-parameters φ, shape (..., h).
 
         ``phi``, shape (..., h), holds the hyper-parameters, with lengths in mm. The coordinate of a
-        hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound. The exponent with
-        which form errors decrease with their order (the decay) is bounded on both sides. Its
-        coordinate is ln(s / (1 − s)), where s is its position between the bounds, from 0 to 1.
+        hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound. The decay is bounded
+        on both sides. Its coordinate is ln(s / (1 − s)), where s is its position between the
+        bounds, from 0 to 1.
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)
@@ -270,8 +243,7 @@ class HyperPrior:
     def _mass_above_bound(self) -> Array:
         """Probability that each length exceeds its lower bound under the prior before truncation.
 
-        Lengths are hyper-parameters in mm, such as the sd of the noise. Their prior is half-normal
-        and truncated at the lower bound. The result has the shape (lengths,).
+        The result has the shape (lengths,).
         """
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
@@ -279,10 +251,8 @@ class HyperPrior:
     def _decay_levels(self) -> Array:
         """Prior probabilities of values below the bounds of each decay, before the truncation.
 
-        A decay p is an exponent: the prior sd of a form error of order n is proportional to n^(−p).
-        Its prior is a normal distribution that is truncated at two bounds. The probabilities are
-        those before the truncation. The result has the shape (2, decays): the first row belongs to
-        the lower bound, and the second row to the upper bound.
+        The result has the shape (2, decays): the first row belongs to the lower bound, and the
+        second row to the upper bound.
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._is_decay]) / self.decay_sd))
@@ -296,10 +266,7 @@ class HyperPrior:
 
     @staticmethod
     def draw_noise_factor(size: int, rng: np.random.Generator) -> Array:
-        """Return ``size`` random draws of λ, the factor that multiplies a circle's noise.
-
-        The draws are from the prior of λ.
-        """
+        """Return ``size`` random draws of a noise factor λ from its prior."""
         return np.asarray(np.sqrt(_RATE / rng.standard_gamma(_SHAPE, size)))
 
     def quantile(self, level: Array) -> Array:

@@ -31,8 +31,8 @@ _LEAST_DIFFERENCE = 1e-6
 # most likely to fail) holds. If the relative error of this bound is at most this number, bounds
 # from pairs of constraints are not computed.
 _NEGLIGIBLE_ERROR = 1e-9
-# Number that replaces h or k in Owen's formula for P(x < h, y < k) if h or k is zero, because the
-# formula divides by both numbers.
+# Number that replaces h or k in Owen's formula for P(x < h, y < k) if it is zero, because the
+# formula divides by both.
 _NEARLY_ZERO = 1e-300
 
 

@@ -515,10 +515,6 @@ class Prior(Shown):
     def hyper(self, scales: Sequence[Scale], resolution_um: float) -> HyperPrior:
         """Return the joint prior of the hyper-parameters, with lengths in mm.
 
-        Hyper-parameters are the scales (standard deviations) of the noise and of other effects, and
-        numbers without unit. One such number is the decay p: the prior sd of a form error of order
-        n is proportional to n^(−p).
-
         Parameters
         ----------
         scales

@@ -330,10 +330,9 @@ def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[f
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
     ``name`` is the name of the hyper-parameter, and ``value`` the true value that a user gives for
-    a simulation. Lengths are in µm; the decay and the factor that multiplies the noise of a circle
-    have no unit. ``law`` is the kind of the hyper-parameter's prior. ``bounds`` are the smallest
-    and the largest permitted value; they are used only for the decay p. The decay is an exponent:
-    the prior sds of form errors with n waves around the circle are proportional to n^(−p).
+    a simulation. Lengths are in µm; the decay and noise factors have no unit. ``law`` is the kind
+    of the hyper-parameter's prior. ``bounds`` are the smallest and the largest permitted value;
+    they are used only for the decay.
     """
     if law == "decay":
         low, high = bounds
