@@ -1,7 +1,7 @@
 """Degeneracies: combinations of coefficients whose effects on the readings cancel.
 
 Coefficients are the parameters of interest (compliances, their changes with force, and geometric
-errors) and the nuisance coefficients (of effects that are modelled but not of interest). For
+errors) and the nuisance coefficients, of effects that are modelled but not of interest. For
 example, a change of some parameters may cancel the effect of a nuisance coefficient in every
 reading. The readings then cannot tell the two effects apart. The degeneracies span the null space
 of the design matrix. A sparse basis of this space is computed, so that each degeneracy involves few

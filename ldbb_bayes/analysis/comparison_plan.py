@@ -22,11 +22,10 @@ __all__ = [
     "plan_comparison",
 ]
 
-# Scales of the prior of the slopes at which the Bayes factor is computed. A slope is the change of
-# a compliance with force. The scale is the prior standard deviation of this change over the range
-# of force, divided by a reference value of the compliance. The reference value is the estimate of
-# the compliance or, if ``slopes_of_estimate`` of the prior is false, the prior standard deviation
-# of the compliance.
+# Scales of the prior of the slopes at which the Bayes factor is computed. The scale is the prior
+# standard deviation of a compliance's change over the range of force, divided by a reference value
+# of the compliance. The reference value is the estimate of the compliance or, if
+# ``slopes_of_estimate`` of the prior is false, the prior standard deviation of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 
 
@@ -34,10 +33,10 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 class ComparisonPlan:
     """Plan of a comparison: the models to compare by evidence, and the further results to compute.
 
-    The first two of the compared models are also compared under other priors of the slopes (changes
-    of compliance with force), and under other assumptions about the random differences between
-    circles. Three dictionaries hold copies of these two models: ``by_slope_scale`` for the other
-    priors, ``by_assumption`` for the other assumptions, and ``unchanged`` for none of these.
+    The first two of the compared models are also compared under other priors of the slopes, and
+    under other assumptions about the random differences between circles. Three dictionaries hold
+    copies of these two models: ``by_slope_scale`` for the other priors, ``by_assumption`` for the
+    other assumptions, and ``unchanged`` for none of these.
     """
 
     #: the first two of the compared models; the keys are the names that the caller gave them
@@ -48,11 +47,11 @@ class ComparisonPlan:
     #: the largest model, with its compliances reduced to constant or linear functions of force;
     #: models in which only some compliances change with force are derived from this model
     linear: HybridModel
-    #: copies of the first two of the compared models, with narrower and wider priors of the slopes
-    #: (changes of compliance with force). The dict has one entry for each scale in `SLOPE_SCALES`.
-    #: The key states the scale, as in "slope scale 0.3". The value holds copies of the two models
-    #: in which the width of the prior is proportional to this scale. The dict is empty if neither
-    #: model has slopes, or if the two models differ only in this prior.
+    #: copies of the first two of the compared models, with narrower and wider priors of the slopes.
+    #: The dict has one entry for each scale in `SLOPE_SCALES`. The key states the scale, as in
+    #: "slope scale 0.3". The value holds copies of the two models in which the width of the prior
+    #: is proportional to this scale. The dict is empty if neither model has slopes, or if the two
+    #: models differ only in this prior.
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: dict with one entry. Its value is the pair of the first two compared models, as the caller
     #: gave them. Its key is a label of the assumption that these two models make about the random
@@ -69,17 +68,16 @@ class ComparisonPlan:
     #: whether models of constant compliance are fitted to the tests at each pair of neighbouring
     #: forces
     has_local_fits: bool
-    #: whether slopes (changes of compliance with force) are compared with alternative explanations:
-    #: other effects, such as a nonlinear mount, that change the readings in a similar way
+    #: whether slopes are compared with alternative explanations: other effects, such as a nonlinear
+    #: mount, that change the readings in a similar way
     has_rival_explanations: bool
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
         """Return the widths of the slopes' prior for which two models are compared once more.
 
-        Slopes are changes of compliance with force. The two models are the first two of the
-        compared models. The result is empty if neither of them has slopes, or if they differ only
-        in the prior of the slopes.
+        The two models are the first two of the compared models. The result is empty if neither of
+        them has slopes, or if they differ only in the prior of the slopes.
         """
         return SLOPE_SCALES if self.by_slope_scale else ()
 
@@ -99,11 +97,11 @@ def plan_comparison(
     """Return the plan of a comparison: which models to compare, and which results to compute.
 
     If ``evidence_only`` is true, only evidences are computed. Three results are then missing: the
-    prediction of each test from the other tests, models with only some of the slopes (changes of
-    compliance with force), and fits to the tests at each pair of neighbouring forces. Alternative
-    explanations (other effects that influence the readings in a similar way to slopes) are compared
-    if two conditions hold: the second model is the first model with slopes added, and the second
-    model has alternative explanations.
+    prediction of each test from the other tests, models with only some of the slopes, and fits to
+    the tests at each pair of neighbouring forces. Alternative explanations (other effects that
+    influence the readings in a similar way to slopes) are compared if two conditions hold: the
+    second model is the first model with slopes added, and the second model has alternative
+    explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
@@ -137,11 +135,10 @@ def plan_comparison(
 def _models_by_slope_scale(pair: Mapping[str, HybridModel]) -> dict[str, tuple[HybridModel, ...]]:
     """Return the two compared models with wider and with narrower priors of the slopes.
 
-    Slopes are changes of compliance with force. ``pair`` holds the two models by name. The result
-    is a dict with one entry for each scale in ``SLOPE_SCALES``. Its key states the scale, as in
-    "slope scale 0.3". Its value holds both models, changed so that the prior sds of the slopes are
-    proportional to the scale. The result is empty if neither model has slopes, or if the two models
-    differ only in this prior.
+    ``pair`` holds the two models by name. The result is a dict with one entry for each scale in
+    ``SLOPE_SCALES``. Its key states the scale, as in "slope scale 0.3". Its value holds both
+    models, changed so that the prior sds of the slopes are proportional to the scale. The result is
+    empty if neither model has slopes, or if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
@@ -153,9 +150,8 @@ def _models_by_slope_scale(pair: Mapping[str, HybridModel]) -> dict[str, tuple[H
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
     """Return a function that returns a copy of a model with another width of the slopes' prior.
 
-    Slopes are changes of compliance with force. In the copy, their prior sd is proportional to
-    ``scale``. A model without slopes is returned unchanged, so that its evidence is computed only
-    once for all scales.
+    In the copy, the prior sd of a slope is proportional to ``scale``. A model without slopes is
+    returned unchanged, so that its evidence is computed only once for all scales.
     """
 
     def change(model: HybridModel) -> HybridModel:

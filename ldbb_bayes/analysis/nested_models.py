@@ -37,8 +37,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Coefficients", "NestedModels", "averaged_sds", "averaged_variances"]
 
-# Name of the slopes (changes of compliance with force) in the list of effects that a model may
-# have or lack.
+# Name of the slopes in the list of effects that a model may have or lack.
 _SLOPES = "slopes"
 # A model is left out of an average if its log probability is below that of the most probable model
 # by more than this number [nat].
@@ -110,8 +109,7 @@ class NestedModels:
     def stated(self) -> dict[int, str]:
         """Names of the parameters for which results are stated; the keys are their indices.
 
-        These are compliances and geometric errors, but not slopes (changes of compliance with
-        force).
+        These are compliances and geometric errors, but not slopes.
         """
         parameters = enumerate(self.bound.parameters)
         return {k: entry.name for k, entry in parameters if entry.group != "slope"}
@@ -288,8 +286,8 @@ def averaged_sds(bound: BoundModel, phi: Array, *, truncated: bool) -> dict[str,
     """Return standard uncertainties that are averaged over constant and linear compliance.
 
     They are about those that `average` gives. The keys of the result are the names of the
-    compliances and geometric errors, without slopes (changes of compliance with force). The result
-    is empty if there is nothing to average (see `NestedModels`).
+    compliances and geometric errors, without slopes. The result is empty if there is nothing to
+    average (see `NestedModels`).
 
     Parameters
     ----------

@@ -24,10 +24,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Explained", "Explanations", "average_explanations", "compare_explanations", "subsets"]
 
-# Name of the slopes (changes of compliance with force) in the list of explanations.
+# Name of the slopes in the list of explanations.
 _SLOPES = "slopes"
-# The readings support slopes (changes of compliance with force) if the log Bayes factor of the
-# model with slopes over the model without slopes is above this number [nat].
+# The readings support slopes if the log Bayes factor of the model with slopes over the model
+# without slopes is above this number [nat].
 _ASKING = 1.0
 # Posterior probability from which on an alternative explanation counts as supported by the
 # readings. Before the readings it is 0.5.
@@ -64,8 +64,8 @@ class Explanations:
     #: all combinations of explanations of why compliance seems to change with force, the most
     #: probable first
     models: tuple[Explained, ...]
-    #: log Bayes factor of slopes (changes of compliance with force) over no slopes, from evidences
-    #: averaged over all combinations of the alternative explanations
+    #: log Bayes factor of slopes over no slopes, from evidences averaged over all combinations of
+    #: the alternative explanations
     averaged: Assumed
     #: log Bayes factor of a model in which compliances change with force over a model in which they
     #: are constant. Both models lack all other effects, such as a nonlinear mount, that could
@@ -76,12 +76,11 @@ class Explanations:
     def instead(self) -> tuple[str, ...]:
         """Names of the alternative explanations that make slopes unnecessary, or an empty tuple.
 
-        Slopes are changes of compliance with force. Alternative explanations make them unnecessary
-        if two conditions are met: in a comparison without alternative explanations, the readings
-        support slopes; on average over all combinations of alternative explanations, they do not.
-        The result names the alternative explanations in the most probable combination without
-        slopes. Those that are hardly more probable than before the readings are left out, unless
-        this is so for all of them.
+        Alternative explanations make them unnecessary if two conditions are met: in a comparison
+        without alternative explanations, the readings support slopes; on average over all
+        combinations of alternative explanations, they do not. The result names the alternative
+        explanations in the most probable combination without slopes. Those that are hardly more
+        probable than before the readings are left out, unless this is so for all of them.
         """
         if not self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return ()
@@ -100,13 +99,13 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
 def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
     """Compare slopes with alternative explanations, using the evidence of every combination.
 
-    Slopes are changes of compliance with force. Alternative explanations are other effects, such as
-    a nonlinear mount, that change the readings in a similar way. Each model has slopes or no
-    slopes, and any combination of the alternative explanations, so that r alternative explanations
-    give 2^(1 + r) models. All models have the same prior probability. The probability of an
-    explanation is the sum of the probabilities of the models that include it. The Bayes factor of
-    slopes over no slopes is computed twice: from the models without alternative explanations, and
-    from the evidences averaged over the combinations of alternative explanations.
+    Alternative explanations are other effects, such as a nonlinear mount, that change the readings
+    in a similar way. Each model has slopes or no slopes, and any combination of the alternative
+    explanations, so that r alternative explanations give 2^(1 + r) models. All models have the same
+    prior probability. The probability of an explanation is the sum of the probabilities of the
+    models that include it. The Bayes factor of slopes over no slopes is computed twice: from the
+    models without alternative explanations, and from the evidences averaged over the combinations
+    of alternative explanations.
 
     Parameters
     ----------
@@ -150,11 +149,11 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # Every model either has slopes (changes of compliance with force) or not, and has some, all or
-    # none of the alternative explanations. `subsets` lists the models with slopes first. The
-    # following arrays therefore have two rows: the first for the models with slopes, the second for
-    # those without. They have one column for each combination of alternative explanations; the last
-    # column is for no alternative explanation.
+    # Every model either has slopes or not, and has some, all or none of the alternative
+    # explanations. `subsets` lists the models with slopes first. The following arrays therefore
+    # have two rows: the first for the models with slopes, the second for those without. They have
+    # one column for each combination of alternative explanations; the last column is for no
+    # alternative explanation.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]
@@ -175,12 +174,12 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
 def average_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, averaged over other explanations.
 
-    Slopes are changes of compliance with force. The result is that of ``averaged`` in
-    `compare_explanations`, which has the same arguments, but it may take less time. A combination
-    of explanations is negligible if its log evidence is at least 10 nat below that of another
-    combination that agrees with it on slopes. New values of the hyper-parameters are not computed
-    for a combination if it is shown to be negligible without them; its numerical error is then left
-    out. The log Bayes factor differs from that of `compare_explanations` by less than 1e-4 nat.
+    The result is that of ``averaged`` in `compare_explanations`, which has the same arguments, but
+    it may take less time. A combination of explanations is negligible if its log evidence is at
+    least 10 nat below that of another combination that agrees with it on slopes. New values of the
+    hyper-parameters are not computed for a combination if it is shown to be negligible without
+    them; its numerical error is then left out. The log Bayes factor differs from that of
+    `compare_explanations` by less than 1e-4 nat.
     """
     constant, linear = pair.values()
     combinations = subsets(linear.rivals)
@@ -207,11 +206,10 @@ def _compare_slopes(
 ) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, with the two log evidences.
 
-    Slopes are changes of compliance with force. ``label`` states whether alternative explanations
-    are left out or averaged over. ``pair`` holds the model without slopes, then the model with
-    slopes; the keys are their names. ``log_evidence_by_slopes`` has the reverse order: it holds the
-    log evidence with slopes, then the log evidence without slopes. ``error`` is the numerical error
-    of the log Bayes factor [nat].
+    ``label`` states whether alternative explanations are left out or averaged over. ``pair`` holds
+    the model without slopes, then the model with slopes; the keys are their names.
+    ``log_evidence_by_slopes`` has the reverse order: it holds the log evidence with slopes, then
+    the log evidence without slopes. ``error`` is the numerical error of the log Bayes factor [nat].
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

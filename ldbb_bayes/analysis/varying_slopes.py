@@ -55,8 +55,8 @@ _FEWEST_NODES = 64
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
-# Type of a subset of slopes (changes of compliances with force). A subset has one entry for each
-# slope of the full model; the entry is true if the slope belongs to the subset.
+# Type of a subset of slopes. A subset has one entry for each slope of the full model; the entry is
+# true if the slope belongs to the subset.
 Choice = tuple[bool, ...]
 
 
@@ -125,8 +125,7 @@ def slope_subsets(
 ) -> AveragedSlopes:
     """Compute the evidence of models with different slopes, and average over these models.
 
-    Slopes are changes of compliance with force. In each model, some compliances have a slope, and
-    all others are constant.
+    In each model, some compliances have a slope, and all others are constant.
 
     Parameters
     ----------
@@ -182,7 +181,7 @@ def slope_subsets(
 
 
 def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
-    """Return the name of each compliance's slope (change with force): ``C_XXX_1`` for ``C_XXX``."""
+    """Return the name of each compliance's slope: ``C_XXX_1`` for ``C_XXX``."""
     names = {}
     for parameter in model.bind(campaign).parameters:
         if parameter.group == "slope":
@@ -193,13 +192,12 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
     """Search for the subsets of slopes with the largest evidence.
 
-    Slopes are changes of compliance with force. The search starts from the subset without slopes
-    and the subset of all slopes. Each step takes the subset with the largest evidence that no
-    earlier step has taken, and tries all subsets that differ from it in one slope. The search ends
-    after ``_SEARCHED_SUBSETS`` subsets, or when all subsets have been tried. Return, for every
-    subset tried, the quadrature nodes of the posterior: weighted values of the hyper-parameters,
-    with the evidence of the subset. ``weigh`` returns the nodes for a subset. ``slopes`` is the
-    number of possible slopes.
+    The search starts from the subset without slopes and the subset of all slopes. Each step takes
+    the subset with the largest evidence that no earlier step has taken, and tries all subsets that
+    differ from it in one slope. The search ends after ``_SEARCHED_SUBSETS`` subsets, or when all
+    subsets have been tried. Return, for every subset tried, the quadrature nodes of the posterior:
+    weighted values of the hyper-parameters, with the evidence of the subset. ``weigh`` returns the
+    nodes for a subset. ``slopes`` is the number of possible slopes.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):
