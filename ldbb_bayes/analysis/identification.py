@@ -24,7 +24,7 @@ from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
 from ldbb_bayes.analysis.design.averaged_forecast import averaged_uncertainties
-from ldbb_bayes.analysis.design.candidates import bind_plan
+from ldbb_bayes.analysis.design.bound_plans import bind_plan
 from ldbb_bayes.analysis.design.forecast import forecast_plan
 from ldbb_bayes.analysis.design.simulated_analyses import (
     SimulatedAnalyses,

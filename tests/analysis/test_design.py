@@ -15,17 +15,12 @@ from campaigns import TRUTH, cases, plan, refuses, simulated
 from oracle import Oracle, OracleTest
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.design.bound_plans import bind_plan, bind_tests
 from ldbb_bayes.analysis.design.campaign_design import _limits
-from ldbb_bayes.analysis.design.candidates import (
-    add_foreseen_tests,
-    bind_plan,
-    bind_tests,
-    grid_of_tests,
-    running_order,
-    templates,
-)
+from ldbb_bayes.analysis.design.candidates import add_foreseen_tests, grid_of_tests, templates
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.forecast import forecast_plan, forecast_tests, posteriors
+from ldbb_bayes.analysis.design.randomisation import running_order
 from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates
 from ldbb_bayes.analysis.design.simulated_analyses import (
     precision_added_by_slope_priors,

@@ -11,8 +11,8 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign, cheapest_search, goals_in, minutes_of
+from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
-from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.analysis.design.cheapest_search import (
     FoundCampaign,
     _judged_on_fresh_machines,

@@ -14,12 +14,12 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.conformity import Conformity, Decision
 from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
 from ldbb_bayes.analysis.design.aims_so_far import Known, ToleranceState
+from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_objective import objective_of
 from ldbb_bayes.analysis.design.candidate_covariances import (
     CandidateCovariances,
     covariances_with_scatter,
 )
-from ldbb_bayes.analysis.design.candidates import bind_tests
 from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.next_circle import (
     NextCircle,

@@ -18,7 +18,8 @@ import numpy as np
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.design.analysis_model import analysis_model
-from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
+from ldbb_bayes.analysis.design.bound_plans import bind_tests
+from ldbb_bayes.analysis.design.candidates import Clocking
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.design_result import (
     Certificate,

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_objective import objective_of
-from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
+from ldbb_bayes.analysis.design.candidates import Clocking
 from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer, certified_with
 from ldbb_bayes.analysis.design.costs import Costs, minutes_of, price_of
 from ldbb_bayes.analysis.design.criteria import Determinant

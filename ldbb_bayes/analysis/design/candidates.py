@@ -1,48 +1,21 @@
-"""Candidate tests of a design, the model applied to them, and the order in which to run tests.
+"""Candidate tests of a design, and foreseen tests that give its model all parameters.
 
-The pilot is the campaign or plan that a design starts from. The model takes its reference force F0,
-its range of force, and the estimate Ĉ of the compliances about which it is linearised, from the
-pilot. A clocking is the pair of angles by which the two balls are turned. If the tests have
-different clockings, the model has separate terms for the form errors of the two balls. If all tests
-have the same clocking, the readings cannot distinguish the form errors of the two balls, and the
-model has one common term for both balls.
+The pilot is the campaign or plan that a design starts from. A clocking is the pair of angles by
+which the two balls are turned.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.campaign.circular_test import planned_angles
-from ldbb_bayes.campaign.run_times import (
-    SECONDS_PER_TEST,
-    TimeSource,
-    after_the_others,
-    time_source,
-    with_listed_times,
-)
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
-__all__ = [
-    "Clocking",
-    "add_foreseen_tests",
-    "bind_plan",
-    "bind_tests",
-    "grid_of_tests",
-    "running_order",
-    "templates",
-]
-
-# An order of tests is not used if the absolute correlation between the forces of the tests and
-# their positions exceeds ``_MOST_SORTED``. At most ``_MOST_ORDERS`` random orders are drawn.
-_MOST_SORTED = 0.5
-_MOST_ORDERS = 24
+__all__ = ["Clocking", "add_foreseen_tests", "grid_of_tests", "templates"]
 
 # Clocking of a test: pair of angles by which the work ball and the tool ball are turned in their
 # sockets [°].
@@ -248,195 +221,3 @@ def grid_of_tests(
         )
         tests.append(test)
     return tuple(tests)
-
-
-def bind_tests(
-    model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep_pilot_tests: bool
-) -> BoundModel:
-    """Return the model applied to planned tests, alone or together with the pilot's tests.
-
-    The model takes its reference force, its range of force and the estimate Ĉ of the compliances
-    from the pilot. Even if the pilot's tests are left out, the model keeps the parameters that only
-    these tests can determine. The coefficients of hysteresis are an exception: which of them the
-    model has depends on the directions of travel, and the directions of tests that are left out do
-    not count.
-
-    Parameters
-    ----------
-    model
-        Model that is applied to the tests.
-    pilot
-        The campaign or plan that the design starts from.
-    tests
-        Planned tests, without those of the pilot.
-    keep_pilot_tests
-        Whether the model is applied to the tests of the pilot and the planned tests together. If
-        so, the tests of the pilot come first. If not, it is applied to the planned tests alone.
-
-    Returns
-    -------
-    BoundModel
-        The model applied to the tests.
-    """
-    plan = replace(pilot, tests=tuple(tests), foreseen=(), pilot=None, adds_to_pilot=False)
-    if not keep_pilot_tests:
-        # The order in which the planned tests will be run is not known yet: a random order is
-        # assumed.
-        plan = replace(plan, order="random")
-    return _bind_to_pilot(model, plan, pilot, keep_pilot_tests=keep_pilot_tests)
-
-
-def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
-    """Return the model applied to a plan.
-
-    The pilot is the campaign that the plan starts from. If the plan has a pilot, the model takes
-    its reference force, its range of force and the estimate Ĉ of the compliances from the pilot.
-    The instrument and the order of the tests are always taken from the plan. If the plan is to be
-    analysed together with its pilot, the model is applied to the pilot's tests, followed by the
-    tests of the plan.
-    """
-    pilot = plan.pilot
-    if pilot is None:
-        return model.bind(plan)
-    alone = replace(_with_times(plan, pilot), pilot=None, adds_to_pilot=False)
-    return _bind_to_pilot(model, alone, pilot, keep_pilot_tests=plan.adds_to_pilot)
-
-
-def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan whose tests have times, which determine how a drift affects them.
-
-    The pilot is the campaign that the plan starts from. If the plan is to be analysed together with
-    its pilot, its tests are run after those of the pilot, one every six minutes. A time that a test
-    of the plan states is kept, but only if all tests of the pilot state times: a fit of both, too,
-    uses times only if all tests state them. Otherwise, the mean time of the plan's tests is that of
-    the pilot's tests. A plan is returned unchanged if its tests are not run in the order in which
-    they are listed.
-    """
-    if plan.order is not None:
-        return plan
-    if plan.adds_to_pilot:
-        planned = plan.tests
-        if time_source(pilot) == TimeSource.LISTED:
-            planned = tuple(replace(test, time_s=None) for test in planned)
-        return replace(plan, tests=after_the_others(with_listed_times(pilot), planned))
-    planned_s = np.array([test.time_s for test in plan.tests], dtype=float)
-    if not np.isfinite(planned_s).all():
-        planned_s = SECONDS_PER_TEST * np.arange(len(plan.tests))
-    pilot_s = np.array([test.time_s for test in pilot.tests], dtype=float)
-    centred_s = planned_s - planned_s.mean()
-    if np.isfinite(pilot_s).all():
-        centred_s = centred_s + pilot_s.mean()
-    tests = []
-    for test, time_s in zip(plan.tests, centred_s.tolist(), strict=True):
-        tests.append(replace(test, time_s=time_s))
-    return replace(plan, tests=tuple(tests))
-
-
-def _bind_to_pilot(
-    model: HybridModel, plan: Campaign, pilot: Campaign, *, keep_pilot_tests: bool
-) -> BoundModel:
-    """Return the model applied to the tests of a plan, with settings of the pilot.
-
-    ``pilot`` is the campaign that the plan starts from; the model takes its reference force and
-    force range from this campaign. If ``keep_pilot_tests`` is true, the model is applied to the
-    tests of the pilot and of the plan together; the tests of the pilot come first. If it is false,
-    the model is applied to the tests of the plan alone. It then still has all parameters that the
-    pilot's tests could determine, except those of effects that depend on the directions of travel.
-    """
-    tests = plan.tests
-    pilot_tests = pilot.plan().tests
-    # Remove the names of the tests. The plan then gives every test a different name, even if the
-    # same test is planned several times.
-    planned = tuple(replace(test, name="") if test.name else test for test in tests)
-    if keep_pilot_tests:
-        planned = (*with_listed_times(pilot).plan().tests, *planned)
-    pilot_kinds = [replace(test, direction=None) for test in pilot_tests]
-    foreseen = (*plan.foreseen, *pilot.foreseen, *pilot_kinds)
-    joined = replace(plan, tests=planned, foreseen=foreseen)
-    return BoundModel(model, joined, pilot=pilot)
-
-
-def running_order(
-    tests: Sequence[CircularTest], rng: np.random.Generator
-) -> tuple[CircularTest, ...]:
-    """Return ``tests`` in a random order, so that a drift is not mistaken for an effect of force.
-
-    Random orders are drawn until the correlation between force and position is between −0.5 and
-    0.5, but at most 24. If none of them is suitable, the one with the smallest correlation is
-    returned; `_random_order` describes how an order is drawn.
-    """
-    best = _random_order(tests, rng)
-    for _ in range(_MOST_ORDERS - 1):
-        if _correlation_with_order(best) <= _MOST_SORTED:
-            break
-        other = _random_order(tests, rng)
-        if _correlation_with_order(other) < _correlation_with_order(best):
-            best = other
-    return best
-
-
-def _correlation_with_order(tests: Sequence[CircularTest]) -> float:
-    """Return the absolute correlation between the forces of tests and their positions, 0 to 1.
-
-    It is 0 if all forces are equal, or if there is only one test.
-    """
-    forces_N = np.array([float(test.force_N or 0.0) for test in tests])
-    from_mean_N = forces_N - forces_N.mean()
-    positions = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
-    size = float(np.linalg.norm(from_mean_N) * np.linalg.norm(positions))
-    if size == 0.0:
-        return 0.0
-    return abs(float(from_mean_N @ positions)) / size
-
-
-def _random_order(
-    tests: Sequence[CircularTest], rng: np.random.Generator
-) -> tuple[CircularTest, ...]:
-    """Return ``tests`` in a random order in which balls and radius are changed rarely.
-
-    Tests are grouped by set-up, within a set-up by plane and radius, and within these groups by the
-    angle of the work ball. At each of these three levels, the groups are in random order. Within a
-    group with the same angle of the work ball, the tests are sorted by the angle of the tool ball:
-    in ascending order in the first group, in descending order in the second, and so on alternately.
-    Tests with the same angles of both balls are in random order.
-    """
-    ordered: list[CircularTest] = []
-    for setup_block in _random_blocks(tests, _setup, rng):
-        for circle_block in _random_blocks(setup_block, _plane_and_radius, rng):
-            for k, work_ball_block in enumerate(_random_blocks(circle_block, _work_ball_deg, rng)):
-                angles = sorted({test.tool_ball_deg for test in work_ball_block})
-                if k % 2:
-                    angles.reverse()
-                for tool_ball_deg in angles:
-                    block = [t for t in work_ball_block if t.tool_ball_deg == tool_ball_deg]
-                    ordered += [block[i] for i in rng.permutation(len(block))]
-    return tuple(replace(test, name="") for test in ordered)
-
-
-def _random_blocks(
-    tests: Sequence[CircularTest], key: Callable[[CircularTest], Any], rng: np.random.Generator
-) -> list[list[CircularTest]]:
-    """Return the tests in groups with a common property; the order of the groups is random.
-
-    ``key`` is a function that returns the property of a test, for example its set-up.
-    """
-    blocks: dict[Any, list[CircularTest]] = {}
-    for test in tests:
-        blocks.setdefault(key(test), []).append(test)
-    keys = sorted(blocks)
-    return [blocks[keys[i]] for i in rng.permutation(len(keys))]
-
-
-def _setup(test: CircularTest) -> int:
-    """Return the number of the test's set-up; 1 if the test does not state it."""
-    return test.setup or 1
-
-
-def _plane_and_radius(test: CircularTest) -> tuple[str, float]:
-    """Return the plane of the test's circle, and its radius [mm]."""
-    return str(test.plane), float(test.radius_mm or 0.0)
-
-
-def _work_ball_deg(test: CircularTest) -> float:
-    """Return the angle by which the work ball is turned in its socket [°]."""
-    return test.work_ball_deg

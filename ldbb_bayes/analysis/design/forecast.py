@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ldbb_bayes.analysis.design.candidates import bind_plan
+from ldbb_bayes.analysis.design.bound_plans import bind_plan
 from ldbb_bayes.analysis.design.discrimination import Discrimination, discrimination_of
 from ldbb_bayes.analysis.design.simulated_analyses import (
     LIKELY,

@@ -37,12 +37,13 @@ from ldbb_bayes.analysis.design.aims_so_far import (
     known_from,
     tolerance_states,
 )
+from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_objective import objective_of
 from ldbb_bayes.analysis.design.candidate_covariances import (
     CandidateCovariances,
     covariances_with_scatter,
 )
-from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
+from ldbb_bayes.analysis.design.candidates import Clocking
 from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in

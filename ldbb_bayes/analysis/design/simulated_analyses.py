@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ldbb_bayes.analysis.design.believed_scales import believed_scales
-from ldbb_bayes.analysis.design.candidates import bind_plan
+from ldbb_bayes.analysis.design.bound_plans import bind_plan
 from ldbb_bayes.analysis.design.reference_estimates import draw_reference_estimates, prior_medians
 from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters, states_before
 from ldbb_bayes.analysis.truncated_moments import symmetric_root, truncated_moments

@@ -16,18 +16,18 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
+from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_objective import objective_of, prediction_weight
 from ldbb_bayes.analysis.design.candidates import (
     Clocking,
     add_foreseen_tests,
-    bind_tests,
     grid_of_tests,
-    running_order,
     templates,
 )
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
 from ldbb_bayes.analysis.design.forecast import Forecast, Slopes, forecast_plan
 from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.randomisation import running_order
 from ldbb_bayes.analysis.design.search import ExactDesign, Search
 from ldbb_bayes.analysis.design.simulated_analyses import SimulatedAnalyses
 from ldbb_bayes.analysis.design.states import hyper_nodes
