@@ -69,9 +69,7 @@ _FEW_MACHINES = 16
 # Seed of the fresh machines on which a campaign that reaches the goals is judged once more.
 _SEED_OF_FRESH_MACHINES = 2
 # The search for further campaigns ends when the cheapest campaign that reaches the goals was found
-# and the computing effort exceeds this number. The effort is the sum of n² over all full forecasts
-# (with unknown hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
-# number of circles allowed are not counted.
+# and the computing effort (`_Search.effort`) exceeds this number.
 _MOST_EFFORT = 700
 
 
@@ -474,9 +472,9 @@ class _Search:
         self.nearest: FoundCampaign | None = None
         #: the same for every goal alone; the keys are the names of the goals' parameters
         self.nearest_by_goal: dict[str, FoundCampaign] = {}
-        #: computing effort of the search so far: sum of n² over all full forecasts (with unknown
-        #: hyper-parameters) of campaigns of n circles. Forecasts of campaigns with the largest
-        #: number of circles allowed are not counted.
+        #: computing effort of the search so far: sum of n² over full forecasts of campaigns of n
+        #: circles. Not counted are the forecast with which the search in a family starts, and
+        #: those of the bisection, unless the campaign meets the goals.
         self.effort = 0
 
     def start(self, progress: _Progress) -> bool:
