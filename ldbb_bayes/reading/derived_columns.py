@@ -13,7 +13,7 @@ from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.names import NamedLoad, load_in_name
 from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable
 
-__all__ = ["check_none_is_derived"]
+__all__ = ["check_none_is_derived", "derived_words", "without_derived_words"]
 
 # Regular expression for a word, such as "mean" or "simulated", which shows that a column may hold
 # other numbers than the readings of a circle.
@@ -46,12 +46,12 @@ def check_none_is_derived(place: str, headers: Sequence[str]) -> None:
         load = load_in_name([name])
         if load is not None:
             of_load = words_by_load.setdefault(load._replace(name=""), {})
-            of_load.setdefault(_derived_words(header), header[:LONGEST_NAME])
+            of_load.setdefault(_words_of_header(header), header[:LONGEST_NAME])
     for of_load in words_by_load.values():
         if len(of_load) > 1:
             fewest = min(of_load, key=len)
             others = " and ".join(repr(of_load[words]) for words in of_load if words != fewest)
-            circles = [header for header in headers if _derived_words(header) == fewest]
+            circles = [header for header in headers if _words_of_header(header) == fewest]
             raise InputError(
                 f"{place}: each column of readings must be a circle of its own, got {others} beside"
                 f" {of_load[fewest]!r}. Name the columns that are circles, for example"
@@ -59,9 +59,19 @@ def check_none_is_derived(place: str, headers: Sequence[str]) -> None:
             )
 
 
-def _derived_words(header: str) -> frozenset[str]:
-    """Return the words of a header that stand for computed numbers, such as "mean"."""
-    return frozenset(_DERIVED.findall(comparable(unit_of(header).name[:LONGEST_NAME])))
+def derived_words(name: str) -> frozenset[str]:
+    """Return the words of a name that stand for computed numbers, such as "mean"."""
+    return frozenset(_DERIVED.findall(comparable(name)))
+
+
+def without_derived_words(name: str) -> str:
+    """Return a name without words for computed numbers, and without the signs between its words."""
+    return " ".join(re.findall(r"\d+|[^\W\d_]+", _DERIVED.sub(" ", comparable(name))))
+
+
+def _words_of_header(header: str) -> frozenset[str]:
+    """Return the words of a header, without its unit, that stand for computed numbers."""
+    return derived_words(unit_of(header).name[:LONGEST_NAME])
 
 
 def _options(headers: Sequence[str]) -> str:

@@ -27,6 +27,7 @@ from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
 from ldbb_bayes.reading.columns_of_tests import advice_on_tests
 from ldbb_bayes.reading.companion_files import or_left_out
 from ldbb_bayes.reading.converted_loads import note_converted_loads
+from ldbb_bayes.reading.derived_tests import check_no_test_is_derived
 from ldbb_bayes.reading.diameters import halve_readings_of_diameter
 from ldbb_bayes.reading.file_patterns import matching
 from ldbb_bayes.reading.force_laws import check_force_law
@@ -130,6 +131,7 @@ def import_campaign(
     columns_of_times = take_start_times(campaign, recordings, log)
     _note_unused_columns(recordings, columns_of_times, log)
     _take_conditions_of_all(recordings, loads, log)
+    check_no_test_is_derived(recordings)
     take_centres(recordings)
     _check_directions(recordings, campaign)
     assume_units(recordings, campaign)

@@ -210,8 +210,8 @@ def _times_from_stamps(stamps: Sequence[Timestamp]) -> _Times:
     determine the times, the result states the reason instead.
     """
     zones = {stamp.zone_s for stamp in stamps}
-    if None in zones and len(zones) > 2:
-        return _Times(None, "some tests state no time zone, and the others several")
+    if None in zones and len(zones) > 1:
+        return _Times(None, "some tests state a time zone, and the others none that is known")
     seconds = _seconds_of_day(stamps)
     dated = [stamp for stamp in stamps if stamp.has_date]
     if len(dated) == len(stamps):
@@ -230,7 +230,7 @@ def _times_from_stamps(stamps: Sequence[Timestamp]) -> _Times:
 
 
 def _seconds_of_day(stamps: Sequence[Timestamp]) -> Array:
-    """Return the time of day of each timestamp [s], in UTC if all timestamps state a time zone."""
+    """Return the time of day of each timestamp [s], in UTC if they state time zones."""
     seconds = np.array([stamp.seconds for stamp in stamps], dtype=float)
     zones = [stamp.zone_s for stamp in stamps]
     if None not in zones:

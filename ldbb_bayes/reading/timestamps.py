@@ -76,11 +76,38 @@ _DATE = (
     rf"|\d\d?[- ]{_MONTH}[- ]?\d{{4}}|{_MONTH} \d\d?,\s?\d{{4}}"
     r"|\d\d?/\d\d?/(?:\d{4}|\d\d)(?!\d)|\d\d?-\d\d?-\d{4})"
 )
+# Local time minus UTC [h] for abbreviations of time zones with a single meaning. CST, IST and BST
+# have several.
+_ZONES_H = {
+    "WET": 0,
+    "WEST": 1,
+    "CET": 1,
+    "CEST": 2,
+    "MEZ": 1,
+    "MESZ": 2,
+    "EET": 2,
+    "EEST": 3,
+    "MSK": 3,
+    "JST": 9,
+    "KST": 9,
+    "AEST": 10,
+    "AEDT": 11,
+    "EST": -5,
+    "EDT": -4,
+    "CDT": -5,
+    "MST": -7,
+    "MDT": -6,
+    "PST": -8,
+    "PDT": -7,
+}
+# Regular expression for a time zone in capitals, such as CET.
+_ZONE_IN_LETTERS = rf"(?-i:{'|'.join(_ZONES_H)})(?!\w)"
 # Regular expression for a time of day, with or without seconds, AM or PM, and time zone.
 _TIME = (
     r"(?P<hours>\d{1,2}):(?P<minutes>\d\d)(?::(?P<seconds>\d\d(?:[.,]\d{1,9})?))?(?![\d:])"
     r"(?:\s?(?P<half_day>[AaPp])\.?\s?[Mm]\b\.?)?"
-    r"(?P<zone>Z\b|\s?(?:UTC|GMT)(?!\s?[+-])|\s?(?:UTC|GMT)?\s?[+-]\d\d:?\d\d)?"
+    rf"(?P<zone>Z\b|\s?(?:{_ZONE_IN_LETTERS})|\s?(?:UTC|GMT)(?!\s?[+-])"
+    r"|\s?(?:UTC|GMT)?\s?[+-]\d\d:?\d\d(?![\d:])|\s?(?:UTC|GMT)\s?[+-]\d\d?(?![\d:]))?"
 )
 # Regular expression for a date and a time of day in either order, for a date alone, or for a time
 # of day alone.
@@ -307,6 +334,8 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
         if seconds is None:
             return None
         zone_s = _zone_of(fields.get("zone", ""))
+        if _is_end_of_span(fields):
+            zone_s = None
     # A spreadsheet writes a date without a time as midnight.
     if seconds == 0.0 and "date" in fields:
         seconds = None
@@ -391,14 +420,29 @@ def _seconds_of(fields: dict[str, str]) -> float | None:
     return _HOUR_S * hours + _MINUTE_S * minutes + seconds
 
 
+def _is_end_of_span(fields: dict[str, str]) -> bool:
+    """Return whether the zone of a timestamp may be the end of a span, as in ``10:20-10:30``.
+
+    ``fields`` holds the parts of the timestamp. In a span, neither a date nor seconds are stated.
+    """
+    zone = fields.get("zone", "").strip()
+    return zone[:1] in ("+", "-") and "date" not in fields and "seconds" not in fields
+
+
 def _zone_of(text: str) -> float | None:
-    """Return local time minus UTC [s] for the text of a time zone; None for an empty text."""
-    if not text:
+    """Return local time minus UTC [s] for the text of a time zone; None for an empty text.
+
+    Examples are ``Z``, ``CET``, ``UTC+1`` and ``+01:00``.
+    """
+    word = text.strip()
+    if not word:
         return None
-    offset = re.search(r"([+-])(\d\d):?(\d\d)", text)
+    if word in _ZONES_H:
+        return _HOUR_S * _ZONES_H[word]
+    offset = re.search(r"([+-])(\d\d?)(?::?(\d\d))?$", word)
     if offset is None:
         return 0.0
-    size = _HOUR_S * int(offset[2]) + _MINUTE_S * int(offset[3])
+    size = _HOUR_S * int(offset[2]) + _MINUTE_S * int(offset[3] or 0)
     return float(f"{offset[1]}1") * size
 
 

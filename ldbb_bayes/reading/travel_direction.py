@@ -34,7 +34,7 @@ _SENSE = re.compile(
     rf"(?<![a-zA-Z])(?:(?:(?P<doubted>{_WORDS['doubted']})|(?P<opposed>{_WORDS['opposed']}))"
     r"[\s_-]*)?"
     rf"(?P<word>{_WORDS['clock_hand']}|ccw|cw|{_WORDS['in_words']})(?![a-z])"
-    rf"(?P<behind>{_WORDS['opposed_behind']})?",
+    rf"(?P<behind>{_WORDS['opposed_behind']})?(?P<doubted_behind>{_WORDS['doubted_behind']})?",
     re.IGNORECASE,
 )
 # Regular expression for a word of G-code for a circle: G2 or G02 (clockwise), G3 or G03. The
@@ -162,7 +162,7 @@ def senses_in(text: str) -> set[str]:
         follows_another = bool(senses) and not text[end : match.start()].strip()
         is_compared = match["opposed"] is not None and (follows_another or _may_be_against(match))
         end = match.end()
-        if match["doubted"] or is_compared:
+        if match["doubted"] or match["doubted_behind"] or is_compared:
             senses |= {"CW", "CCW"}
         elif _means_counter(match):
             senses.add("CCW")

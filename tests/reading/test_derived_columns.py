@@ -67,3 +67,17 @@ def test_the_columns_that_are_named_are_read(tmp_path: Path) -> None:
 )
 def test_columns_of_one_kind_are_a_circle_each(headers: tuple[str, str], tmp_path: Path) -> None:
     assert len(lb.import_campaign(table(tmp_path, *headers)).campaign.tests) == 2
+
+
+@pytest.mark.parametrize(
+    "derived", ["36 N Durchschnitt", "36 N gemittelt", "36 N error", "36 N Fourier", "36 N среднее"]
+)
+def test_further_words_for_computed_columns_are_refused(derived: str, tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match="must be a circle of its own"):
+        lb.import_campaign(table(tmp_path, "36 N [um]", "490 N [um]", f"{derived} [um]"))
+
+
+@pytest.mark.parametrize("circle", ["36 N restart", "36 N different bar", "36 N Stab 2"])
+def test_words_that_only_begin_alike_do_not_count(circle: str, tmp_path: Path) -> None:
+    path = table(tmp_path, "36 N [um]", f"{circle} [um]")
+    assert len(lb.import_campaign(path).campaign.tests) == 2

@@ -11,6 +11,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.reading.travel_direction import direction_named, senses_in
 
 OPPOSED = [
+    "gegenläufig zum Uhrzeigersinn",
     "entgegengesetzt zum Uhrzeigersinn",
     "entgegen d. Uhrzeigersinn",
     "gg. UZS",
@@ -59,6 +60,9 @@ def test_the_opposite_of_clockwise_is_counter_clockwise(words: str) -> None:
         ("v smere hodinových ručičiek", "CW"),
         ("proti smere hodinových ručičiek", "CCW"),
         ("反時計方向", "CCW"),
+        ("36N-CW", "CW"),
+        ("36 N -CW", "CW"),
+        ("clockwise, reversed at 360", "CW"),
     ],
 )
 def test_other_words_keep_their_sense(words: str, sense: str) -> None:
@@ -69,6 +73,12 @@ def test_other_words_keep_their_sense(words: str, sense: str) -> None:
     "words",
     [
         "reversed clockwise",
+        "CW (inverted)",
+        "CW reversed",
+        "Direction: -CW",
+        "c-cw",
+        "not CW",
+        "other than clockwise",
         "umgekehrter Uhrzeigersinn",
         "非顺时针",
         "CW against CCW",

@@ -112,3 +112,29 @@ def test_a_row_of_circularity_ends_a_table(label: str, tmp_path: Path) -> None:
     path.write_text(f"{first}{second}{label};10.3\n", encoding="utf-8")
     tests = lb.import_campaign(path).campaign.tests
     assert [(test.direction, len(test.angle_deg)) for test in tests] == [("CCW", 36), ("CW", 36)]
+
+
+def table_headed(folder: Path, header: str) -> Path:
+    """Write a circle with a header of its readings."""
+    path = table(folder, "Direction: CCW")
+    lines = path.read_text(encoding="utf-8").splitlines()
+    row = next(k for k, line in enumerate(lines) if line.startswith("Angle"))
+    lines[row] = f"{lines[row].split(';')[0]};{header}"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("header", ["Pénétration [µm]", "Eindringtiefe [µm]", "Indentation [um]"])
+def test_a_penetration_may_be_a_shorter_bar(header: str, tmp_path: Path) -> None:
+    path = table_headed(tmp_path, header)
+    with pytest.raises(lb.InputError, match="--sign"):
+        lb.import_campaign(path)
+
+
+@pytest.mark.parametrize(
+    "header", ["Reading *1e3 [mm]", "Reading ×10³ [mm]", "Reading 1e3* [mm]", "Reading x1E-3 [mm]"]
+)
+def test_a_power_of_ten_in_a_header_is_not_dropped(header: str, tmp_path: Path) -> None:
+    path = table_headed(tmp_path, header)
+    with pytest.raises(lb.InputError, match="--unit"):
+        lb.import_campaign(path)

@@ -1,0 +1,68 @@
+"""Sheets and files of means, fits and filtered readings beside those of the circles themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.layout import Layout, TestLayout
+
+
+def files(folder: Path, *names: str) -> Sequence[Path]:
+    """Write one circle with each of the names."""
+    paths = []
+    for n, name in enumerate(names):
+        lines = ["Angle [deg];Reading [um]"]
+        for angle_deg in range(0, 360, 10):
+            lines.append(f"{angle_deg};{n + 5.0 * np.sin(np.deg2rad(angle_deg)):.3f}")
+        path = folder / f"{name}.csv"
+        path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        paths.append(path)
+    return paths
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("36N", "Mean 36 N"),
+        ("36N", "36 N fit"),
+        ("36 N raw", "36 N filtered"),
+        ("36N", "36N_raw"),
+        ("36N", "36N_s"),
+        ("36N", "490N", "490N_gemittelt"),
+        ("36N run 1", "36N run 2", "36N Durchschnitt"),
+        ("36N run 1", "36N", "36N raw"),
+    ],
+)
+def test_a_file_computed_from_another_is_refused(names: Sequence[str], tmp_path: Path) -> None:
+    with pytest.raises(lb.InputError, match="each test must be a circle of its own, got '"):
+        lb.import_campaign(files(tmp_path, *names))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("36N_raw", "490N_raw"),
+        ("36N", "490N_raw"),
+        ("mean bar 36N", "mean bar 490N"),
+        ("36N", "36N run 2 raw"),
+        ("36N_U", "36N_V"),
+        ("36N_restart", "36N"),
+        ("36N different bar", "36N"),
+        ("36N_CW_raw", "36N_CCW_raw"),
+    ],
+)
+def test_files_of_circles_are_read(names: Sequence[str], tmp_path: Path) -> None:
+    imported = lb.import_campaign(files(tmp_path, *names))
+    assert len(imported.campaign.tests) == len(names)
+
+
+def test_a_circle_with_a_name_in_the_layout_is_read(tmp_path: Path) -> None:
+    entry = TestLayout(file="36N_fit", name="after the fit of the bar")
+    layout = Layout(test=[entry])
+    imported = lb.import_campaign(files(tmp_path, "36N", "36N_fit"), layout=layout)
+    assert len(imported.campaign.tests) == 2
