@@ -60,7 +60,10 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
         return [sheet]
     starts = range(first_start, len(names), width)
     headers_in_file = [names[start : start + width] for start in starts]
-    headers = _without_directions_of_travel(headers_in_file, layout)
+    are_angles_of_runs = _are_angles_of_runs(sheet.rows[header + 1 :], starts, headers_in_file)
+    headers = headers_in_file
+    if are_angles_of_runs or _is_sense_stated(layout):
+        headers = _without_directions_of_travel(headers_in_file, layout)
     _check_sense_of_angles(sheet, header, headers, layout)
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
@@ -105,6 +108,35 @@ def _without_directions_of_travel(
         header_of_angles = _EMPTY_BRACKETS.sub("", without_directions(names[0]))
         changed.append([" ".join(header_of_angles.split()), *names[1:]])
     return changed
+
+
+def _are_angles_of_runs(
+    rows: Sequence[Row], starts: Sequence[int], headers: Sequence[Sequence[str]]
+) -> bool:
+    """Return whether angles headed CW fall from row to row, and angles headed CCW rise.
+
+    They are then angles of runs in these directions, counted counter-clockwise. If angles headed CW
+    rise, they may be counted clockwise, or sorted. ``rows`` are the rows below the header,
+    ``starts`` are the indices of the columns of angles, and ``headers`` are the headers of each
+    table.
+    """
+    for start, names in zip(starts, headers, strict=True):
+        senses = senses_in(names[0])
+        if senses and senses != {_sense_of_rows(rows, start)}:
+            return False
+    return True
+
+
+def _sense_of_rows(rows: Sequence[Row], column: int) -> str:
+    """Return CW if the angles in a column fall at most of the steps from row to row, else CCW."""
+    angles = []
+    for row in rows:
+        cell = _cell(row, column)
+        angle = number_in_text(cell) if looks_like_number(cell) else None
+        if angle is not None:
+            angles.append(angle)
+    n_falling = sum(following < angle for angle, following in pairwise(angles))
+    return "CW" if 2 * n_falling > len(angles) else "CCW"
 
 
 def _with_directions(titles: Sequence[str], headers: Sequence[Sequence[str]]) -> list[str]:

@@ -301,6 +301,19 @@ def test_angles_headed_by_both_directions_are_asked_for(
         assert test.reading_um == pytest.approx(expected)
 
 
+def test_angles_headed_cw_that_rise_may_be_counted_clockwise(tmp_path: Path) -> None:
+    rows = [f"{a};{reading_um(a, 0, '')};{a};{reading_um(a, 0, '')}" for a in ANGLES_DEG]
+    header = "Angle CCW [deg];CCW [um];Angle CW [deg];CW [um]"
+    path = long_table(tmp_path / "300N.csv", header, rows)
+    with pytest.raises(lb.InputError, match="must run clockwise or counter-clockwise, got 'Angle"):
+        lb.import_campaign(path)
+    tests = lb.import_campaign(path, layout=Layout(angle_sense="CCW")).campaign.tests
+    assert [test.direction for test in tests] == ["CCW", "CW"]
+    for test in tests:
+        expected = [reading_um(a, 0, "") for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
+
+
 @pytest.mark.parametrize(
     ("header", "cell"),
     [("CW", "1"), ("CW", "0"), ("Clockwise", "yes"), ("CCW", "x"), ("Rechtslauf", "ja")],
