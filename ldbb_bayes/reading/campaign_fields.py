@@ -15,7 +15,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import NOTHING_STATED, AssumptionLog, shown_list
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
-from ldbb_bayes.reading.names import plane_in_name, plane_word_in_name
+from ldbb_bayes.reading.names import plane_in_name
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, check_plane
 from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
 
@@ -194,9 +194,11 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
-        plane = plane_in_name(recording.names())
-        if plane is not None:
-            values[plane] = _StatedValue(plane, _source_of_named_plane(recording), "its name")
+        named = plane_in_name(recording.names())
+        lines = [statement.value for statement in recording.statements.get(field, ())]
+        # A line with the usual name, ZX, says how a name with swapped letters, XZ, is meant.
+        if named is not None and PLANE_OF_SWAPPED.get(named) not in lines:
+            values[named] = _StatedValue(named, "its name", "its name")
     for statement in recording.statements.get(field, ()):
         value = statement.value
         if not isinstance(value, str):
@@ -211,21 +213,6 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)
     return values
-
-
-def _source_of_named_plane(recording: Recording) -> str:
-    """Return the words with which a note says that a plane was taken from a name.
-
-    The name is that of the test, of its column, of its sheet or of its file. The words are usually
-    "its name". If the name gives the letters of the plane in the other order, as XZ for ZX, the
-    words also state the axis where angles are assumed to begin, and the axis towards which they
-    run.
-    """
-    word = plane_word_in_name(recording.names()) or ""
-    usual = PLANE_OF_SWAPPED.get(word)
-    if usual is None:
-        return "its name"
-    return f"its name says {word}; angles are taken from +{usual[0]} towards +{usual[1]}"
 
 
 def _certain_value(recording: Recording, key: str) -> Any:

@@ -30,9 +30,9 @@ def check_no_test_is_derived(recordings: Sequence[Recording]) -> None:
 
     Words in the names of files, sheets and tests show this, such as "mean" in ``mean 100 N`` beside
     ``100 N run 1``, if two tests of the same load, direction, plane and radius differ in them.
-    Words with other meanings, such as "raw", count only if the names are equal without them. Tests
-    to which the user gives a name in the layout are not examined, nor are columns that the user
-    names.
+    Words with other meanings, such as "raw", count only beside a test whose name is equal but has
+    no such word. Tests to which the user gives a name in the layout are not examined, nor are
+    columns that the user names.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ def check_no_test_is_derived(recordings: Sequence[Recording]) -> None:
             of_rest = tests_by_rest.setdefault(without_derived_words(name), [])
             of_rest.append((derived_words(name), test))
         for of_rest in tests_by_rest.values():
-            _check_words_agree(of_rest)
+            if any(not words for words, _ in of_rest):
+                _check_words_agree(of_rest)
 
 
 def _check_words_agree(tests: Sequence[tuple[frozenset[str], Recording]]) -> None:

@@ -20,7 +20,6 @@ __all__ = [
     "load_is_ambiguous",
     "name_as_words",
     "plane_in_name",
-    "plane_word_in_name",
     "radius_in_name",
     "unknown_length_in_name",
 ]
@@ -65,7 +64,9 @@ _LENGTH_IN_NAME = re.compile(
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
 # Regular expression for a plane in a name: its letters, such as XY, or its word of G-code, such as
 # G17.
-_PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|G1[789](?!\d))(?![a-zA-Z])")
+_PLANE = re.compile(
+    r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|xy|yx|yz|zy|zx|xz|G1[789](?!\d))(?![a-zA-Z])"
+)
 
 
 class NamedLoad(NamedTuple):
@@ -168,31 +169,15 @@ def name_as_words(name: str) -> str:
 
 
 def plane_in_name(names: Sequence[str]) -> str | None:
-    """Return the plane (XY, YZ or ZX) that the name of a test, column, sheet or file states.
+    """Return the plane that the name of a test, column, sheet or file states, such as XY.
 
-    The first name that contains exactly one plane is used. If the letters of the plane are in the
-    other order, as in XZ, the usual name of the plane, ZX, is returned. Return None if there is no
-    such name.
-    """
-    word = plane_word_in_name(names)
-    if word is None:
-        return None
-    return _usual_plane(word)
-
-
-def plane_word_in_name(names: Sequence[str]) -> str | None:
-    """Return the word, such as ZX, XZ or G18, with which one of several names states a plane.
-
-    The first name that states exactly one plane is used. Return None if there is no such name.
+    The first name that contains exactly one plane is used. G18 gives ZX. If the letters of the
+    plane are in the other order, as in XZ, they are returned so; later code raises an error then.
+    Return None if there is no such name.
     """
     for name in names:
-        words = _PLANE.findall(name[:LONGEST_TEXT])
-        if len({_usual_plane(word) for word in words}) == 1:
-            return str(words[0])
+        planes = [plane_named(word) for word in _PLANE.findall(name[:LONGEST_TEXT])]
+        usual = {PLANE_OF_SWAPPED.get(plane, plane) for plane in planes}
+        if len(usual) == 1:
+            return planes[0]
     return None
-
-
-def _usual_plane(word: str) -> str:
-    """Return the usual name of a plane: ZX for the words ZX, XZ and G18."""
-    plane = plane_named(word)
-    return PLANE_OF_SWAPPED.get(plane, plane)

@@ -209,7 +209,8 @@ def plane_cases() -> dict[str, FieldCase]:
             kind,
             "files whose names begin with XZ",
             {f"XZ_{name}": content for name, content in field.texts(header).items()},
-            told="angles are taken from +Z towards +X",
+            refusal=SWAPPED,
+            step=("--plane", "ZX"),
         ),
         "plane_swapped_column": FieldCase(
             kind,
