@@ -13,7 +13,12 @@ from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
-from ldbb_bayes.reading.line_parts import divide_line, sentences_of_line, statements_of_line
+from ldbb_bayes.reading.line_parts import (
+    divide_line,
+    segments_of_line,
+    sentences_of_line,
+    statements_of_line,
+)
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import name_as_words
 from ldbb_bayes.reading.open_question import OpenQuestionError
@@ -58,6 +63,8 @@ _TOWARDS = re.compile(
 )
 # Regular expression for words which say that the sense of angles is reversed.
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
+# Regular expression for a text which says that an axis is mirrored, as in "Y axis inverted".
+_TURNED_AXIS = re.compile(_WORDS["turned_axis"], re.IGNORECASE)
 # Regular expression for words for the mathematical sense of angles, which is counter-clockwise.
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
 # Regular expression for negations, such as "not".
@@ -151,6 +158,7 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
         If an axis lies outside the plane, or if words contradict each other. The error is also
         raised if nothing states the sense, and angles do not begin at the plane's first axis.
     """
+    _check_turned_axes(recording, plane)
     words = _statements_about_angles(recording)
     layout = recording.layout
     if layout.angle_sign is not None or layout.angle_offset_deg is not None:
@@ -324,6 +332,25 @@ def _statements_about_angles(recording: Recording) -> list[_AngleStatement]:
             text = name_as_words(name)
             words.append(_statement_about_angles(recording, "its name", text, is_header=False))
     return [entry for entry in words if entry.zero or entry.sense]
+
+
+def _check_turned_axes(recording: Recording, plane: str) -> None:
+    """Raise an error if a line says that an axis of the plane is mirrored, as in ``Y inverted``.
+
+    The angles of the file may then run clockwise, or begin at the negative first axis. If the user
+    states the sense of angles or, for the first axis, where they begin, no error is raised.
+    """
+    for line, content in recording.lines_outside:
+        for segment in segments_of_line(content[:LONGEST_TEXT].replace("_", " ")):
+            match = _TURNED_AXIS.fullmatch(segment)
+            if match is None:
+                continue
+            axis = (match["axis"] or match["behind"]).upper()
+            if axis == plane[0] and not _is_zero_given(recording):
+                shown = segment.strip()[:_TEXT_SHOWN]
+                raise _unknown_zero(recording, cited_line(line), shown)
+            if axis == plane[1] and not _is_sense_given(recording):
+                raise _unknown_sense(recording, cited_line(line), segment)
 
 
 def _is_mixed(text: str) -> bool:

@@ -64,9 +64,7 @@ _LENGTH_IN_NAME = re.compile(
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
 # Regular expression for a plane in a name: its letters, such as XY, or its word of G-code, such as
 # G17.
-_PLANE = re.compile(
-    r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|xy|yx|yz|zy|zx|xz|G1[789](?!\d))(?![a-zA-Z])"
-)
+_PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ|xy|yx|yz|zy|zx|xz|G1[789](?!\d))(?![a-zA-Z])")
 
 
 class NamedLoad(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from ldbb_bayes.reading.line_parts import segments_of_line
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, number_in_text
 from ldbb_bayes.reading.unit_sentences import units_in_sentences
 from ldbb_bayes.reading.words import (
@@ -103,6 +104,8 @@ _FACTOR_OF_TEN = re.compile(r"(?:1\s?/\s?10+|10{0,2})(?![\d.,])|0[.,]0*1(?!\d)")
 _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Regular expression for words which say that readings are multiplied or divided by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
+# Regular expression for a text that is nothing but the gain of an amplifier, as in "Gain 10".
+_GAIN_ALONE = re.compile(_WORDS["gain_alone"], re.IGNORECASE)
 # Regular expression for a factor in the header of readings, outside the brackets with the unit.
 _FACTOR_OF_HEADER = re.compile(_WORDS["factor_of_header"], re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"\[[^\]]*\]|\([^)]*(?:m|in|inch|mil|\")\)|\{[^}]*\}")
@@ -577,8 +580,11 @@ def mentions_scale(text: str) -> bool:
 
 
 def multiplies_readings(text: str) -> bool:
-    """Return whether a line, such as ``Values x 10``, says that readings are multiplied."""
-    return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
+    """Return whether a line says that readings are multiplied: ``Values x 10`` or ``Gain 10``."""
+    text = text[:LONGEST_TEXT]
+    parts = [text, *segments_of_line(text)]
+    states_gain = any(_GAIN_ALONE.fullmatch(part) for part in parts)
+    return states_gain or _MULTIPLIED.search(text) is not None
 
 
 def _words_outside_brackets(header: str) -> str:

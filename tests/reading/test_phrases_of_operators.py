@@ -58,6 +58,14 @@ def test_the_axis_at_which_angles_begin_is_understood(
         ("zero angle: ball bar points to -X", "--angle-sense"),
         ("Winkelnullpunkt: 6 Uhr", "--angle-zero"),
         ("LVDT output inverted", "--sign"),
+        ("Y axis inverted", "--angle-sense"),
+        ("Y-Achse gespiegelt", "--angle-sense"),
+        ("Operator: A. Reader; mirrored in Y", "--angle-sense"),
+        ("Bar mirrored in Y", "--angle-sense"),
+        ("X reversed", "--angle-zero"),
+        ("Gain 10", "--unit"),
+        ("Verstärkung: 10-fach", "--unit"),
+        ("Magnification;x 20", "--unit"),
     ],
 )
 def test_a_line_that_leaves_angles_or_sign_open_is_asked_for(
@@ -76,6 +84,11 @@ def test_a_line_that_leaves_angles_or_sign_open_is_asked_for(
         ("Winkel gemessen um 9 Uhr", 1),
         ("Gauge signal inverted: no", 1),
         ("Encoder signal inverted", 1),
+        ("Z axis inverted", 1),
+        ("Y axis reversal spikes: 2 um", 1),
+        ("Gain: 1.0", 1),
+        ("Servo gain 10", 1),
+        ("Position loop gain: 33", 1),
     ],
 )
 def test_what_counts_as_positive_is_understood(line: str, sign: int, tmp_path: Path) -> None:
