@@ -17,8 +17,8 @@ from ldbb_bayes.reading.words import LONGEST_NAME, WORDS
 
 __all__ = ["check_no_test_is_derived"]
 
-# Regular expression for words, such as "raw" or "s", that have other meanings too in names of tests.
-# Such words count only if another test has the same name without them.
+# Regular expression for words, such as "raw" or "s", that have other meanings too in names of
+# tests. Such words count only if another test has the same name without them.
 _OF_SEVERAL_MEANINGS = re.compile(WORDS["columns"]["derived_or_other"], re.IGNORECASE)
 # Fields of a test that tell it from other circles. Tests that agree in all of them may be one
 # circle.

@@ -131,7 +131,6 @@ def import_campaign(
     columns_of_times = take_start_times(campaign, recordings, log)
     _note_unused_columns(recordings, columns_of_times, log)
     _take_conditions_of_all(recordings, loads, log)
-    check_no_test_is_derived(recordings)
     take_centres(recordings)
     _check_directions(recordings, campaign)
     assume_units(recordings, campaign)
@@ -292,12 +291,14 @@ def _take_conditions_of_all(
 ) -> None:
     """Set the fields of all tests, such as force and radius; see `_take_conditions`.
 
-    ``loads`` holds the lists in the layout that state a force or a pressure for each test. The log
+    Raise an error if some tests hold numbers that were computed from other tests of the same
+    conditions. ``loads`` holds the lists in the layout that state a force or a pressure for each test. The log
     notes from which unit the forces of a column were converted.
     """
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}
         _take_conditions(recording, loads_of_test)
+    check_no_test_is_derived(recordings)
     note_converted_loads(recordings, log)
 
 

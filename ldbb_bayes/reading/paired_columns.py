@@ -61,9 +61,7 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     starts = range(first_start, len(names), width)
     headers_in_file = [names[start : start + width] for start in starts]
     are_angles_of_runs = _are_angles_of_runs(sheet.rows[header + 1 :], starts, headers_in_file)
-    headers = headers_in_file
-    if are_angles_of_runs or _is_sense_stated(layout):
-        headers = _without_directions_of_travel(headers_in_file, layout)
+    headers = _without_directions_of_travel(headers_in_file, layout, are_angles_of_runs)
     _check_sense_of_angles(sheet, header, headers, layout)
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
@@ -81,7 +79,7 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
 
 
 def _without_directions_of_travel(
-    headers: Sequence[Sequence[str]], layout: Layout
+    headers: Sequence[Sequence[str]], layout: Layout, are_angles_of_runs: bool
 ) -> list[list[str]]:
     """Return the headers of each table, with no direction in the header of its angles.
 
@@ -89,10 +87,14 @@ def _without_directions_of_travel(
     counted. If both directions occur, it is the direction of travel in two cases: the header of the
     readings of each table names the same direction, or the user states in which sense angles are
     counted and these headers name no direction. In all other cases, the headers are returned
-    unchanged. ``headers`` are the headers of each table.
+    unchanged. They are also unchanged if the angles do not run as their headers say
+    (``are_angles_of_runs`` is False) and the user does not state the sense. ``headers`` are the
+    headers of each table.
     """
     is_sense_stated = _is_sense_stated(layout)
     unchanged = [list(names) for names in headers]
+    if not (are_angles_of_runs or is_sense_stated):
+        return unchanged
     named: set[str] = set()
     for names in headers:
         of_angles = senses_in(names[0])
