@@ -58,16 +58,20 @@ def with_index_names(sheet: Sheet) -> Sheet:
 def _with_unit_of_loads(row: Row) -> Row:
     """Return a row of loads, with the unit of the loads appended to each number.
 
-    For example, ``Force_N,36,238`` becomes ``Force_N,36 N,238 N``. Any other row is returned
+    For example, ``Force_N,36,238`` becomes ``Force_N,36 N,238 N``. Cells behind the first load may
+    be empty, because they are merged with the cell to the left of them. Any other row is returned
     unchanged.
     """
     label = unit_of(row.cells[0]) if row.cells else None
     loads = row.cells[1:]
     if label is None or label.unit not in UNITS["force"] or not has_role(label.name, "force"):
         return row
-    if len(loads) < 2 or not all(looks_like_number(cell) for cell in loads):
+    stated = [cell for cell in loads if cell]
+    if len(stated) < 2 or not loads[0] or not all(looks_like_number(cell) for cell in stated):
         return row
-    return Row(row.line, [row.cells[0], *[f"{cell} {label.unit}" for cell in loads]])
+    return Row(
+        row.line, [row.cells[0], *[f"{cell} {label.unit}" if cell else "" for cell in loads]]
+    )
 
 
 def _count_index_names(row: Row, above: Row, below: Row) -> int:

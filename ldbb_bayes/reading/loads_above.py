@@ -2,7 +2,7 @@
 
 An example is the line ``Force [N],100,300,600``, which states the loads of three columns. Names,
 planes and directions for the columns may stand in further lines next to the line of loads. If the
-header itself states the loads, planes and directions may stand in lines above it.
+header itself states the loads, planes, directions and radii may stand in lines above it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.column_roles import count_numbers, has_role, unit_of
 from ldbb_bayes.reading.merged_cells import with_merged_cells_filled
-from ldbb_bayes.reading.names import load_in_name
+from ldbb_bayes.reading.names import load_in_name, radii_of_columns
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, plane_named
@@ -42,7 +42,7 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
     except the first. If the first cell of this line names force or pressure with a unit, the other
     cells may be numbers without units. Lines next to the line of loads may state a name, a plane or
     a direction for each column; these words are added to the header, too. If the header itself
-    states the loads, planes and directions from lines above it are added to it. In all of these
+    states the loads, planes, directions and radii in lines above it are added to it. In all of these
     lines, a text in merged cells applies to all columns below. The headers of columns of angles are
     not changed. A sheet without such a line is returned unchanged.
     """
@@ -181,7 +181,7 @@ def _are_loads(names: Sequence[str]) -> bool:
 
 
 def _lines_of_conditions(rows: Sequence[Row], width: int) -> list[list[str]]:
-    """Return the texts of the lines with planes or directions above a header that states loads.
+    """Return the texts of the lines with planes, directions or radii above a header of loads.
 
     The result holds a list for each line, with one text for each column except the first. The lines
     stand directly above the header. A plane may have swapped letters, as in XZ; later code raises
@@ -198,6 +198,8 @@ def _lines_of_conditions(rows: Sequence[Row], width: int) -> list[list[str]]:
             lines.insert(0, directions)
         elif all(plane_named(word) in (*PLANES, *PLANE_OF_SWAPPED) for word in words):
             lines.insert(0, words)
+        elif all(words) and radii_of_columns(row.cells):
+            lines.insert(0, radii_of_columns(row.cells))
         else:
             break
     return lines

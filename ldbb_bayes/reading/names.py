@@ -20,6 +20,7 @@ __all__ = [
     "load_is_ambiguous",
     "name_as_words",
     "plane_in_name",
+    "radii_of_columns",
     "radius_in_name",
     "unknown_length_in_name",
 ]
@@ -58,6 +59,12 @@ _LENGTH_IN_NAME = re.compile(
     r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"
     r"(?:0\.\d+[ _]?m(?![^\W_])"
     r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)(?![^\W_])))"
+)
+# Regular expression for the label of radii in the first cell of a line.
+_RADIUS_LABEL = re.compile(r"(?:nominal )?(?:R|radius|radii|radien|rayons?)\W*", re.IGNORECASE)
+# Regular expression for a radius in mm, with or without a label, such as "R = 100 mm".
+_RADIUS_IN_CELL = re.compile(
+    r"(?P<label>(?:R|radius|rayon)\s*[=:]?\s*)?(?P<radius>[5-9]\d|[1-9]\d{2,3})\s?mm", re.IGNORECASE
 )
 # Regular expression for the place in a name at which a new word begins with a capital letter, as
 # before CW in "anglesCW".
@@ -146,6 +153,26 @@ def radius_in_name(names: Sequence[str]) -> float | None:
         if len(radii) == 1:
             return float(radii.pop())
     return None
+
+
+def radii_of_columns(cells: Sequence[str]) -> list[str]:
+    """Return the radii in a line, such as ``R100``, one for each cell except the first.
+
+    In each cell, or in the first, a word must say that the numbers are radii, as in ``R = 100 mm``.
+    An empty cell gives an empty text. The result is empty for any other line, and for a line with
+    fewer than two radii. ``cells`` are the cells of the line.
+    """
+    is_labelled = _RADIUS_LABEL.fullmatch(cells[0].strip()) is not None
+    radii = []
+    for cell in cells[1:]:
+        match = _RADIUS_IN_CELL.fullmatch(cell.strip())
+        if match is not None and (match["label"] or is_labelled):
+            radii.append(f"R{match['radius']}")
+        elif cell:
+            return []
+        else:
+            radii.append("")
+    return radii if sum(map(bool, radii)) > 1 else []
 
 
 def unknown_length_in_name(names: Sequence[str]) -> str:

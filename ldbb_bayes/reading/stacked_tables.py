@@ -22,7 +22,7 @@ from ldbb_bayes.reading.column_roles import (
 )
 from ldbb_bayes.reading.line_parts import segments_of_line
 from ldbb_bayes.reading.lines_above import statements_in
-from ldbb_bayes.reading.names import load_in_name
+from ldbb_bayes.reading.names import load_in_name, radii_of_columns
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.timestamps import stamps_in, without_stamps
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
@@ -193,7 +193,7 @@ def _names_circle(cells: Sequence[str]) -> bool:
 
 
 def _describes_columns(cells: Sequence[str]) -> bool:
-    """Return whether a row states a direction, or a load, for each column except the first.
+    """Return whether a row states a direction, a load or a radius for each column but the first.
 
     The first cell of such a row is a label. Further cells may be empty, because they are merged
     with the cell to the left of them. A load is a force or a pressure. Examples are
@@ -203,7 +203,7 @@ def _describes_columns(cells: Sequence[str]) -> bool:
     # A row of two cells may be a label and its value, as in Force;300 N.
     if len(cells) < 3 or not stated:
         return False
-    if {direction_named(cell) for cell in stated} <= {"CW", "CCW"}:
+    if {direction_named(cell) for cell in stated} <= {"CW", "CCW"} or radii_of_columns(cells):
         return True
     label = unit_of(cells[0]).name
     is_load = has_role(label, "force") or has_role(label, "pressure")

@@ -25,6 +25,16 @@ def test_merged_names_belong_to_all_columns_below() -> None:
     assert header == ["angle_deg", "100 N CW", "100 N CCW"]
 
 
+def test_merged_numbers_of_forces_belong_to_all_columns_below() -> None:
+    header = header_of(
+        ["force_N", "100", "", "300", ""],
+        ["direction", "CW", "CCW", "CW", "CCW"],
+        ["angle_deg", "", "", "", ""],
+        below=("0", "1", "2", "3", "4"),
+    )
+    assert header == ["angle_deg", "100 N CW", "100 N CCW", "300 N CW", "300 N CCW"]
+
+
 def test_names_of_the_levels_are_no_names_of_columns() -> None:
     header = header_of(["force", "1 N", "2 N"], ["what", "dev", "dev"], ["angle_deg", "", ""])
     assert header == ["angle_deg", "1 N dev", "2 N dev"]

@@ -82,3 +82,14 @@ def test_planes_and_directions_stand_above_loads(tmp_path: Path) -> None:
     tests = lb.import_campaign(path).campaign.tests
     stated = [(test.plane, test.direction) for test in tests]
     assert stated == [("XY", "CW"), ("XY", "CCW"), ("YZ", "CW"), ("YZ", "CCW")]
+
+
+@pytest.mark.parametrize(
+    "above",
+    [";R = 100 mm;;R = 150 mm;", ";R 100 mm;R 100 mm;R 150 mm;R 150 mm", "Radius;100 mm;;150 mm;"],
+)
+def test_radii_above_loads_are_those_of_their_columns(above: str, tmp_path: Path) -> None:
+    path = four_columns(tmp_path, above)
+    tests = lb.import_campaign(path).campaign.tests
+    stated = [(test.radius_mm, test.force_N) for test in tests]
+    assert stated == [(100.0, 36.0), (100.0, 490.0), (150.0, 36.0), (150.0, 490.0)]
