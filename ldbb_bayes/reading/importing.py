@@ -292,8 +292,8 @@ def _take_conditions_of_all(
     """Set the fields of all tests, such as force and radius; see `_take_conditions`.
 
     Raise an error if some tests hold numbers that were computed from other tests of the same
-    conditions. ``loads`` holds the lists in the layout that state a force or a pressure for each test. The log
-    notes from which unit the forces of a column were converted.
+    conditions. ``loads`` holds the lists in the layout that state a force or a pressure for each
+    test. The log notes from which unit the forces of a column were converted.
     """
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}

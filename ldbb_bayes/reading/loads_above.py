@@ -42,9 +42,9 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
     except the first. If the first cell of this line names force or pressure with a unit, the other
     cells may be numbers without units. Lines next to the line of loads may state a name, a plane or
     a direction for each column; these words are added to the header, too. If the header itself
-    states the loads, planes, directions and radii in lines above it are added to it. In all of these
-    lines, a text in merged cells applies to all columns below. The headers of columns of angles are
-    not changed. A sheet without such a line is returned unchanged.
+    states the loads, planes, directions and radii in lines above it are added to it. In all of
+    these lines, a text in merged cells applies to all columns below. The headers of columns of
+    angles are not changed. A sheet without such a line is returned unchanged.
     """
     rows = _with_angles_named_below(sheet.rows)
     header = first_header(rows)

@@ -301,6 +301,16 @@ def test_angles_headed_by_both_directions_are_asked_for(
         assert test.reading_um == pytest.approx(expected)
 
 
+def test_forces_in_a_column_beside_two_columns_of_readings_are_put_apart(tmp_path: Path) -> None:
+    rows = []
+    for force_N in FORCES_N:
+        rows += [f"{force_N};{a};{reading_um(a, 0, '')};{a % 30}.5" for a in ANGLES_DEG]
+    header = "Force [N];Angle [deg];CW [um];CCW [um]"
+    path = long_table(tmp_path / "all.csv", header, rows)
+    with pytest.raises(lb.InputError, match="Put the rows of each load into a file of their own"):
+        lb.import_campaign(path)
+
+
 def test_angles_headed_cw_that_rise_may_be_counted_clockwise(tmp_path: Path) -> None:
     rows = [f"{a};{reading_um(a, 0, '')};{a};{reading_um(a, 0, '')}" for a in ANGLES_DEG]
     header = "Angle CCW [deg];CCW [um];Angle CW [deg];CW [um]"

@@ -70,7 +70,17 @@ def test_columns_of_one_kind_are_a_circle_each(headers: tuple[str, str], tmp_pat
 
 
 @pytest.mark.parametrize(
-    "derived", ["36 N Durchschnitt", "36 N gemittelt", "36 N error", "36 N Fourier", "36 N среднее"]
+    "derived",
+    [
+        "36 N ±",
+        "36 N CI",
+        "36 N centred",
+        "36 N Durchschnitt",
+        "36 N gemittelt",
+        "36 N error",
+        "36 N Fourier",
+        "36 N среднее",
+    ],
 )
 def test_further_words_for_computed_columns_are_refused(derived: str, tmp_path: Path) -> None:
     with pytest.raises(lb.InputError, match="must be a circle of its own"):

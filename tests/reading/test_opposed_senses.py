@@ -75,7 +75,7 @@ def test_other_words_keep_their_sense(words: str, sense: str) -> None:
         "reversed clockwise",
         "CW (inverted)",
         "CW reversed",
-        "Direction: -CW",
+        "-CW",
         "c-cw",
         "not CW",
         "other than clockwise",
