@@ -27,6 +27,7 @@ from ldbb_bayes.reading.unit_lines import (
     inch_alone,
     mentions_scale,
     multiplies_readings,
+    states_gain,
     unit_mentioned,
     unknown_unit_in,
 )
@@ -210,7 +211,8 @@ def _lines_about_test(recording: Recording) -> Lines:
 def _check_factors(recording: Recording) -> None:
     """Raise an error if a header or a line says that readings are multiplied by a number.
 
-    A text that says that readings are doubled, and may mean diameters, raises no error here.
+    A text that says that readings are doubled, and may mean diameters, raises no error here. A
+    line with the gain of an amplifier does, because the readings may still contain it.
     If the header states a unit, but a line mentions a scale or another unit, this line is noted.
     Nothing is checked if the user states the unit of the readings.
     """
@@ -223,7 +225,8 @@ def _check_factors(recording: Recording) -> None:
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
     for line, content in _lines_about_test(recording):
         text = content.strip()[:_TEXT_SHOWN]
-        if multiplies_readings(content) and not doubles_readings(content):
+        is_multiplied = multiplies_readings(content) and not doubles_readings(content)
+        if is_multiplied or (unit and states_gain(content)):
             raise _unread_factor(recording, f"{text!r} in line {line}")
         if unit and (mentions_scale(content) or _mentions_other(line, content, unit)):
             reason = quoted_line(line, content, "not used", _TEXT_SHOWN)

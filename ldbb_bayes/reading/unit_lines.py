@@ -33,6 +33,7 @@ __all__ = [
     "mentions_scale",
     "multiplies_readings",
     "partner_of_units",
+    "states_gain",
     "unit_mentioned",
     "units_stated",
     "unknown_unit_in",
@@ -580,11 +581,15 @@ def mentions_scale(text: str) -> bool:
 
 
 def multiplies_readings(text: str) -> bool:
-    """Return whether a line says that readings are multiplied: ``Values x 10`` or ``Gain 10``."""
+    """Return whether a line, such as ``Values x 10``, says that readings are multiplied."""
+    return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
+
+
+def states_gain(text: str) -> bool:
+    """Return whether a part of a line is nothing but a gain other than 1, such as ``Gain 10``."""
     text = text[:LONGEST_TEXT]
     parts = [text, *segments_of_line(text)]
-    states_gain = any(_GAIN_ALONE.fullmatch(part) for part in parts)
-    return states_gain or _MULTIPLIED.search(text) is not None
+    return any(_GAIN_ALONE.fullmatch(part) for part in parts)
 
 
 def _words_outside_brackets(header: str) -> str:

@@ -451,13 +451,19 @@ def factor_cases() -> dict[str, FieldCase]:
             refusal="Say which unit the numbers in the file have: --unit",
             step=("--unit", "0.1 um"),
         )
-    for number, line in enumerate(("Gain: 10", "Sensitivity: 0.5 um/V")):
-        cases[f"gain_{number}"] = FieldCase(
-            kind,
-            f"a line '{line}' under a header in µm",
-            field.texts(HEADER, above=line),
-            told=f"line 1 says '{line}', not used",
-        )
+    cases["gain_0"] = FieldCase(
+        kind,
+        "a line 'Gain: 10' under a header in µm",
+        field.texts(HEADER, above="Gain: 10"),
+        refusal="Say which unit the numbers in the file have: --unit",
+        step=("--unit", "um"),
+    )
+    cases["gain_1"] = FieldCase(
+        kind,
+        "a line 'Sensitivity: 0.5 um/V' under a header in µm",
+        field.texts(HEADER, above="Sensitivity: 0.5 um/V"),
+        told="line 1 says 'Sensitivity: 0.5 um/V', not used",
+    )
     return cases
 
 

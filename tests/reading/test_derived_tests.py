@@ -51,6 +51,7 @@ def test_a_file_computed_from_another_is_refused(names: Sequence[str], tmp_path:
         ("mean bar 36N", "mean bar 490N"),
         ("36N", "36N run 2 raw"),
         ("36N_U", "36N_V"),
+        ("36N_1_MW", "36N_2_GP"),
         ("36N_restart", "36N"),
         ("36N different bar", "36N"),
         ("36N_CW_raw", "36N_CCW_raw"),
