@@ -69,9 +69,12 @@ def _check_words_agree(tests: Sequence[tuple[frozenset[str], Recording]]) -> Non
     fewest, plain = min(tests, key=lambda item: len(item[0]))
     for words, test in tests:
         if words != fewest:
+            other = plain.title
+            if other == test.title:
+                other = f"{plain.sheet.title}, {other}"
             raise InputError(
                 f"{test.place}: each test must be a circle of its own, got {test.title!r} beside"
-                f" {plain.title!r}. Leave out files and sheets (--sheets) that are no circles, or"
+                f" {other!r}. Leave out files and sheets (--sheets) that are no circles, or"
                 " give each that is a circle a name in a [[test]] of --layout."
             )
 

@@ -87,7 +87,9 @@ def test_further_words_for_computed_columns_are_refused(derived: str, tmp_path: 
         lb.import_campaign(table(tmp_path, "36 N [um]", "490 N [um]", f"{derived} [um]"))
 
 
-@pytest.mark.parametrize("circle", ["36 N restart", "36 N different bar", "36 N Stab 2"])
+@pytest.mark.parametrize(
+    "circle", ["36 N restart", "36 N different bar", "36 N Stab 2", "36 N Mittelstellung"]
+)
 def test_words_that_only_begin_alike_do_not_count(circle: str, tmp_path: Path) -> None:
     path = table(tmp_path, "36 N [um]", f"{circle} [um]")
     assert len(lb.import_campaign(path).campaign.tests) == 2

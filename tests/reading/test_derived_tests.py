@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 
 import ldbb_bayes as lb
@@ -67,3 +68,30 @@ def test_a_circle_with_a_name_in_the_layout_is_read(tmp_path: Path) -> None:
     layout = Layout(test=[entry])
     imported = lb.import_campaign(files(tmp_path, "36N", "36N_fit"), layout=layout)
     assert len(imported.campaign.tests) == 2
+
+
+def test_a_sheet_of_means_in_columns_is_refused(tmp_path: Path) -> None:
+    workbook = openpyxl.Workbook()
+    del workbook["Sheet"]
+    for name in ("Runs", "Mean"):
+        sheet = workbook.create_sheet(name)
+        sheet.append(["Angle [deg]", "36 N [um]", "490 N [um]"])
+        for angle_deg in range(0, 360, 10):
+            sheet.append([angle_deg, angle_deg % 70, angle_deg % 110])
+    workbook.save(tmp_path / "book.xlsx")
+    message = "sheet 'Mean', test '36 N': each test must be a circle of its own, got '36 N' beside"
+    with pytest.raises(lb.InputError, match=f"{message} 'Runs, 36 N'"):
+        lb.import_campaign(tmp_path / "book.xlsx")
+    layout = Layout(sheets=["Runs"])
+    imported = lb.import_campaign(tmp_path / "book.xlsx", layout=layout)
+    assert len(imported.campaign.tests) == 2
+
+
+def test_a_test_of_means_in_a_column_of_tests_is_refused(tmp_path: Path) -> None:
+    lines = ["test;Force [N];Angle [deg];Reading [um]"]
+    for name in ("run 1", "run 2", "mean"):
+        lines += [f"{name};36;{angle_deg};{angle_deg % 70}" for angle_deg in range(0, 360, 10)]
+    path = tmp_path / "all.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    with pytest.raises(lb.InputError, match="test 'mean': each test must be a circle of its own"):
+        lb.import_campaign(path)
