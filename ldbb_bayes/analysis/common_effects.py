@@ -45,6 +45,7 @@ __all__ = [
     "Conflict",
     "JointDifference",
     "Shared",
+    "distances_of_readings",
     "joint_difference",
     "worst_conflict",
 ]
@@ -99,9 +100,9 @@ class Conflict(NamedTuple):
 
     coefficient: str
     #: p-value of the disagreement of two campaigns about an effect that they have in common: the
-    #: probability of a larger disagreement by chance. It is multiplied by the number of compared
-    #: coefficients (Bonferroni) and limited to 1. The estimates are those from the readings alone,
-    #: or what the two campaigns state.
+    #: probability of a larger disagreement by chance. It is multiplied by the number of comparisons
+    #: (Bonferroni), of readings and of statements, and limited to 1. Compared are the estimates
+    #: from the readings alone, and what the two campaigns state.
     p_value: float
 
 
@@ -201,26 +202,54 @@ def _conflict(
     """
     similar_sd = np.stack([_prior_sds(campaign, similar) for campaign in campaigns])
     units = np.hstack([np.ones((2, len(common))), similar_units(similar, similar_sd, bounds)])
-    of_readings = worst_conflict(
+    of_readings = distances_of_readings(
         [*common, *similar],
         units,
         [0.0] * len(common) + [prior_difference(name) for name in similar],
         campaigns,
     )
-    of_statements = _contradicted_statement(campaigns, common, bounds)
-    if of_readings is None or of_statements is None:
-        return of_readings or of_statements
-    return min(of_statements, of_readings, key=lambda conflict: conflict.p_value)
+    return worst_conflict(of_readings, _distances_of_statements(campaigns, common, bounds))
 
 
-def _contradicted_statement(
-    campaigns: Sequence[CampaignPosterior], common: Sequence[str], bounds: Sequence[BoundModel]
+def worst_conflict(
+    of_readings: Mapping[str, float], of_statements: Mapping[str, float]
 ) -> Conflict | None:
-    """Return the error of the common instrument of which two campaigns state the most different.
+    """Return the common effect about which two campaigns disagree most, or None.
+
+    Each comparison is of two values, such as the estimates from the readings of the two campaigns.
+    Its distance is the absolute difference of the values, divided by the standard uncertainty of
+    this difference. The p-value allows for all comparisons together, of readings and of statements.
+
+    Parameters
+    ----------
+    of_readings
+        Distances of what the readings say. The keys are the names of the coefficients.
+    of_statements
+        Distances of what the campaigns state, likewise.
+
+    Returns
+    -------
+    Conflict or None
+        Coefficient and p-value of the largest distance. None if nothing was compared.
+    """
+    compared = len(of_readings) + len(of_statements)
+    if compared == 0:
+        return None
+    distances = dict(of_statements)
+    for name, distance in of_readings.items():
+        distances[name] = max(distance, distances.get(name, 0.0))
+    worst = ranked(distances, distances.__getitem__)[0]
+    return Conflict(worst, min(1.0, float(2.0 * ndtr(-distances[worst])) * compared))
+
+
+def _distances_of_statements(
+    campaigns: Sequence[CampaignPosterior], common: Sequence[str], bounds: Sequence[BoundModel]
+) -> dict[str, float]:
+    """Return how far apart the statements of two campaigns about errors of one instrument are.
 
     A statement is a certificate, or a nominal value such as the mount's deflection. The difference
-    of the two prior means is divided by the standard uncertainty of this difference. The result is
-    None if the campaigns state the same of all errors. ``common`` are the names of the coefficients
+    of the two prior means is divided by the standard uncertainty of this difference. Errors of
+    which the campaigns state the same are left out. ``common`` are the names of the coefficients
     that have the same value in both campaigns, and ``bounds`` are the models.
     """
     first, second = (_prior_of(campaign, common) for campaign in campaigns)
@@ -232,10 +261,7 @@ def _contradicted_statement(
         is_stated = all(_is_stated(name, bound) for bound in bounds)
         if (is_stated or len(nominal) > 1) and distance[j] > 0.0:
             distances[name] = float(distance[j])
-    if not distances:
-        return None
-    worst = ranked(distances, distances.__getitem__)[0]
-    return Conflict(worst, min(1.0, float(2.0 * ndtr(-distances[worst])) * len(distances)))
+    return distances
 
 
 def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
@@ -505,20 +531,19 @@ def _joint_places(
     return places
 
 
-def worst_conflict(
+def distances_of_readings(
     common: Sequence[str],
     units: Array,
     prior_differences: Sequence[float],
     campaigns: Sequence[CampaignPosterior],
-) -> Conflict | None:
-    """Return the common effect about which the readings of two campaigns disagree most.
+) -> dict[str, float]:
+    """Return how far apart the readings of two campaigns are about each common effect.
 
     The campaigns have the instrument, the machine or both in common; each of the effects that they
     have in common is described by a coefficient ν. From the readings y of each campaign, ν is
     estimated without its prior. The standard uncertainty of the estimate is 1/√l, where
     l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. For each ν, the difference of the two
-    estimates is divided by the standard uncertainty of this difference. The campaigns disagree most
-    about the coefficient for which the absolute value of this ratio is largest.
+    estimates is divided by the standard uncertainty of this difference.
 
     Parameters
     ----------
@@ -535,9 +560,9 @@ def worst_conflict(
 
     Returns
     -------
-    Conflict or None
-        Coefficient and p-value of the disagreement. None if there is no common coefficient about
-        which the readings of both campaigns are informative.
+    dict
+        Absolute values of these ratios. The keys are the names of the coefficients about which the
+        readings of both campaigns are informative.
     """
     scales = []
     variances = []
@@ -557,8 +582,6 @@ def worst_conflict(
     precision_in_prior_units = 1.0 / variance - 1.0
     precision = precision_in_prior_units / scale**2
     is_informed = precision_in_prior_units.min(axis=0) > _LEAST_INFORMATION
-    if not is_informed.any():
-        return None
     shrinkage = variance * np.maximum(precision_in_prior_units, _LEAST_INFORMATION)
     prior_mean = np.array(common_prior_means)
     estimate = (prior_mean + (np.array(common_means) - prior_mean) / shrinkage) / units
@@ -567,9 +590,7 @@ def worst_conflict(
         variance_of_estimates = 1.0 / (precision[:, j] * units[:, j] ** 2)
         sd = np.sqrt(variance_of_estimates.sum() + prior_differences[j] ** 2)
         distances[common[j]] = float(abs(estimate[0, j] - estimate[1, j]) / sd)
-    worst = ranked(distances, distances.__getitem__)[0]
-    p_value = float(2.0 * ndtr(-distances[worst])) * len(distances)
-    return Conflict(worst, min(1.0, p_value))
+    return distances
 
 
 def _posterior_mean(bound: BoundModel, phi: Array) -> Array:

@@ -28,8 +28,9 @@ class Summary(Result):
 def name_intervals(record: Any, prob: float) -> Any:
     """Return a copy of a record in which keys such as ``ci95`` take the place of ``interval``.
 
-    In every key of the record, the word ``interval`` is replaced with ``ci`` and the probability of
-    the credible interval in per cent.
+    The key ``interval`` of a pair of numbers is replaced with ``ci`` and the probability of the
+    credible interval in per cent. Names of machines, campaigns and parameters are keys too; they
+    are kept, whatever they contain.
 
     Parameters
     ----------
@@ -42,7 +43,10 @@ def name_intervals(record: Any, prob: float) -> Any:
         key = f"ci{100 * prob:g}"
         renamed: dict[str, Any] = {}
         for name, value in record.items():
-            renamed[name.replace("interval", key)] = name_intervals(value, prob)
+            if name == "interval" and not isinstance(value, dict):
+                renamed[key] = value
+            else:
+                renamed[name] = name_intervals(value, prob)
         return renamed
     if isinstance(record, list):
         return [name_intervals(value, prob) for value in record]

@@ -19,6 +19,7 @@ from ldbb_bayes.analysis.common_effects import (
     CampaignPosterior,
     JointDifference,
     Shared,
+    distances_of_readings,
     joint_difference,
     worst_conflict,
 )
@@ -319,7 +320,7 @@ def test_a_certificate_in_one_campaign_is_no_disagreement() -> None:
         ((2.33, 2.0), (2.28, 2.0), None),
         ((2.33, None), (2.0, None), None),
         ((2.33, None), (2.0, 2.0), None),
-        ((2.33, None), (1.5, 2.0), 2.0 * stats.norm.sf(0.83 / np.hypot(0.233, 0.015))),
+        ((2.33, None), (1.5, 2.0), 4.0 * stats.norm.sf(0.83 / np.hypot(0.233, 0.015))),
     ],
 )
 def test_statements_of_one_mount_that_contradict_each_other(
@@ -328,7 +329,8 @@ def test_statements_of_one_mount_that_contradict_each_other(
     p_value: float | None,
 ) -> None:
     """Deflections in µm/bar with U in percent, or 10 % of one sd where nothing is stated. Readings
-    are compensated for what is stated, so that they agree about the mount."""
+    are compensated for what is stated, so that they agree about the mount; of the last pair they
+    are compared as well, so that p is that of two comparisons."""
     bounds = []
     for seed, (deflection, percent) in zip((3, 4), (first, second), strict=True):
         campaign = campaign_of(seed)
@@ -441,11 +443,31 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
             CampaignPosterior(information, list(information.names), mean, np.zeros(3))
             for information, mean in zip(informations, means, strict=True)
         ]
-        conflict = worst_conflict(["length", "form"], np.ones((2, 2)), [0.0, 0.0], campaigns)
-        assert conflict == (
+        distances = distances_of_readings(
+            ["length", "form"], np.ones((2, 2)), [0.0, 0.0], campaigns
+        )
+        assert worst_conflict(distances, {}) == (
             "form",
             pytest.approx(2.0 * 2.0 * stats.norm.sf(4.0 / np.hypot(1.0, 1.5)), rel=1e-6),
         )
+
+
+def test_readings_and_statements_are_compared_together() -> None:
+    """Three distances of readings and three of statements, all by chance: in 1 % of all cases, not
+    in 2 %, the worst of the six has p below 1 %."""
+    names = ("length", "form", "mount")
+    rng = np.random.default_rng(1)
+    distances = np.abs(rng.standard_normal((20_000, 6)))
+    p_values = []
+    for row in distances:
+        of_readings = dict(zip(names, row[:3], strict=True))
+        of_statements = dict(zip(names, row[3:], strict=True))
+        p_values.append(worst_conflict(of_readings, of_statements).p_value)
+    share = np.mean(np.array(p_values) < 0.01)
+    assert 0.008 < share < 0.012
+    of_both = worst_conflict({"length": 2.0, "form": 3.0}, {"length": 4.0})
+    assert of_both == ("length", pytest.approx(3.0 * 2.0 * stats.norm.sf(4.0)))
+    assert worst_conflict({}, {}) is None
 
 
 ELASTIC = MODEL.with_term(lb.terms.JointLoad()).with_term(lb.terms.Position())
@@ -621,13 +643,13 @@ def test_a_grown_compliance_is_no_disagreement_about_the_joints() -> None:
     p_values = {}
     for units in ("prior sd", "1"):
         for order in (1, -1):
-            conflict = worst_conflict(
+            distances = distances_of_readings(
                 ["joint_load_X_seat"],
                 (prior_sd if units == "prior sd" else np.ones((2, 1)))[::order],
                 [0.14],
                 campaigns[::order],
             )
-            p_values[units, order] = conflict.p_value
+            p_values[units, order] = worst_conflict(distances, {}).p_value
     assert p_values["prior sd", 1] == p_values["prior sd", -1] > 0.5
     assert p_values["1", 1] < 1e-6
 

@@ -400,6 +400,21 @@ def test_the_record(eight_machines: Population) -> None:
             assert phrase in text
 
 
+def test_names_of_machines_are_kept(eight_machines: Population, tmp_path: Path) -> None:
+    """Only the pair of numbers ``interval`` has a key of its own; a machine may be called so."""
+    names = ["interval_mill", "interval", *list(eight_machines.machine)[2:]]
+    machines = {}
+    for name, machine in zip(names, eight_machines.machine.values(), strict=True):
+        machines[name] = replace(machine, name=name)
+    renamed = replace(eight_machines, machine=machines)
+    record = renamed.as_dict()
+    assert list(record["machine"]) == names
+    assert "ci95" in record["machine"]["interval"]["estimate"]["C_XXX"]
+    path = tmp_path / "population.json"
+    path.write_text(json.dumps(with_words(renamed)))
+    assert lb.fleet.read_population_prior(path).machine_ids == frozenset(names)
+
+
 def test_what_each_its_own_bar_changes(rng: np.random.Generator) -> None:
     """No error is common to all, and nothing is said of one."""
     three_machines = fleet(rng, machines=3, parameters=2)
