@@ -111,9 +111,10 @@ def compare_posteriors(
         If the instrument or the machine was the same, ``attrs["conflict"]`` names the common effect
         about which the readings of the two campaigns disagree most, and states the p-value of the
         disagreement (with Bonferroni correction). What the campaigns state of the common
-        instrument, such as the mount's deflection, may disagree as well. If both were different, or
-        if there is no common effect about which both campaigns give information,
-        ``attrs["conflict"]`` is None.
+        instrument, such as the mount's deflection, may disagree as well. If the p-value is below
+        1 %, the differences cannot be used: `changed_parameters` then names no changes and raises
+        an error. If both were different, or if there is no common effect about which both campaigns
+        give information, ``attrs["conflict"]`` is None.
 
         ``attrs["contradicted_priors"]`` holds two tuples, one for each posterior: the names of the
         parameters whose prior the readings contradict. ``attrs["doubted_units"]`` holds two tuples

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldbb_bayes.analysis.multiple_testing import holm
-from ldbb_bayes.errors import check_probability
+from ldbb_bayes.analysis.usability import differences_can_be_used
+from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.results import Result
 from ldbb_bayes.units import is_slope
 
@@ -60,7 +61,9 @@ def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
     Raises
     ------
     InputError
-        For a probability that is not between 0 and 1.
+        For a probability that is not between 0 and 1. Also if the differences cannot be used, so
+        that no changes can be named: the campaigns disagree about what they should have in common,
+        readings contradict a prior, or the results of one of the two fits cannot be used.
 
     Examples
     --------
@@ -72,6 +75,12 @@ def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
     True
     """
     check_probability(prob)
+    require(
+        differences_can_be_used(table.attrs),
+        "differences must be usable to name changes, got two campaigns that disagree about what"
+        " they should have in common, or a fit that cannot be used. See conflict,"
+        " contradicted_priors and fits in the table's attrs.",
+    )
     names = [str(name) for name in table.index if not is_slope(str(name))]
     increase = table.loc[names, "probability_of_increase"].to_numpy(dtype=float)
     p_alone = 2.0 * np.minimum(increase, 1.0 - increase)

@@ -8,6 +8,7 @@ import pandas as pd
 
 from ldbb_bayes.analysis.common_effects import Shared
 from ldbb_bayes.analysis.parameter_changes import changed_parameters
+from ldbb_bayes.analysis.usability import differences_can_be_used
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
@@ -93,7 +94,7 @@ def _blocks(
         banner_of_fit(other.name, second_fit, other.campaign, words),
     ]
     of_fits = [banner for banner in banners if banner is not None]
-    is_unusable = bool(doubts) or any(banner.kind == "unusable" for banner in of_fits)
+    is_unusable = not differences_can_be_used(other.differences.attrs)
     if of_fits or doubts or reservations:
         kind = "unusable" if is_unusable else "reserved"
         sentences = [banner.sentence for banner in of_fits]

@@ -16,7 +16,7 @@ from ldbb_bayes.analysis.common_effects import Shared
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.inference.summary import result_json
-from ldbb_bayes.report import sections
+from ldbb_bayes.report import sections, wording
 from ldbb_bayes.report.blocks import Banner, Fields, Items, ReportSheet
 from ldbb_bayes.report.difference_sheet import difference_sheets
 from ldbb_bayes.report.findings import Findings, FurtherCampaign, findings_of_fit
@@ -278,6 +278,22 @@ def test_readings_that_the_model_does_not_expect_are_said(
         "unusable",
         "after: DO NOT USE THE RESULTS. The model does not expect readings like these (f300).",
     )
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_terminal_and_annex_are_silent_where_the_sheet_is(
+    before: Findings, after: FurtherCampaign, place: int
+) -> None:
+    """Of a fit that cannot be used no changes are named, and a sentence says why."""
+    table = after.differences.copy()
+    fits = list(table.attrs["fits"])
+    fits[place] = replace(fits[place], concerns=(TRUNCATION,))
+    table.attrs |= {"conflict": None, "fits": tuple(fits)}
+    name = ("before", "after")[place]
+    assert wording.unusable_fit_sentences("before", "after", True, table.attrs) == (
+        f"The results of {name} cannot be used: see its fit. Do not use the differences.",
+    )
+    assert "no changes are named" in wording.change_sentence("before", "after", table, 0.95)
 
 
 def test_no_banner_without_doubts(before: Findings, after: FurtherCampaign) -> None:

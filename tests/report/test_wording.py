@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from campaigns import plan, simulated
+from campaigns import plan, refuses, simulated
 from fleets import drawn_rows
 from reports import undrawn
 from typer.testing import CliRunner
@@ -32,6 +32,7 @@ from ldbb_bayes.analysis.comparison import Sign
 from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.machine_description import VisibleParameter
 from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.parameter_changes import changed_parameters
 from ldbb_bayes.analysis.remedies import Remedy
 from ldbb_bayes.analysis.tried_remedies import RemedyKind
 from ldbb_bayes.analysis.variance_sources import VarianceSource
@@ -715,6 +716,23 @@ def test_parameters_that_have_changed_are_named_with_U() -> None:
         " 95 % intervals, each parameter by itself. Of these, allowing for 2 comparisons (Holm's"
         " method): C_XXX."
     )
+
+
+def test_no_changes_are_named_where_campaigns_are_in_conflict() -> None:
+    """Not at the terminal, not in the annex, not in Python."""
+    table = CHANGES.copy()
+    table.attrs["conflict"] = ("form_8_cos", 0.004)
+    sentence = wording.change_sentence("a", "b", table, 0.95)
+    assert sentence == "a and b: the differences cannot be used, so that no changes are named."
+    refuses("differences must be usable to name changes", changed_parameters, table, 0.95)
+    table.attrs["conflict"] = ("form_8_cos", 0.02)
+    assert "C_XXX 10.0 ± 2.0 nm/N" in wording.change_sentence("a", "b", table, 0.95)
+
+
+def test_a_p_value_far_out_is_an_upper_limit() -> None:
+    """A p-value that underflows is not zero."""
+    (sentence,) = wording.difference_doubts("a", "b", {"conflict": ("bar_length", 0.0)})
+    assert "(p < 0.0001)" in sentence
 
 
 def test_no_parameter_has_changed() -> None:

@@ -5,6 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes.analysis.parameter_changes import changed_parameters
+from ldbb_bayes.analysis.usability import (
+    LARGEST_P_OF_CONFLICT,
+    ReasonKind,
+    differences_can_be_used,
+    judge_fit,
+)
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report.wording.effect_names import joined, joined_parameters
@@ -30,12 +36,10 @@ __all__ = [
 ]
 
 NO_ANNEX = "left out with the annex (--sheets-only)"
-# Two campaigns with the same instrument or machine have two estimates of each effect that they have
-# in common. A sentence states that the campaigns disagree about an effect if the p-value of the
-# difference of its two estimates is below this value.
-_CONFLICT = 0.01
+# Reasons not to use a fit at all that a sentence on compared fits states together.
+_UNUSABLE_FOR_THE_MODEL = {ReasonKind.MISFIT, ReasonKind.TRUNCATION, ReasonKind.BALLS}
 
-_TEMPLATES = SentenceFile("page", DEGREES=DEGREE_NAMES, PAGE=PAGE, CONFLICT=_CONFLICT)
+_TEMPLATES = SentenceFile("page", DEGREES=DEGREE_NAMES, PAGE=PAGE)
 
 
 def annex_words(degree: int, averaged: bool) -> str:
@@ -72,9 +76,11 @@ def difference_doubts(first: str, other: str, attributes: Mapping[Any, Any]) -> 
       coefficient can be compared.
     - The readings of a campaign contradict a prior of its model (``contradicted_priors``).
     """
+    sentences = []
     conflict = attributes.get("conflict")
-    of_machine = conflict is not None and Term.owner(conflict[0]).machine
-    sentences = list(_TEMPLATES.sentences("difference_doubts", first, other, conflict, of_machine))
+    if conflict is not None and conflict[1] < LARGEST_P_OF_CONFLICT:
+        of_machine = Term.owner(conflict[0]).machine
+        sentences += _TEMPLATES.sentences("difference_doubts", first, other, conflict, of_machine)
     contradicted = attributes.get("contradicted_priors", ())
     for name, parameters in zip((first, other), contradicted, strict=False):
         if parameters:
@@ -89,8 +95,8 @@ def unusable_fit_sentences(
     """Return sentences on two compared fits whose numbers cannot be used.
 
     A sentence says that the fit of the second campaign has not converged (``converged`` is then
-    false), or that the unit of a campaign's readings is in doubt (``doubted_units``). The arguments
-    are those of `difference_doubts`.
+    false), that the unit of a campaign's readings is in doubt (``doubted_units``), or that a fit
+    cannot be used for another reason (``fits``). The arguments are those of `difference_doubts`.
     """
     sentences = []
     if not converged:
@@ -98,6 +104,10 @@ def unusable_fit_sentences(
     for name, tests in zip((first, other), attributes.get("doubted_units", ()), strict=False):
         if tests:
             sentences.append(PAGE["doubted_unit"].format(campaign=name))
+    for name, fit in zip((first, other), attributes.get("fits", ()), strict=False):
+        kinds = {reason.kind for reason in judge_fit(fit).reasons}
+        if kinds & _UNUSABLE_FOR_THE_MODEL:
+            sentences.append(PAGE["unusable_fit"].format(campaign=name))
     return tuple(sentences)
 
 
@@ -120,8 +130,11 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) ->
     parameters. A parameter is named if the credible interval of its difference excludes zero;
     ``prob`` is the probability of this interval. Slopes (coefficients of the change of compliance
     with force) are not named. If a parameter is named, a second sentence names those that have
-    changed when the number of comparisons is allowed for (`changed_parameters`).
+    changed when the number of comparisons is allowed for (`changed_parameters`). If the differences
+    cannot be used, no parameter is named.
     """
+    if not differences_can_be_used(table.attrs):
+        return PAGE["unnamed_changes"].format(first=first, other=other)
     changed = changed_parameters(table, prob)
     sizes = []
     for name, row in table.loc[list(changed.alone)].iterrows():
