@@ -61,6 +61,8 @@ _BATCHES = 20
 # Smallest standard deviation by which values are divided. A smaller posterior standard deviation is
 # replaced by this number, to avoid a division by zero.
 _LEAST_SD = 1e-300
+# Probabilities below the lower and the upper end of the equal-tailed 95 % credible intervals.
+_LEVELS = (0.025, 0.975)
 
 
 class Decision(StrEnum):
@@ -112,6 +114,11 @@ class Conformity(Result):
     confidence: float
     #: decision on conformity of the quantity with its tolerance, by the rules of ISO 14253-1
     decision: Decision
+    #: lower end of the equal-tailed 95 % credible interval of the quantity that has the tolerance
+    ci_low: float
+    #: upper end of the equal-tailed 95 % credible interval of the quantity that has the tolerance;
+    #: None if it has no upper end, because the quantity is a stiffness and may be infinite
+    ci_high: float | None
     #: numerical standard error of the probability of conformance, which is a share of posterior
     #: draws; zero if the probability is computed from a normal distribution
     probability_error: float = 0.0
@@ -227,6 +234,16 @@ def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) 
     }
 
 
+class _Distribution(NamedTuple):
+    """Posterior mean, standard deviation and 95 % credible interval of a quantity."""
+
+    mean: float  #: posterior mean of the quantity
+    sd: float  #: posterior standard deviation of the quantity
+    low: float  #: lower end of the quantity's 95 % credible interval
+    #: upper end of the quantity's 95 % credible interval; None if it has no upper end
+    high: float | None
+
+
 class _StatedDraws(NamedTuple):
     """Posterior draws of a quantity that has a tolerance, and the bar force that they are for."""
 
@@ -326,14 +343,14 @@ def _decide_by_draws(
     ``confidence`` is the minimum probability at which a decision is made.
     """
     draws = stated.values
-    mean = float(draws.mean())
-    sd = float(draws.std(ddof=1))
+    ci_low, ci_high = np.quantile(draws, _LEVELS).tolist()
+    distribution = _Distribution(float(draws.mean()), float(draws.std(ddof=1)), ci_low, ci_high)
     low, high = tolerance.ends
     low_score, high_score = _scores(stated, (low, high))
     below = _tail_probability(draws < low, low_score)
     above = _tail_probability(draws > high, high_score)
     probability = min(max(1.0 - below - above, 0.0), 1.0)
-    decision = _decide(unit, mean, sd, tolerance, probability, confidence, stated.force_N)
+    decision = _decide(unit, distribution, tolerance, probability, confidence, stated.force_N)
     if stated.is_stiffness or stated.is_ratio:
         decision = replace(decision, value=float(np.median(draws)))
     return replace(decision, probability_error=_error_of_share((draws >= low) & (draws <= high)))
@@ -415,7 +432,9 @@ def normal_conformity(
     probability at which a decision is made.
     """
     probability = _normal_probability(mean, sd, tolerance.ends)
-    return _decide(unit, mean, sd, tolerance, probability, confidence, None)
+    half_width = float(ndtri(_LEVELS[1])) * sd
+    distribution = _Distribution(mean, sd, mean - half_width, mean + half_width)
+    return _decide(unit, distribution, tolerance, probability, confidence, None)
 
 
 def stiffness_conformity(
@@ -448,9 +467,17 @@ def stiffness_conformity(
     probability = _normal_probability(
         compliance_mean, compliance_sd, (lowest_compliance, highest_compliance)
     )
-    mean = 1.0 / compliance_mean
-    sd = compliance_sd / compliance_mean**2
-    return _decide(unit, mean, sd, tolerance, probability, confidence, None)
+    half_width = float(ndtri(_LEVELS[1])) * compliance_sd
+    ci_high = None
+    if compliance_mean > half_width:
+        ci_high = 1.0 / (compliance_mean - half_width)
+    distribution = _Distribution(
+        mean=1.0 / compliance_mean,
+        sd=compliance_sd / compliance_mean**2,
+        low=1.0 / (compliance_mean + half_width),
+        high=ci_high,
+    )
+    return _decide(unit, distribution, tolerance, probability, confidence, None)
 
 
 def _normal_probability(mean: float, sd: float, limits: tuple[float, float]) -> float:
@@ -465,8 +492,7 @@ def _normal_probability(mean: float, sd: float, limits: tuple[float, float]) -> 
 
 def _decide(
     unit: str,
-    mean: float,
-    sd: float,
+    distribution: _Distribution,
     tolerance: Tolerance,
     probability: float,
     confidence: float,
@@ -475,9 +501,9 @@ def _decide(
     """Return the decision on conformity with a tolerance, for a given probability of conformance.
 
     ``probability`` is the probability of conformance, and ``confidence`` the minimum probability at
-    which a decision is made. ``mean`` and ``sd`` are the posterior mean and standard deviation of
-    the quantity, in ``unit``; the mean is also the value that is stated. ``force`` is the bar force
-    for which the quantity is computed [N].
+    which a decision is made. ``distribution`` is the posterior of the quantity, in ``unit``; its
+    mean is also the value that is stated. ``force`` is the bar force for which the quantity is
+    computed [N].
     """
     decision = Decision.NOT_DECIDED
     if probability <= 1.0 - confidence:
@@ -489,11 +515,13 @@ def _decide(
         force_N=force,
         lower=tolerance.lower,
         upper=tolerance.upper,
-        value=mean,
-        mean=mean,
-        sd=sd,
+        value=distribution.mean,
+        mean=distribution.mean,
+        sd=distribution.sd,
         probability=probability,
-        guard_band=float(ndtri(confidence)) * sd,
+        guard_band=float(ndtri(confidence)) * distribution.sd,
         confidence=confidence,
         decision=decision,
+        ci_low=distribution.low,
+        ci_high=distribution.high,
     )

@@ -30,6 +30,8 @@ from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.fit_tables import describe_fit
 from ldbb_bayes.report.html_templates import template_of
+from ldbb_bayes.report.stated_circle import circle_phrase
+from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name, is_slope, needs_interval
 
@@ -82,8 +84,9 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     and the covariance. They are in internal units (mm, N, rad). It also holds the change of each
     compliance over the tested forces. Slopes, which are coefficients of this change, appear only in
     the covariance matrix. The stiffness by direction at the reference force is included if the
-    readings determine it; where value ± U would not describe a stiffness, its credible interval
-    takes the place of U. The file states that it is unsigned and is not a calibration certificate.
+    readings determine it; where value ± U would not describe a stiffness or a change, its credible
+    interval takes the place of U. The file states that it is unsigned and is not a calibration
+    certificate.
 
     Parameters
     ----------
@@ -133,7 +136,7 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
         parameters=parameters,
         quantities=[
             *compliances,
-            *_change_entries(posterior),
+            *_change_entries(posterior, prob),
             *_stiffness_entries(posterior, prob),
             *geometric_errors,
         ],
@@ -215,19 +218,26 @@ def _parameter_entries(
     return parameters
 
 
-def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
+def _change_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
     """Return dictionaries for the certificate file, one for the change of each compliance.
 
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
     tested. The dictionaries have the keys of those of `_parameter_entries`, but lack the keys
-    ``low`` and ``high`` (the ends of the credible interval).
+    ``low`` and ``high`` (the ends of the credible interval). The entry ``interval`` is the credible
+    interval of probability ``prob`` where value ± U would not describe the change.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
+    levels = (0.5 - 0.5 * prob, 0.5 + 0.5 * prob)
     entries = []
     for name, draws in curves.compliances.items():
         mean = float(draws.change.mean())
         sd = float(draws.change.std(ddof=1))
+        low, high = np.quantile(draws.change, levels).tolist()
+        interval = None
+        # If a compliance is constant with a probability of nearly one, the interval is a point.
+        if low < high and needs_interval(mean, sd, (low, high)):
+            interval = (low, high)
         entries.append(
             {
                 "value": mean,
@@ -237,7 +247,7 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
                 "kind": "change",
                 "unit": dsi_unit(draws.unit),
                 "within": float(np.mean(np.abs(draws.change - mean) <= 2.0 * sd)),
-                "interval": None,
+                "interval": interval,
                 "verdict": difference,
             }
         )
@@ -251,17 +261,21 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     dictionaries have the same keys as those of `_parameter_entries`, except ``low`` and ``high``,
     the ends of the credible interval. The quantities are computed at the model's reference force. A
     quantity is left out if it cannot be stated as a value ± U: a stiffness or ratio of which only a
-    lower limit is known, or a direction that the readings do not determine. ``prob`` is the
-    probability of credible intervals.
+    lower limit is known, or a direction that the readings do not determine. If circles of a plane
+    differ in radius or centre, the entry ``verdict`` names the one that the quantities are of.
+    ``prob`` is the probability of credible intervals.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
         return []
     result = stiffness(posterior, [reference_N], prob=prob)
     planes = [plane.plane for plane in result.planes]
+    campaign = campaign_of(posterior)
     entries = []
     for plane in result.planes:
+        of_circle = circle_phrase(campaign, plane.plane, words_of("en")).removeprefix(", ")
         for entry in _entries_of_plane(plane):
+            entry["verdict"] = "; ".join(filter(None, (entry["verdict"], of_circle)))
             entry["name"] = name_in_plane(entry["name"], plane.plane, planes)
             if entry["kind"] != "difference":
                 entry["shown"] = name_in_plane(entry["shown"], plane.plane, planes)

@@ -27,8 +27,10 @@ from ldbb_bayes.results import Passage, Shown, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,
+    needs_interval,
     round_like,
     round_uncertainty,
+    state,
     three_digits,
     value_and_uncertainty,
 )
@@ -291,7 +293,9 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     """Return a table of decisions on conformity, one row for each quantity with a tolerance.
 
     The columns include the value, U, the tolerance, the probability of conformity and the guard
-    band. The value is the one that the sheets state. The numerical error of the probability is
+    band. The value is the one that the sheets state. Where value ± U would not describe the
+    quantity, the distances to the ends of its 95 % interval take the place of U, as on the sheets;
+    the caption says so. The numerical error of the probability is
     stated if the decision depends on it.
 
     Parameters
@@ -310,7 +314,7 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
         rows.append(
             (
                 display_name(name),
-                *value_and_uncertainty(decision["value"] * factor, 2.0 * decision["sd"] * factor),
+                *_value_and_U(decision),
                 wording.limit_words(decision["lower"], decision["upper"], factor),
                 _probability_of_conformance(decision),
                 round_uncertainty(decision["guard_band"] * factor)[0],
@@ -332,7 +336,38 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     forces_N = {decision["force_N"] for decision in decisions.values()} - {None}
     for force in sorted(forces_N):
         caption += f", at {force:g} N"
+    if any(_is_beside_U(decision) for decision in decisions.values()):
+        caption += "; +a / −b are the ends of the 95 % interval"
     return Table.of(caption, heads, rows, text=("unit", "decision"))
+
+
+def _is_beside_U(decision: Mapping[str, Any]) -> bool:
+    """Return whether value ± U would not describe a quantity that has a tolerance."""
+    if decision["ci_high"] is None:
+        return True
+    interval = (decision["ci_low"], decision["ci_high"])
+    return needs_interval(decision["value"], decision["sd"], interval)
+
+
+def _value_and_U(decision: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the value of a quantity that has a tolerance, and its U, in the unit shown.
+
+    Where value ± U would not describe the quantity, the distances from the value to the ends of the
+    95 % interval are stated in place of U, such as "+19 / −9". The upper end may be infinite.
+    """
+    value = decision["value"]
+    sd = decision["sd"]
+    factor, _ = display_unit(decision["unit"])
+    if not _is_beside_U(decision):
+        return value_and_uncertainty(value * factor, 2.0 * sd * factor)
+    low = decision["ci_low"]
+    high = decision["ci_high"]
+    if high is None:
+        decimals = round_uncertainty(sd * factor)[1]
+        below = round_like((value - low) * factor, decimals)
+        return round_like(value * factor, decimals), f"+∞ / −{below}"
+    statement = state(value, sd, (low, high), decision["unit"])
+    return statement.value, statement.expanded
 
 
 def _probability_of_conformance(decision: Mapping[str, Any]) -> str:

@@ -29,6 +29,7 @@ from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.stated_circle import circle_phrase, circles_of_plane
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.stiffness_numbers import stiffness_quantities
 from ldbb_bayes.report.translation import Words
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.compliance_change import ChangeWithForce
     from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness, PlaneStiffness
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
-    from ldbb_bayes.machine.chain import Circle
+    from ldbb_bayes.campaign.campaign import Campaign
     from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["SheetNumbers", "remark"]
@@ -460,24 +461,12 @@ class SheetNumbers:
         ``plane``. The phrase begins with a comma. It is empty if all tests in the plane have the
         same circle.
         """
-        circles = list(self._circles_of_plane(plane).values())
-        first = circles[0]
-        if all(circle == first for circle in circles):
-            return ""
-        radius = self.words.number(f"{first.radius_mm:g}")
-        if all(circle.centre_mm == first.centre_mm for circle in circles):
-            return self.words("quantities.circle", radius=radius)
-        centre = ", ".join(f"{coordinate_mm:g}" for coordinate_mm in first.centre_mm)
-        return self.words(
-            "quantities.circle_about",
-            radius=radius,
-            centre=self.words.number(centre.replace("-", "−")),
-        )
+        return circle_phrase(self._campaign, plane, self.words)
 
-    def _circles_of_plane(self, plane: str) -> dict[str, Circle]:
-        """Return the circle of each test in a plane; the keys are the names of the tests."""
-        tests = bound_of(self.findings.posterior).campaign.tests
-        return {str(test.name): test.circle for test in tests if test.plane == plane}
+    @property
+    def _campaign(self) -> Campaign:
+        """Campaign whose quantities the sheets state."""
+        return bound_of(self.findings.posterior).campaign
 
     @cached_property
     def _measured(self) -> pd.DataFrame:
@@ -494,7 +483,7 @@ class SheetNumbers:
         """
         if force_N == 0.0:
             return ""
-        circles = self._circles_of_plane(plane)
+        circles = circles_of_plane(self._campaign, plane)
         stated_circle = next(iter(circles.values()))
         names = [name for name, circle in circles.items() if circle == stated_circle]
         rows = self._measured.loc[names]

@@ -150,11 +150,43 @@ def test_a_close_decision_states_the_error_of_its_probability() -> None:
         "sd": 2.4e-6,
         "confidence": 0.95,
         "decision": "not decided",
+        "ci_low": 52.3e-6,
+        "ci_high": 61.7e-6,
     }
     record |= {"probability_error": 0.006}
     for probability, shown in ((0.948, "0.948 ± 0.006"), (0.92, "0.920"), (0.055, "0.055 ± 0.006")):
         table = conformity_table({"C_XXX": record | {"probability": probability}})
         assert shown in [cell.strip() for cell in lines_of([table]).split("  ")]
+
+
+def test_a_skewed_stiffness_has_the_ends_of_its_interval_beside_it(
+    rng: np.random.Generator,
+) -> None:
+    """Of a compliance of 40 ± 13 nm/N (u), 2u of the stiffness is 43 N/µm beside a value of 25."""
+    compliance = stats.truncnorm.rvs(-3.0, np.inf, 40e-6, 13e-6, size=4000, random_state=rng)
+    tolerance = lb.analysis.Tolerance(lower=10e3)
+    stated = _StatedDraws(1.0 / compliance, 389.0, is_stiffness=True)
+    decision = _decide_by_draws("N/mm", stated, tolerance, 0.95)
+    low, high = np.quantile(stated.values, (0.025, 0.975))
+    assert (decision.ci_low, decision.ci_high) == (pytest.approx(low), pytest.approx(high))
+    text = lines_of([conformity_table({"stiffness_X": decision.as_dict()})])
+    assert 2.0 * decision.sd > 1.5 * decision.value
+    above = 1e-3 * (high - decision.value)
+    below = 1e-3 * (decision.value - low)
+    assert f"+{above:.0f} / −{below:.0f}" in text
+    assert "+a / −b are the ends of the 95 % interval" in text
+
+
+def test_a_stiffness_without_an_upper_end() -> None:
+    tolerance = lb.analysis.Tolerance(lower=10e3)
+    certain = stiffness_conformity("N/mm", 40e-6, 10e-6, tolerance)
+    assert (certain.ci_low, certain.ci_high) == (
+        pytest.approx(1.0 / (40e-6 + 19.6e-6), rel=1e-4),
+        pytest.approx(1.0 / (40e-6 - 19.6e-6), rel=1e-3),
+    )
+    near_zero = stiffness_conformity("N/mm", 40e-6, 25e-6, tolerance)
+    assert near_zero.ci_high is None
+    assert "+∞ / −14" in lines_of([conformity_table({"stiffness_X": near_zero.as_dict()})])
 
 
 def test_decisions_by_the_guard_band() -> None:

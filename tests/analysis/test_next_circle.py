@@ -291,6 +291,8 @@ def test_the_probability_of_a_decision_on_a_tolerance_is_that_of_simulated_estim
         guard_band=1.64,
         confidence=0.95,
         decision=Decision.NOT_DECIDED,
+        ci_low=-1.16,
+        ci_high=2.76,
     )
     aim = UncertaintyAim(np.array([1.0]), target=0.5, inflation=1.0, is_reached=False)
     left_u = np.array([0.2, 0.6])

@@ -115,6 +115,40 @@ def test_a_skewed_stiffness_has_its_interval_in_place_of_u(
     assert not words(k_max, "valueExpandedMU")
 
 
+def test_a_skewed_change_has_its_interval_in_place_of_u(
+    posterior: xr.DataTree, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curves = dcc_export.force_curves(posterior)
+    change = np.random.default_rng(1).exponential(2e-6, 4000)
+    at_smallest = np.zeros_like(change)
+    draws = curves.compliances["C_CCY"]._replace(at_smallest=at_smallest, at_largest=change)
+    skewed = replace(curves, compliances=curves.compliances | {"C_CCY": draws})
+    monkeypatch.setattr(dcc_export, "force_curves", lambda *_: skewed)
+    root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml", prob=0.9))
+    (stated,) = [element for element in root.iter() if element.get("id") == "C_CCY_change"]
+    ends = words(stated, "intervalMin") + words(stated, "intervalMax")
+    np.testing.assert_allclose(np.array(ends, float), np.quantile(change, (0.05, 0.95)), rtol=1e-6)
+    assert words(stated, "coverageProbability") == ["0.9"]
+    assert not words(stated, "valueExpandedMU")
+
+
+def test_stiffnesses_name_the_circle_that_they_are_of(tmp_path: Path) -> None:
+    """Of circles of two radii in one plane, k_min is that of the first."""
+    smaller = tuple(
+        replace(test, radius_mm=100.0, name=f"{test.name} small") for test in plan().tests
+    )
+    both = replace(plan(), tests=(*plan().tests, *smaller))
+    posterior = fitted(lb.HybridModel.first(0), simulated(both))
+    path = lb.report.write_dcc(posterior, tmp_path / "dcc.xml")
+    descriptions = {}
+    for quantity in check_structure(path).iter("{https://ptb.de/dcc}quantity"):
+        texts = [element.text or "" for element in quantity.iter("{https://ptb.de/dcc}content")]
+        descriptions[quantity.get("id")] = " | ".join(texts)
+    assert "R\u00a0= 150\u00a0mm" in descriptions["k_min"]
+    assert "are the same; R\u00a0= 150\u00a0mm" in descriptions["softest_direction"]
+    assert "R\u00a0=" not in descriptions["C_XXX"]
+
+
 @pytest.mark.slow
 def test_principal_stiffnesses_state_their_axes(tmp_path: Path) -> None:
     planes = tuple(
