@@ -172,13 +172,17 @@ def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
 
 
 def _brief_collection(value: Any, longest: int) -> str:
-    """Return a collection as one line of text: its entries, or only their number.
+    """Return a collection as one line of text: its entries (floats rounded), or only their number.
 
     Only the number is stated if there are many entries, if the entries include arrays, or if the
     text would have more than ``longest`` characters.
     """
     if len(value) <= _MOST_ENTRIES:
         text = repr(value)
+        is_plain = type(value) in (tuple, list) and len(value) > 1
+        if is_plain and all(type(entry) is float for entry in value):
+            rounded = ", ".join(f"{entry:.6g}" for entry in value)
+            text = f"{text[0]}{rounded}{text[-1]}"
         if len(text) <= longest and "array(" not in text:
             return text
     return f"<{len(value)} entries>"

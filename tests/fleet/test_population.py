@@ -22,6 +22,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet import outlying_machines
 from ldbb_bayes.fleet.deviations import estimate_separately
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
+from ldbb_bayes.fleet.interval_summary import Summary
 from ldbb_bayes.fleet.outlying_machines import JudgedMachines, judge_machines
 from ldbb_bayes.fleet.pooling import pool
 from ldbb_bayes.fleet.population import Population
@@ -398,6 +399,11 @@ def test_the_record(eight_machines: Population) -> None:
             "M01 does not belong",
         ):
             assert phrase in text
+
+
+def test_a_summary_is_printed_with_rounded_numbers() -> None:
+    summary = Summary(1.07434218e-05, 2.7e-06, (6.401137723460878e-06, 1.7e-05))
+    assert "(6.40114·10⁻⁶, 1.7·10⁻⁵)" in str(summary)
 
 
 def test_names_of_machines_are_kept(eight_machines: Population, tmp_path: Path) -> None:

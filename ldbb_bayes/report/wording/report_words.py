@@ -76,7 +76,7 @@ def difference_doubts(first: str, other: str, attributes: Mapping[Any, Any]) -> 
       coefficient can be compared.
     - The readings of a campaign contradict a prior of its model (``contradicted_priors``).
     """
-    sentences = []
+    sentences: list[str] = []
     conflict = attributes.get("conflict")
     if conflict is not None and conflict[1] < LARGEST_P_OF_CONFLICT:
         of_machine = Term.owner(conflict[0]).machine
