@@ -155,7 +155,6 @@ def report_files(
                 averaged=analyses.averaged,
                 **page_settings(settings),
                 progress=begin_step("page"),
-                executor=executor,
             )
             _write_beside_page(staging, fit, fit_result, imported, analyses)
     parts = _printed_parts(source_campaign, stated_posterior, stated_result, analyses, settings)

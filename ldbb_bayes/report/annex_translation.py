@@ -10,6 +10,7 @@ import unicodedata
 from dataclasses import replace
 from typing import Any
 
+from ldbb_bayes.report.figure_translation import translate_figure
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import Details, Part, Section
 from ldbb_bayes.report.text_translation import TextTranslation, catalogue_of
@@ -70,7 +71,8 @@ def section_in_language(section: Section, translation: TextTranslation) -> Secti
 def _translated_part(part: Part, translation: TextTranslation) -> Part:
     """Return one part of a section, such as a table or a figure, with all its texts translated."""
     if isinstance(part, Picture):
-        return part.in_language(translation.text)
+        translate_figure(part.figure, translation.text)
+        return Picture(part.key, translation.text(part.caption), part.figure)
     if isinstance(part, Details):
         content = tuple(translation.passage(passage) for passage in part.content)
         return Details(translation.text(part.summary), content)

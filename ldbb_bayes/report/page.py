@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -42,10 +41,9 @@ from ldbb_bayes.report.findings import (
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.number_tables import TABLE_FILES, tables
 from ldbb_bayes.report.pdf import fit_to_pages, pdf_of
-from ldbb_bayes.report.pictures import Picture, begin_to_draw
-from ldbb_bayes.report.sections import DESIGN, SECTIONS, Part, Section, beside
+from ldbb_bayes.report.pictures import Picture
+from ldbb_bayes.report.sections import SECTIONS, Section, beside
 from ldbb_bayes.report.sheets import sheets
-from ldbb_bayes.report.text_translation import TextTranslation
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Shown, json_text
 
@@ -133,7 +131,6 @@ def compose(
     annex: bool = False,
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-    executor: Executor | None = None,
 ) -> Document:
     """Return a complete report, with its sheets and sections, from the results of a fit.
 
@@ -145,93 +142,67 @@ def compose(
         Other campaigns that the report compares with the campaign of the fit.
     shared
         What the other campaigns have in common with the campaign of the fit.
-    language, annex, force_N, progress, executor
+    language, annex, force_N, progress
         See the arguments of `write_report` with the same names.
 
     Returns
     -------
     Document
     """
-    keys = [] if findings.sheets_only else list(SECTIONS)
-    steps = len(keys) + 1
+    writers = SECTIONS
+    if findings.sheets_only:
+        writers = {}
+    steps = len(writers) + 1
     show_progress = progress or _ignore_progress
-    name = str(findings.result["campaign"]["name"])
-    names = [name, *(other.name for other in others)]
-    names += [test.name for test in findings.preview.tests]
-    translation = annex_translation(words_of(language), frozenset(names))
-
-    # Another process may draw the figures of the annex while this one lays out the sheets. It may
-    # also still be choosing the tests to run next, so that their section is written last.
-    sections: dict[str, Section] = {}
     show_progress(0, steps)
-    for key in keys:
-        if key != DESIGN:
-            sections[key] = _write_section(key, findings, translation, executor)
-            show_progress(len(sections), steps)
     fitted_sheets = fit_to_pages(
         (
             *sheets(findings, language=language, force_N=force_N, further=len(others)),
             *difference_sheets(findings, others, shared, words_of(language)),
         )
     )
-    if DESIGN in keys:
-        show_progress(len(keys), steps)
-        sections[DESIGN] = _write_section(DESIGN, findings, translation, executor)
+    sections: list[Section] = []
+    for key, (title, write) in writers.items():
+        show_progress(len(sections) + 1, steps)
+        sections.append(Section(key, title, tuple(write(findings))))
     show_progress(steps, steps)
 
-    in_order = [sections[key] for key in keys]
+    name = str(findings.result["campaign"]["name"])
     title = f"Loaded double ball bar: {name}"
     if others:
         side_by_side = beside(findings.result, others, shared, prob=findings.prob)
-        section = Section(BESIDE, "Campaigns side by side", tuple(side_by_side))
-        in_order.insert(0, _in_language(section, translation))
+        sections.insert(0, Section(BESIDE, "Campaigns side by side", tuple(side_by_side)))
         title += f", beside {wording.joined([other.name for other in others])}"
-    translate = str if translation is None else translation.text
-    return Document(
-        translate(title),
-        tuple(map(translate, _lines_below_title(findings))),
-        tuple(map(translate, _alerts(findings, others))),
-        tuple(in_order),
+    document = Document(
+        title,
+        _lines_below_title(findings),
+        tuple(_alerts(findings, others)),
+        tuple(sections),
         fitted_sheets,
         annex,
         language,
     )
+    names = [name, *(other.name for other in others)]
+    names += [test.name for test in findings.preview.tests]
+    return _in_language(document, frozenset(names))
 
 
-def _write_section(
-    key: str, findings: Findings, translation: TextTranslation | None, executor: Executor | None
-) -> Section:
-    """Write a section of the annex, whose figures another process may begin to draw.
+def _in_language(document: Document, names: frozenset[str]) -> Document:
+    """Return a report with all texts in the language of the certificate.
 
-    ``key`` is the key of the section in ``SECTIONS``. ``translation`` is None for English. If
-    ``executor`` is None, this process draws the figures.
+    The texts of the annex, which are the sections after the certificate, are translated. ``names``
+    are the names of campaigns and tests, which are not translated.
     """
-    title, write = SECTIONS[key]
-    section = _in_language(Section(key, title, tuple(write(findings))), translation)
-    return _begin_figures(section, executor)
-
-
-def _in_language(section: Section, translation: TextTranslation | None) -> Section:
-    """Return a section of the annex in the language of the certificate.
-
-    ``translation`` is None for English.
-    """
+    translation = annex_translation(words_of(document.language), names)
     if translation is None:
-        return section
-    return section_in_language(section, translation)
-
-
-def _begin_figures(section: Section, executor: Executor | None) -> Section:
-    """Return a section of the annex, whose figures another process has begun to draw.
-
-    If ``executor`` is None, the section is returned unchanged.
-    """
-    pictures = [part for part in section.content if isinstance(part, Picture)]
-    begun = {entry.key: entry for entry in begin_to_draw(pictures, executor)}
-    content: list[Part] = []
-    for part in section.content:
-        content.append(begun[part.key] if isinstance(part, Picture) else part)
-    return replace(section, content=tuple(content))
+        return document
+    return replace(
+        document,
+        title=translation.text(document.title),
+        lines=tuple(translation.text(line) for line in document.lines),
+        alerts=tuple(translation.text(alert) for alert in document.alerts),
+        sections=tuple(section_in_language(part, translation) for part in document.sections),
+    )
 
 
 def _ignore_progress(done: int, total: int) -> None:
@@ -336,7 +307,6 @@ def write_report(
     sheets_only: bool = False,
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
-    executor: Executor | None = None,
 ) -> Document:
     """Write the report of a fit into a folder.
 
@@ -389,9 +359,6 @@ def write_report(
         Function that is called at the start and after each step with two numbers: the number of
         finished steps and the number of all steps. Each section is one step, and all sheets
         together are one step.
-    executor : Executor, optional
-        Executor of ``concurrent.futures`` that draws the figures of the annex in another process.
-        Default: this process draws them. The report does not depend on the executor.
 
     Returns
     -------
@@ -451,7 +418,6 @@ def write_report(
         annex=annex,
         force_N=force_N,
         progress=progress,
-        executor=executor,
     )
     frames = tables(findings, others, force_N=force_N)
     decisions = findings.conformity(force_N)
@@ -465,8 +431,8 @@ def write_report(
         "conformity": conformity,
     }
     started = datetime.fromisoformat(findings.result["provenance"]["started"])
-    pdf = pdf_of(document.sheets, document.title, language, started)
     page = html_page(document)
+    pdf = pdf_of(document.sheets, document.title, language, started)
 
     with staged_folder(folder / "tables", force=True, ours=TABLE_FILES) as staging:
         for name, frame in frames.items():

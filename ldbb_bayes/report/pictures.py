@@ -5,21 +5,18 @@ from __future__ import annotations
 import html
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from ldbb_bayes.parallel import start_early
 from ldbb_bayes.report import figures, wording
-from ldbb_bayes.report.figure_translation import translate_figure
 
-__all__ = ["PICTURES", "DrawnPicture", "Picture", "begin_to_draw", "picture"]
+__all__ = ["PICTURES", "DrawnPicture", "Picture", "picture"]
 
 _REFERENCE = re.compile(r'(\bid="|xlink:href="#|url\(#)')
 _PROLOGUE = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>\s*", re.DOTALL)
@@ -31,30 +28,13 @@ _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 class Picture:
     """A figure of the HTML page, with its name and its caption.
 
-    The figure is drawn when it is needed for the first time.
-
-    Parameters
-    ----------
-    key
-        Name of the figure and of its file, without extension.
-    caption
-        Caption of the figure. Screen readers read it to blind people.
-    draw
-        Function without arguments that draws the figure.
-    wait_for_svg
-        Function that returns the SVG text of the figure once another process has drawn it. If it is
-        None, this process draws the figure.
+    ``key`` is the name of the figure and of its file, without extension. Screen readers read the
+    caption to blind people.
     """
 
     key: str
     caption: str
-    draw: Callable[[], Figure]
-    wait_for_svg: Callable[[], str] | None = None
-
-    @cached_property
-    def figure(self) -> Figure:
-        """The figure, drawn by this process."""
-        return self.draw()
+    figure: Figure
 
     @cached_property
     def svg(self) -> str:
@@ -64,8 +44,6 @@ class Picture:
         screen readers can read the caption. The ids of the SVG elements begin with the figure's
         name, so that no two figures of a page share an id.
         """
-        if self.wait_for_svg is not None:
-            return self.wait_for_svg()
         text = _PROLOGUE.sub("", _draw_svg(self.figure))
         text = _REFERENCE.sub(rf"\g<1>{self.key}-", text)
         text = _COORDINATES.sub(_round_coordinates, text)
@@ -73,51 +51,6 @@ class Picture:
         start, _, content = text.partition(">")
         attributes = start.removeprefix("<svg")
         return f'<svg role="img" aria-labelledby="title-{self.key}"{attributes}>{title}{content}'
-
-    def in_language(self, translate: Callable[[str], str]) -> Picture:
-        """Return the same figure with all its texts, and its caption, translated.
-
-        ``translate`` returns the translation of one line of text.
-        """
-        return Picture(
-            self.key, translate(self.caption), partial(_draw_translated, self.draw, translate)
-        )
-
-
-def begin_to_draw(pictures: Sequence[Picture], executor: Executor | None) -> list[Picture]:
-    """Begin to draw figures in another process, and return the figures, which wait for it.
-
-    Parameters
-    ----------
-    pictures
-        The figures.
-    executor
-        Executor with another process. If it is None, the figures are returned unchanged.
-
-    Returns
-    -------
-    list of Picture
-        The same figures. `Picture.svg` waits for a figure that the other process is drawing; a
-        figure that it has not begun by then is drawn in this process.
-    """
-    if executor is None:
-        return list(pictures)
-    begun = []
-    for entry in pictures:
-        begun.append(replace(entry, wait_for_svg=start_early(partial(_svg_of, entry), executor)))
-    return begun
-
-
-def _svg_of(entry: Picture) -> str:
-    """Return the SVG text of a figure."""
-    return entry.svg
-
-
-def _draw_translated(draw: Callable[[], Figure], translate: Callable[[str], str]) -> Figure:
-    """Draw a figure with the function ``draw``, and translate its texts."""
-    figure = draw()
-    translate_figure(figure, translate)
-    return figure
 
 
 def _draw_svg(figure: Figure) -> str:
@@ -185,4 +118,4 @@ def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Pictur
     Picture
     """
     entry = PICTURES[key]
-    return Picture(key, caption or entry.caption, partial(entry.draw, subject, **options))
+    return Picture(key, caption or entry.caption, entry.draw(subject, **options))

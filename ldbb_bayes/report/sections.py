@@ -45,7 +45,7 @@ from ldbb_bayes.units import (
     two_digits,
 )
 
-__all__ = ["DESIGN", "SECTIONS", "Details", "Part", "Section", "beside"]
+__all__ = ["SECTIONS", "Details", "Part", "Section", "beside"]
 
 _MOST_FORCES = 12  # largest number of forces (rows) in a table of circular-test quantities
 _WORDS_OF_QUANTITIES = {"scale_mismatch": "scale mismatch", "G_b": "G(b)"}
@@ -484,5 +484,3 @@ _SECTION_WRITERS = (
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _SECTION_WRITERS
 }
-#: Key of the section on the tests to run next.
-DESIGN = plan.__name__

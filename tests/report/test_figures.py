@@ -244,7 +244,7 @@ def test_coordinates_of_pictures_are_rounded() -> None:
     axes.set_axis_off()
     axes.set(xlim=(0.0, 72.0), ylim=(72.0, 0.0))
     axes.plot([10.0, 11.4567, 50.5], [20.0, 22.2389, 33.0])
-    svg = Picture("line", "A line", lambda: figure).svg
+    svg = Picture("line", "A line", figure).svg
     assert re.search(r"M 10 20 \s*L 11\.46 22\.24 \s*L 50\.5 33", svg)
 
 

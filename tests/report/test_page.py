@@ -9,7 +9,6 @@ import re
 from collections.abc import Collection
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +21,13 @@ from reports import NOT_COMPARED, SCRIPT, awkward, fitted, undrawn
 import ldbb_bayes as lb
 from ldbb_bayes import units
 from ldbb_bayes.inference.posterior import curves_of, record_of
-from ldbb_bayes.parallel import process_executor
-from ldbb_bayes.report.annex_translation import annex_translation
 from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
 from ldbb_bayes.report.figures.style import new_figure
 from ldbb_bayes.report.findings import findings_of_fit
 from ldbb_bayes.report.fit_tables import nuisance_table
 from ldbb_bayes.report.number_tables import tables
 from ldbb_bayes.report.page import Document, compose, html_page
-from ldbb_bayes.report.pictures import Picture, begin_to_draw
+from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import SECTIONS, Details, Section, _shown_forces
 from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.translation import languages, words_of
@@ -405,7 +402,7 @@ def test_every_place_is_escaped() -> None:
         SCRIPT,
         (SCRIPT,),
         Table.of(SCRIPT, [SCRIPT, "b"], [[SCRIPT, SCRIPT]]),
-        Picture("key", SCRIPT, partial(new_figure, 1.0, 1.0)),
+        Picture("key", SCRIPT, new_figure(1.0, 1.0)),
         Details(SCRIPT, (f"one\n{SCRIPT}",)),
     )
     blocks = (
@@ -429,23 +426,6 @@ def test_no_line_of_the_page_ends_between_a_number_and_its_unit() -> None:
     page = html_page(Document("Report", ("±5 %, 36 N",), (), (section,), ()))
     for text in ("36\u00a0N", "3.1\u00a0nm/N", "100\u00a0N"):
         assert text in page
-
-
-@pytest.mark.slow
-def test_another_process_draws_the_same_figures(published: tuple[Document, str]) -> None:
-    """In English and in German: they can be sent to another process, and come back the same."""
-    document, _ = published
-    pictures: list[Picture] = []
-    for section in document.sections:
-        pictures += [part for part in section.content if isinstance(part, Picture)]
-    translation = annex_translation(words_of("de"), frozenset())
-    assert translation is not None
-    pictures += [replace(entry.in_language(translation.text), key="de") for entry in pictures[-1:]]
-    with process_executor(1) as executor:
-        elsewhere = begin_to_draw(pictures, executor)
-        svgs = [entry.svg for entry in elsewhere]
-    assert svgs == [entry.svg for entry in pictures]
-    assert not any("figure" in vars(entry) for entry in elsewhere)
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from functools import partial
 
 import pypdfium2 as pdfium
 import pytest
@@ -21,8 +20,8 @@ _MM_PER_POINT = 25.4 / 72.0
 def page() -> pdfium.PdfPage:
     """A page with a rose beside the flat figure of only three compliances. The captions are of
     letters that nothing else on the page has."""
-    rose = Picture("rose", "wwww " * 15, partial(Figure, figsize=(3.4, 3.7)))
-    curve = Picture("curve", "vvvv " * 8, partial(Figure, figsize=(6.3, 2.0)))
+    rose = Picture("rose", "wwww " * 15, Figure(figsize=(3.4, 3.7)))
+    curve = Picture("curve", "vvvv " * 8, Figure(figsize=(6.3, 2.0)))
     sheet = ReportSheet("results", "Results", "Sheet 2", (PictureRow((rose, curve)),))
     pdf = pdf_of([sheet], "title", "en", datetime(2026, 1, 1, tzinfo=UTC))
     return pdfium.PdfDocument(pdf)[0]
@@ -64,14 +63,14 @@ def widths_of_pictures_mm(block: Pair | PictureRow, scale: float) -> list[float]
 
 
 def test_a_wide_figure_keeps_the_width_of_a_crowded_sheet() -> None:
-    traces = Picture("traces", "caption", partial(Figure, figsize=(7.2, 2.35)))
+    traces = Picture("traces", "caption", Figure(figsize=(7.2, 2.35)))
     (width_mm,) = widths_of_pictures_mm(Pair(traces, "heading", ("item",)), 0.5)
     assert width_mm == pytest.approx(182.0, abs=0.5)
 
 
 def test_roses_of_two_planes_stand_beside_the_compliances_and_fill_the_width() -> None:
-    rose = Picture("rose", "caption", partial(Figure, figsize=(4.7, 2.9)))
-    curve = Picture("curve", "caption", partial(Figure, figsize=(6.3, 3.0)))
+    rose = Picture("rose", "caption", Figure(figsize=(4.7, 2.9)))
+    curve = Picture("curve", "caption", Figure(figsize=(6.3, 3.0)))
     widths_mm = widths_of_pictures_mm(PictureRow((rose, curve)), 0.5)
     assert sum(widths_mm) == pytest.approx(178.0, abs=0.5)
 

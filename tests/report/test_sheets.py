@@ -88,7 +88,7 @@ def test_numbers_within_a_german_figure_have_decimal_commas(
     """Such as those at the rings of a polar figure, which are no labels of ticks."""
     figure = new_figure(1.0, 1.0)
     figure.text(0.5, 0.5, "2.5 µm")
-    drawn = Picture("traces", "", lambda: figure)
+    drawn = Picture("traces", "", figure)
     monkeypatch.setattr(sheets_module, "picture", lambda *_, **__: drawn)
     sheets_module._picture("traces", None, "", words_of("de"))
     assert [text.get_text() for text in figure.texts] == ["2,5 µm"]
