@@ -23,6 +23,7 @@ planned tests alone.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ from ldbb_bayes.analysis.design.planned_effects import (
     inverse_covariance,
 )
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.parallel.process_pool import usable_cores
 from ldbb_bayes.results import Array
 
 __all__ = ["believed_scales", "fisher_information"]
@@ -255,18 +257,24 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     variances = effects.variances.reshape(points, 2 * size + 1, -1)
     noise = effects.noise_variance.reshape(points, 2 * size + 1)
     spare = sum(test.readings - len(test.factor) for test in bound.reduced)
-    information = np.empty((points, size, size))
-    for k in range(points):
+
+    def information_at(k: int) -> Array:
+        """Return the Fisher information at one of the K sets of scores, shape (h, h)."""
         slopes = (variances[k, 1 : size + 1] - variances[k, size + 1 :]) / (2.0 * _STEP)
         noise_slope = (noise[k, 1 : size + 1] - noise[k, size + 1 :]) / (2.0 * _STEP)
-        information[k] = _information_at(
+        of_effects = _information_at(
             effects.blocks, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
         # Of all combinations of a test's readings, only a few were used so far: those that contain
         # information about the effects. The other combinations contain white noise alone; ``spare``
         # is their number. Their information about the noise is added here.
-        information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
-    return information
+        of_noise = 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
+        return np.asarray(of_effects + of_noise)
+
+    # Threads share the cores: nearly all of the time is spent in BLAS, which runs without Python's
+    # global lock.
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        return np.array(list(pool.map(information_at, range(points))))
 
 
 def _phi_at(bound: BoundModel, scores: Array) -> Array:
