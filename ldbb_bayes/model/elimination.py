@@ -487,21 +487,6 @@ class DesignRows:
             self._eliminations[last_columns] = elimination
         return self._eliminations[last_columns]
 
-    def _eliminate(self, columns: Array, signs: Array, last: NDArray[np.intp]) -> Elimination:
-        """Return the Cholesky elimination of the coefficients of some columns.
-
-        ``columns``, shape (rows, m), holds the m columns of the design matrix that are eliminated.
-        ``signs``, shape (m,), holds the sign, 1 or −1, of the prior variance of each coefficient. A
-        coefficient with a negative variance reduces the noise covariance of the readings instead of
-        increasing it. ``last`` holds the indices of the columns that are eliminated after all
-        others.
-        """
-        pattern = columns != 0.0
-        plan = _elimination_plan(
-            np.packbits(pattern).tobytes(), pattern.shape, last.tobytes(), signs.tobytes()
-        )
-        return Elimination(plan, columns, self._values, self._kinds)
-
 
 @lru_cache(maxsize=_KEPT_PLANS)
 def _elimination_plan(

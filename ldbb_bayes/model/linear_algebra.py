@@ -1,4 +1,4 @@
-"""Functions for least squares, square roots of covariance matrices, and sparse matrices."""
+"""Functions for least squares and for sparse matrices."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 
 from ldbb_bayes.results import Array
 
-__all__ = ["minimum_norm_solution", "singular_root", "sparse_or_dense"]
+__all__ = ["minimum_norm_solution", "sparse_or_dense"]
 
 # A matrix is stored as a sparse matrix if fewer than this fraction of its elements differ from
 # zero. For each element that is not zero, a product with a sparse matrix takes about three times as
@@ -40,18 +40,6 @@ def minimum_norm_solution(
         scale = 1.0 / np.where(norms > 0, norms, 1.0)
     solution, *_ = np.linalg.lstsq(jacobian * scale, y, rcond=_RANK_TOLERANCE)
     return solution * scale
-
-
-def singular_root(covariance: Array) -> Array:
-    """Return a square root X of covariance matrices, with X Xᵀ = covariance, shape (..., p, p).
-
-    There is one matrix X for each covariance matrix of p variables. Unlike a Cholesky factor, X
-    exists for singular covariance matrices too. Eigenvalues that are negative because of rounding
-    count as zero.
-    """
-    symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-    values, vectors = np.linalg.eigh(symmetric)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def sparse_or_dense(matrix: Array) -> Array | csr_array:
