@@ -46,6 +46,10 @@ _TIME_OF_ONE_CIRCLE = (
     "Enter its time there as time_s, in seconds on the scale of the other circles: times count only"
     " if every circle states one."
 )
+_TIMES_OF_ADDED_CIRCLES = (
+    "Enter the time of each circle there as time_s, in seconds on the scale of the other circles:"
+    " times count only if every circle states one."
+)
 
 
 def page(step: NextCircle, plan: Campaign, language: str = "en") -> str:
@@ -206,24 +210,26 @@ def _after_plan(plan: Campaign) -> tuple[str, ...]:
     """Return sentences on what to do with the readings of a plan's circles."""
     if not plan.adds_to_pilot:
         return (_AFTER_PLAN,)
-    return (_AFTER_ADDED_CIRCLES, *_time_sentences(plan))
+    if _times_are_needed(plan):
+        return _AFTER_ADDED_CIRCLES, _TIMES_OF_ADDED_CIRCLES
+    return (_AFTER_ADDED_CIRCLES,)
 
 
 def _after_one_circle(plan: Campaign) -> tuple[str, ...]:
     """Return sentences on what to do with the readings of the next circle."""
-    return (_AFTER_ONE_CIRCLE, *_time_sentences(plan))
+    if _times_are_needed(plan):
+        return _AFTER_ONE_CIRCLE, _TIME_OF_ONE_CIRCLE
+    return (_AFTER_ONE_CIRCLE,)
 
 
-def _time_sentences(plan: Campaign) -> tuple[str, ...]:
-    """Return a sentence that asks for the times of further circles, where it is needed.
+def _times_are_needed(plan: Campaign) -> bool:
+    """Return whether the circles of a plan that adds to its pilot must state their times.
 
     All circles run so far, which are those of the pilot of ``plan``, may state their times. They
     would be lost without those of the further circles.
     """
     run = plan.pilot.tests if plan.pilot is not None else ()
-    if run and all(test.time_s is not None for test in run):
-        return (_TIME_OF_ONE_CIRCLE,)
-    return ()
+    return bool(run) and all(test.time_s is not None for test in run)
 
 
 def _machine_of(plan: Campaign) -> str:

@@ -281,6 +281,17 @@ def test_circles_that_add_to_a_campaign_go_into_its_folder() -> None:
     assert "Das Messgerät bleibt so eingesetzt wie bei den bisherigen Kreisen." in german
 
 
+def test_circles_that_add_to_a_campaign_with_times_state_theirs() -> None:
+    pilot = simulated(plan())
+    timed = [replace(test, time_s=360.0 * k) for k, test in enumerate(pilot.tests)]
+    added = replace(planned(), pilot=replace(pilot, tests=tuple(timed)), adds_to_pilot=True)
+    assert "Enter the time of each circle there as time_s" in operator_sheet.page_of_plan(added)
+    german = operator_sheet.page_of_plan(added, "de")
+    assert "Dort auch die Zeit jedes Kreises als time_s eintragen" in german
+    without_times = replace(added, pilot=pilot)
+    assert "as time_s" not in operator_sheet.page_of_plan(without_times)
+
+
 def test_certificates_that_are_not_bought_yet_are_named() -> None:
     pilot = simulated(plan())
     certified = lb.Instrument(work=lb.Ball(grade="G10"), mount_U_percent=2.0)
