@@ -48,7 +48,7 @@ def test_a_bar_does_not_push(posterior: xr.DataTree) -> None:
     refuses("must not be negative, got -3", lb.analysis.decompose_deviation, posterior, -3.0)
 
 
-@pytest.mark.parametrize("forces_N", ["300", None, [None], [[300.0]]])
+@pytest.mark.parametrize("forces_N", ["300", None, [None], [[300.0]], [[3.0], [1.0, 2.0]]])
 def test_forces_are_numbers(posterior: xr.DataTree, forces_N: Any) -> None:
     """The text 300 would be read as 3, 0 and 0 N."""
     for function in (lb.analysis.predict_circularity, lb.stiffness):

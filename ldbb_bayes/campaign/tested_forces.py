@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import InputError, require
 
 __all__ = ["check_deflecting_force", "check_force", "force_to_state", "listed_forces"]
 
@@ -79,9 +79,10 @@ def listed_forces(forces_N: float | Sequence[float]) -> list[float]:
 
     Raise an `InputError` for anything else than numbers, such as a text.
     """
-    forces = np.atleast_1d(np.asarray(forces_N))
-    require(
-        forces.dtype.kind in "iuf" and forces.ndim == 1,
-        f"forces_N must be a list of numbers, got {forces_N!r}. Write for example [300.0].",
-    )
+    message = f"forces_N must be a list of numbers, got {forces_N!r}. Write for example [300.0]."
+    try:
+        forces = np.atleast_1d(np.asarray(forces_N))
+    except ValueError:  # lists of different lengths within the list
+        raise InputError(message) from None
+    require(forces.dtype.kind in "iuf" and forces.ndim == 1, message)
     return [float(force) for force in forces]

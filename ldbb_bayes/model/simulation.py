@@ -134,8 +134,9 @@ def draw_nuisances(
     Raises
     ------
     InputError
-        If ``known`` has a name that no coefficient has.
+        If ``known`` has a name that no coefficient has, or a value that is no finite number.
     """
+    _check_known_effects(known)
     effects: dict[str, float] = {}
     units: dict[str, str] = {}
     for term in nuisances:
@@ -152,6 +153,19 @@ def draw_nuisances(
                 units |= {name: term.unit_of(name).inside for name in columns.names}
     check_known("effect", known, list(effects))
     return DrawnNuisances(readings_mm, effects, units)
+
+
+def _check_known_effects(known: Mapping[str, float]) -> None:
+    """Raise an `InputError` unless ``known`` holds finite numbers by name."""
+    require(
+        isinstance(known, Mapping),
+        f"effects must be numbers by name, got {known!r}. Give for example {{'bar_length': 1e-3}}.",
+    )
+    for name, value in known.items():
+        require(
+            isinstance(value, int | float | np.number) and bool(np.isfinite(value)),
+            f"effect {name} must be a finite number in mm, N and rad, got {value!r}. Correct it.",
+        )
 
 
 def _with_known(drawn: Array, names: Sequence[str], known: Mapping[str, float]) -> Array:

@@ -112,6 +112,10 @@ def test_truths_may_be_texts_with_a_unit() -> None:
         ({"hyper_um": {"sigma": "0.3 nm/N"}}, "hyper-parameter sigma must be a number with its"),
         ({"hyper_um": {"decay": "2 µm"}}, "hyper-parameter decay must be a number, got '2 µm'"),
         ({"hyper_um": 0.3}, "hyper_um must be numbers in µm or texts by name, got 0.3"),
+        ({"effects": {"bar_length": "1 µm"}}, "effect bar_length must be a finite number in mm,"),
+        ({"effects": {"bar_length": np.nan}}, "effect bar_length must be a finite number in mm,"),
+        ({"effects": {"bar": 1e-3}}, "effect must be one of .*, got 'bar'"),
+        ({"effects": 1e-3}, "effects must be numbers by name, got 0.001"),
     ],
 )
 def test_truths_of_another_kind_are_refused(arguments: dict, message: str) -> None:
