@@ -295,8 +295,8 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     The columns include the value, U, the tolerance, the probability of conformity and the guard
     band. The value is the one that the sheets state. Where value ± U would not describe the
     quantity, the distances to the ends of its 95 % interval take the place of U, as on the sheets;
-    the caption says so. The numerical error of the probability is
-    stated if the decision depends on it.
+    the caption says so. Of a stiffness that may be infinite, the lower end of this interval is
+    stated alone. The numerical error of the probability is stated if the decision depends on it.
 
     Parameters
     ----------
@@ -342,9 +342,9 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def _is_beside_U(decision: Mapping[str, Any]) -> bool:
-    """Return whether value ± U would not describe a quantity that has a tolerance."""
+    """Return whether +a / −b describes a quantity that has a tolerance, and value ± U does not."""
     if decision["ci_high"] is None:
-        return True
+        return False
     interval = (decision["ci_low"], decision["ci_high"])
     return needs_interval(decision["value"], decision["sd"], interval)
 
@@ -353,19 +353,21 @@ def _value_and_U(decision: Mapping[str, Any]) -> tuple[str, str]:
     """Return the value of a quantity that has a tolerance, and its U, in the unit shown.
 
     Where value ± U would not describe the quantity, the distances from the value to the ends of the
-    95 % interval are stated in place of U, such as "+19 / −9". The upper end may be infinite.
+    95 % interval are stated in place of U, such as "+19 / −9". Of a stiffness that may be infinite,
+    the lower end is stated alone, such as "≥ 11.2". It is negative if even the largest compliance
+    of the interval is, which counts as infinite stiffness.
     """
     value = decision["value"]
     sd = decision["sd"]
-    factor, _ = display_unit(decision["unit"])
-    if not _is_beside_U(decision):
-        return value_and_uncertainty(value * factor, 2.0 * sd * factor)
     low = decision["ci_low"]
     high = decision["ci_high"]
+    factor, _ = display_unit(decision["unit"])
     if high is None:
-        decimals = round_uncertainty(sd * factor)[1]
-        below = round_like((value - low) * factor, decimals)
-        return round_like(value * factor, decimals), f"+∞ / −{below}"
+        if low <= 0.0:
+            return "∞", ""
+        return f"≥ {three_digits(low * factor)}", ""
+    if not _is_beside_U(decision):
+        return value_and_uncertainty(value * factor, 2.0 * sd * factor)
     statement = state(value, sd, (low, high), decision["unit"])
     return statement.value, statement.expanded
 

@@ -21,11 +21,7 @@ from ldbb_bayes.analysis.conformity import (
     normal_conformity,
     stiffness_conformity,
 )
-from ldbb_bayes.analysis.tolerances import (
-    Quantity,
-    quantities_of,
-    tolerances_in,
-)
+from ldbb_bayes.analysis.tolerances import Quantity, quantities_of, tolerances_in
 from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, judge_certificate
 from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.campaign.tested_forces import force_to_state
@@ -186,7 +182,20 @@ def test_a_stiffness_without_an_upper_end() -> None:
     )
     near_zero = stiffness_conformity("N/mm", 40e-6, 25e-6, tolerance)
     assert near_zero.ci_high is None
-    assert "+∞ / −14" in lines_of([conformity_table({"stiffness_X": near_zero.as_dict()})])
+
+
+@pytest.mark.parametrize(
+    ("compliance_mean", "shown"), [(40e-6, "≥ 11.2"), (1e-9, "≥ 20.4"), (-60e-6, "∞")]
+)
+def test_of_a_stiffness_without_an_upper_end_the_lower_one_is_printed(
+    compliance_mean: float, shown: str
+) -> None:
+    """Its value, 1 / C, says nothing where the compliance may be zero: it was −200 ± …"""
+    tolerance = lb.analysis.Tolerance(lower=10e3)
+    decision = stiffness_conformity("N/mm", compliance_mean, 25e-6, tolerance)
+    table = conformity_table({"stiffness_X": decision.as_dict()})
+    assert table.rows[0][1:3] == (shown, "")
+    assert "+a / −b" not in table.caption
 
 
 def test_decisions_by_the_guard_band() -> None:
@@ -341,7 +350,7 @@ def test_stiffness_and_path_at_a_force(posterior: Any) -> None:
     )
 
 
-def test_a_reference_force_far_from_the_tested_ones_decides_nothing() -> None:
+def test_a_reference_force_far_from_the_tested_ones_is_not_used() -> None:
     """Results are stated at the middle of the tested forces then."""
     model = replace(MODEL, reference_force_N=2.0 * float(CAMPAIGN.forces_N.max()))
     middle_N = 0.5 * float(CAMPAIGN.forces_N.min() + CAMPAIGN.forces_N.max())
