@@ -58,7 +58,7 @@ def gather(entries: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
 
 def find_passed_over(
-    given: Iterable[str | os.PathLike[str]], out: str | os.PathLike[str]
+    entries: Iterable[str | os.PathLike[str]], out: str | os.PathLike[str]
 ) -> tuple[str, ...]:
     """Return the file paths in folders of campaigns that are not taken as campaigns.
 
@@ -67,19 +67,19 @@ def find_passed_over(
 
     Parameters
     ----------
-    given : paths of folders, files and lists, as `gather` explains.
+    entries : paths of folders, files and lists, as `gather` explains.
     out : folder of the batch.
     """
     paths: list[str] = []
-    for path in _named_paths(given):
-        campaigns = _expand_folder(path)
-        if campaigns == [path]:
+    for path in _named_paths(entries):
+        campaigns = set(_expand_folder(path))
+        if campaigns == {path}:
             continue
         for name in sorted(os.listdir(path)):
-            entry = os.path.join(path, name)
-            is_ours = os.path.abspath(entry) == os.path.abspath(out)
-            if entry not in campaigns and not name.startswith(".") and not is_ours:
-                paths.append(entry)
+            inner_path = os.path.join(path, name)
+            is_ours = os.path.abspath(inner_path) == os.path.abspath(out)
+            if inner_path not in campaigns and not name.startswith(".") and not is_ours:
+                paths.append(inner_path)
     return tuple(dict.fromkeys(paths))
 
 
