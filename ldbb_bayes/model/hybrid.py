@@ -307,11 +307,10 @@ class HybridModel(Result):
         """Return the same model with other priors of parameters and hyper-parameters.
 
         For a parameter of interest, give the mean and the sd of its prior; if it was fixed at zero,
-        it is free again. The mean of a slope must be 0. Each
-        value is a string with a unit, or a number. Numbers for parameters of interest are in
-        internal units (mm, N, rad); a number for a field of `Prior` is in the unit that the field's
-        name states. Whether the machine has a parameter is checked when the model is applied to a
-        campaign.
+        it is free again. The mean of a slope must be 0. Each value is a string with a unit, or a
+        number. Numbers for parameters of interest are in internal units (mm, N, rad); a number for
+        a field of `Prior` is in the unit that the field's name states. Whether the machine has a
+        parameter is checked when the model is applied to a campaign.
 
         Parameters
         ----------
@@ -551,10 +550,11 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            If a name is unknown, a text has no unit of its quantity, a hyper-parameter is outside
-            its range, or parameters are so large that a reading exceeds 100 mm. If no
-            ``parameters`` are given, the error is also raised for a flat prior, and for a prior
-            under which nearly all random machines have a negative compliance.
+            If a name is unknown, a text has no unit of its quantity, an effect is no finite number,
+            a hyper-parameter is outside its range, or parameters are so large that a reading
+            exceeds 100 mm. If no ``parameters`` are given, the error is also raised for a flat
+            prior, and for a prior under which nearly all random machines have a negative
+            compliance.
 
         Examples
         --------
@@ -1021,10 +1021,10 @@ class BoundModel(Shown):
         """Return the density of the readings, with the nuisance coefficients integrated out.
 
         ``columns`` holds the columns of the design matrix that belong to these coefficients, and
-        those nuisances that are described as noise.
-        ``interest``, shape (tests, 25, p), holds the change of the readings per unit of each of the
-        p parameters of interest. If it is None, the density does not depend on parameters. The
-        readings that `centre`, the least-squares estimate, predicts are first subtracted.
+        those nuisances that are described as noise. ``interest``, shape (tests, 25, p), holds the
+        change of the readings per unit of each of the p parameters of interest. If it is None, the
+        density does not depend on parameters. The readings that `centre`, the least-squares
+        estimate, predicts are first subtracted.
         """
         return StructuredGaussian(
             self.reduced,
@@ -1273,7 +1273,7 @@ def _check_is_object(term: object) -> None:
         for known_class in Term.kinds.values():
             class_by_name[known_class.key()] = known_class
         term_class = class_by_name[nearest(term, class_by_name)]
-    elif isinstance(term, type):
+    elif isinstance(term, type) and issubclass(term, Term):
         term_class = term
     else:
         return

@@ -317,6 +317,11 @@ def test_the_name_or_class_of_a_term_is_no_term(term: Any, given: str) -> None:
     refuses(message, lb.HybridModel.default(1).with_term, term)
 
 
+def test_a_class_that_is_no_term_is_no_term() -> None:
+    model = lb.HybridModel.default(1)
+    refuses("nuisances must be terms, got type", model.with_term, lb.Campaign)
+
+
 def test_a_slope_alone_about_the_middle_is_refused() -> None:
     """C(F) = (F − F0) C_1 cannot be positive on both sides of F0: no truncated prior, no
     evidence."""
