@@ -304,8 +304,8 @@ def read_fleet(
 
     The columns are those named in `FLEET_COLUMNS` and, if the batches contain them, the digest of
     the readings alone, the probability of the intervals and the columns of the stiffnesses by
-    direction. There is one row for each
-    campaign. ``path`` has the same meaning as in `read_batch`, and the same errors are raised.
+    direction. There is one row for each campaign. ``path`` has the same meaning as in `read_batch`,
+    and the same errors are raised.
     """
     return _read(path, FLEET_COLUMNS, _FURTHER_NAME)
 

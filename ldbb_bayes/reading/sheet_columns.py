@@ -401,8 +401,8 @@ def _numbering_columns(
     the same force, pressure and direction. This is not true of either column alone. A column such
     as ``rep`` identifies the tests alone if all rows have the same conditions. If no column numbers
     the tests, the conditions themselves may identify them, such as force, direction and plane.
-    Return an empty list if there are no such columns. ``cells`` holds the cells of each
-    column, and ``layout`` is the layout that the user states.
+    Return an empty list if there are no such columns. ``cells`` holds the cells of each column, and
+    ``layout`` is the layout that the user states.
     """
     roles = heading.roles
     conditions = [roles[role] for role in ("force", "pressure", "direction") if role in roles]

@@ -211,10 +211,10 @@ def _lines_about_test(recording: Recording) -> Lines:
 def _check_factors(recording: Recording) -> None:
     """Raise an error if a header or a line says that readings are multiplied by a number.
 
-    A text that says that readings are doubled, and may mean diameters, raises no error here. A
-    line with the gain of an amplifier does, because the readings may still contain it.
-    If the header states a unit, but a line mentions a scale or another unit, this line is noted.
-    Nothing is checked if the user states the unit of the readings.
+    A text that says that readings are doubled, and may mean diameters, raises no error here. A line
+    with the gain of an amplifier does, because the readings may still contain it. If the header
+    states a unit, but a line mentions a scale or another unit, this line is noted. Nothing is
+    checked if the user states the unit of the readings.
     """
     if "reading" not in recording.numbers or recording.layout.reading_unit is not None:
         return

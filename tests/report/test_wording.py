@@ -729,12 +729,6 @@ def test_no_changes_are_named_where_campaigns_are_in_conflict() -> None:
     assert "C_XXX 10.0 ± 2.0 nm/N" in wording.change_sentence("a", "b", table, 0.95)
 
 
-def test_a_p_value_far_out_is_an_upper_limit() -> None:
-    """A p-value that underflows is not zero."""
-    (sentence,) = wording.difference_doubts("a", "b", {"conflict": ("bar_length", 0.0)})
-    assert "(p < 0.0001)" in sentence
-
-
 def test_no_parameter_has_changed() -> None:
     sentence = wording.change_sentence("a", "b", CHANGES.loc[["C_YYY"]], 0.95)
     assert "in: no parameter. 95 %" in sentence

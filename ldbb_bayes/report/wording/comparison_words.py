@@ -14,12 +14,7 @@ from ldbb_bayes.report.wording.sentence_file import SentenceFile
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.comparison import Comparison
 
-__all__ = [
-    "averaged_over",
-    "comparison_screen",
-    "comparison_sentences",
-    "strength_words",
-]
+__all__ = ["averaged_over", "comparison_screen", "comparison_sentences", "strength_words"]
 
 _STRENGTHS = (
     # Words for the strength of evidence expressed by a Bayes factor B. Each entry has an upper
