@@ -47,6 +47,15 @@ def test_information_is_that_of_the_dense_covariance() -> None:
     np.testing.assert_allclose(information, dense, rtol=1e-6)
 
 
+def test_information_of_several_machines_is_that_of_each_alone(rng: np.random.Generator) -> None:
+    """They are computed by several threads, in any order."""
+    bound = lb.HybridModel.default(1).bind(plan())
+    scores = rng.standard_normal((6, len(bound.hyper_prior.names)))
+    together = fisher_information(bound, scores)
+    for k in range(len(scores)):
+        np.testing.assert_allclose(together[k], fisher_information(bound, scores[k : k + 1])[0])
+
+
 def test_of_many_circles_the_form_of_the_balls_is_not_known() -> None:
     """One circle more than 24 tells hardly more about it, and nothing makes it known at once."""
     model = lb.HybridModel.default(1)
