@@ -17,7 +17,7 @@ from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import LONGEST_NAME
 
-__all__ = ["with_merged_rows_filled"]
+__all__ = ["filled_downwards", "with_merged_rows_filled"]
 
 # Smallest number of rows for which a value may stand only in the first row.
 _FEWEST_ROWS = 9
@@ -58,7 +58,7 @@ def with_merged_rows_filled(
         if has_units or not _states_condition(heading, column, words):
             continue
         if _stands_once_above_empty_cells(words) and all(words[row] for row in first_rows):
-            filled[column] = _filled_downwards(words)
+            filled[column] = filled_downwards(words)
             headers.append(repr(heading.headers[column][:LONGEST_NAME]))
     if headers:
         reason = "each value stands once, above empty cells"
@@ -107,7 +107,7 @@ def _stands_once_above_empty_cells(words: Sequence[str]) -> bool:
     return all(end - start >= _FEWEST_ROWS for start, end in zip(filled, ends, strict=True))
 
 
-def _filled_downwards(words: Sequence[str]) -> list[str]:
+def filled_downwards(words: Sequence[str]) -> list[str]:
     """Return the cells of a column, with each empty cell replaced by the cell above it."""
     filled: list[str] = []
     for word in words:

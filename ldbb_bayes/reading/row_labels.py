@@ -8,6 +8,7 @@ from itertools import pairwise
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.merged_rows import filled_downwards
 from ldbb_bayes.reading.numbering_columns import numbers_circles
 from ldbb_bayes.reading.sheet_columns import SheetColumns
 from ldbb_bayes.reading.words import LONGEST_NAME
@@ -69,7 +70,7 @@ def labels_of(columns: SheetColumns, log: AssumptionLog) -> list[str]:
         reason = "each name stands once, above empty cells"
         value = f"column {header!r}, filled downwards"
         log.add(columns.sheet.place, "test of each row", value, reason, "a name in each row")
-        labels = _filled_downwards(labels)
+        labels = filled_downwards(labels)
     if "" in labels:
         line = columns.lines[labels.index("")]
         raise InputError(
@@ -90,11 +91,3 @@ def _names_tests_once(labels: Sequence[str]) -> bool:
         return False
     followed = [not below for label, below in pairwise(labels) if label]
     return bool(labels[0]) and all(followed)
-
-
-def _filled_downwards(labels: Sequence[str]) -> list[str]:
-    """Return the names of tests in a column, with each empty cell replaced by the name above it."""
-    filled: list[str] = []
-    for label in labels:
-        filled.append(label or filled[-1])
-    return filled
