@@ -47,14 +47,21 @@ def test_machines_change_with_force_as_the_pilot_leaves_likely() -> None:
     np.testing.assert_allclose(np.std(changes), wanted.sd, rtol=0.3)
 
 
-def test_effects_of_the_day_are_those_of_the_pilot_only_in_a_plan_that_adds_to_it() -> None:
+def test_the_bar_is_that_of_the_pilot_only_in_a_plan_that_adds_to_it() -> None:
     design = lb.design(MODEL, PILOT, tests=2, forces_N=(36.0, 742.0), augment=True)
     added = draw_machine_like_pilot(MODEL, design.plan(), 1)
     anew = draw_machine_like_pilot(MODEL, replace(design.plan(), adds_to_pilot=False), 1)
     assert added is not None
     assert anew is not None
-    of_the_day = {"bar_length", "drift_time_length", "drift_time_X", "drift_time_Y"}
-    assert added.effects.keys() - anew.effects.keys() == of_the_day
+    assert added.effects.keys() - anew.effects.keys() == {"bar_length"}
+
+
+def test_drift_is_not_that_of_the_pilot() -> None:
+    """Planned circles are simulated as if it began with them."""
+    design = lb.design(MODEL, PILOT, tests=2, forces_N=(36.0, 742.0), augment=True)
+    added = draw_machine_like_pilot(MODEL, design.plan(), 1)
+    assert added is not None
+    assert not any(name.startswith("drift") for name in added.effects)
 
 
 def test_a_machine_yields_as_much_in_a_plan_with_a_smaller_largest_force() -> None:

@@ -55,6 +55,8 @@ def test_a_file_computed_from_another_is_refused(names: Sequence[str], tmp_path:
         ("36N_1_MW", "36N_2_GP"),
         ("36N_restart", "36N"),
         ("36N different bar", "36N"),
+        ("36N", "36N filter off"),
+        ("36N", "36N_mean_load"),
         ("36N_CW_raw", "36N_CCW_raw"),
     ],
 )

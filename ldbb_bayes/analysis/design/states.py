@@ -22,7 +22,7 @@ from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
-from ldbb_bayes.model.terms import BarLength, Drift, JointLoad, Position
+from ldbb_bayes.model.terms import BarLength, Drift, JointLoad, Position, Term
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -34,8 +34,6 @@ __all__ = [
     "states_before",
 ]
 
-# Effects whose size is another one whenever the bar is set up and the machine warms up anew.
-_EFFECTS_OF_THE_DAY = (BarLength, Drift)
 # Posteriors of the hyper-parameters that have already been computed. The keys are the pilots
 # (campaigns that designs start from); each value is a list of posteriors, one for each model. The
 # posteriors are stored because their computation takes a long time.
@@ -223,9 +221,10 @@ def draw_machine_like_pilot(
     The pilot is the campaign from which the plan was designed. Parameters of the plan that the
     pilot lacks are drawn from the prior; those of the pilot that the plan lacks are left out.
     Effects that tests have in common are drawn, too, because the compliance at a force depends on
-    them. If the plan is not run together with the pilot, effects of the day (drift, length of the
-    bar) are left out; they are to be drawn from their priors. The result is None if the plan has no
-    pilot with readings, or if the priors are flat. ``seed`` is the seed of the random numbers.
+    them. Drift is left out, because the planned circles are simulated as if it began with them, and
+    so is the length of the bar if the plan is not run together with the pilot. Both are then to be
+    drawn from their priors. The result is None if the plan has no pilot with readings, or if the
+    priors are flat. ``seed`` is the seed of the random numbers.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan or model.prior.flat:
@@ -255,11 +254,11 @@ def _effects_like_pilot(
 ) -> dict[str, float]:
     """Draw effects that tests have in common, given the pilot's readings and one state.
 
-    The result holds the coefficients that ``of_pilot`` and ``of_plan`` have both, by name. Effects
-    of the day are left out if the plan is not run together with the pilot. Coefficients of joint
-    load and position are scaled by the largest force and the smallest radius of a campaign. If
-    those of the plan differ, they are converted so that they have the same effect on the planned
-    circles.
+    The result holds the coefficients that ``of_pilot`` and ``of_plan`` have both, by name. Drift is
+    left out, and so is the length of the bar if the plan is not run together with the pilot.
+    Coefficients of joint load and position are scaled by the largest force and the smallest radius
+    of a campaign. If those of the plan differ, they are converted so that they have the same effect
+    on the planned circles.
     """
     (drawn,) = draw_shared(of_pilot, state.phi, state.beta, rng)
     value_of = dict(zip(names_of_shared(of_pilot), drawn.tolist(), strict=True))
@@ -267,8 +266,11 @@ def _effects_like_pilot(
         if name in value_of:
             value_of[name] *= ratio
     effects: dict[str, float] = {}
+    left_out: set[type[Term]] = {Drift}
+    if not of_plan.campaign.adds_to_pilot:
+        left_out.add(BarLength)
     for term, columns_of_term in of_plan.columns_of.items():
-        if term in _EFFECTS_OF_THE_DAY and not of_plan.campaign.adds_to_pilot:
+        if term in left_out:
             continue
         for columns in shared_terms(columns_of_term):
             effects |= {name: value_of[name] for name in columns.names if name in value_of}
