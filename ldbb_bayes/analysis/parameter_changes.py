@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ldbb_bayes.analysis.multiple_testing import holm
-from ldbb_bayes.analysis.usability import differences_can_be_used
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.results import Result
 from ldbb_bayes.units import is_slope
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import pandas as pd
 
-__all__ = ["ChangedParameters", "changed_parameters"]
+__all__ = [
+    "LARGEST_P_OF_CONFLICT",
+    "ChangedParameters",
+    "changed_parameters",
+    "differences_can_be_used",
+]
+
+# Two campaigns with the same instrument or machine have two estimates of each effect that they have
+# in common. The campaigns are in conflict if the p-value of the largest disagreement, which allows
+# for the number of comparisons, is below this value.
+LARGEST_P_OF_CONFLICT = 0.01
 
 
 @dataclass(frozen=True)
@@ -91,3 +102,26 @@ def changed_parameters(table: pd.DataFrame, prob: float) -> ChangedParameters:
         if p_value < 1.0 - prob:
             together.append(name)
     return ChangedParameters(tuple(alone), tuple(together), len(names))
+
+
+def differences_can_be_used(attributes: Mapping[Any, Any]) -> bool:
+    """Return whether the differences between two campaigns can be used.
+
+    They cannot be used, and no changes are named, in each of the following cases:
+
+    - the campaigns disagree about an effect that they should have in common (``conflict``);
+    - readings contradict a prior of their model (``contradicted_priors``);
+    - the results of one of the two fits cannot be used (``fits``).
+
+    Parameters
+    ----------
+    attributes : mapping
+        Attributes of the table of differences (`compare_posteriors`). Those that are missing say
+        nothing against the differences.
+    """
+    conflict = attributes.get("conflict")
+    if conflict is not None and conflict[1] < LARGEST_P_OF_CONFLICT:
+        return False
+    if any(attributes.get("contradicted_priors", ())):
+        return False
+    return all(fit.is_usable for fit in attributes.get("fits", ()))

@@ -1,11 +1,10 @@
-"""Judgement of whether the results of one or two fits can be used, and the reasons for caution."""
+"""Judgement of whether the results of a fit can be used, and the reasons for caution."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 
@@ -15,12 +14,10 @@ from ldbb_bayes.inference.fit import ConcernKind, Fit, State
 from ldbb_bayes.results import Result
 
 __all__ = [
-    "LARGEST_P_OF_CONFLICT",
     "Judgement",
     "Reason",
     "ReasonKind",
     "Use",
-    "differences_can_be_used",
     "judge_certificate",
     "judge_fit",
     "undetermined_parameters",
@@ -34,10 +31,6 @@ __all__ = [
 # same way.
 _LEAST_RATIO = 0.25
 _LARGEST_RATIO = 0.4
-# Two campaigns with the same instrument or machine have two estimates of each effect that they have
-# in common. The campaigns are in conflict if the p-value of the largest disagreement, which allows
-# for the number of comparisons, is below this value.
-LARGEST_P_OF_CONFLICT = 0.01
 
 
 class Use(StrEnum):
@@ -182,29 +175,6 @@ def judge_fit(fit: Fit) -> Judgement:
     The reasons are those of `judge_certificate` that do not concern single parameters.
     """
     return judge_certificate(fit, verdicts={}, stated=())
-
-
-def differences_can_be_used(attributes: Mapping[Any, Any]) -> bool:
-    """Return whether the differences between two campaigns can be used.
-
-    They cannot be used, and no changes are named, in each of the following cases:
-
-    - the campaigns disagree about an effect that they should have in common (``conflict``);
-    - readings contradict a prior of their model (``contradicted_priors``);
-    - the results of one of the two fits cannot be used (``fits``, see `judge_fit`).
-
-    Parameters
-    ----------
-    attributes : mapping
-        Attributes of the table of differences (`compare_posteriors`). Those that are missing say
-        nothing against the differences.
-    """
-    conflict = attributes.get("conflict")
-    if conflict is not None and conflict[1] < LARGEST_P_OF_CONFLICT:
-        return False
-    if any(attributes.get("contradicted_priors", ())):
-        return False
-    return all(judge_fit(fit).use != Use.DO_NOT_USE for fit in attributes.get("fits", ()))
 
 
 def _grave_reasons(fit: Fit) -> list[Reason]:

@@ -241,6 +241,23 @@ class Fit(Result):
             return self.shift.get(check.test, np.inf) > _LARGEST_SHIFT
         return self.widening > _LARGEST_WIDENING
 
+    @property
+    def contradicts_model(self) -> bool:
+        """Whether the readings contradict the model, so that its results cannot be used."""
+        kinds = {concern.kind for concern in self.concerns}
+        forbidding = {ConcernKind.TRUNCATION, ConcernKind.BALLS}
+        return bool(self.misfits) or bool(kinds & forbidding)
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the results can be used at all, with reservations or without.
+
+        They cannot if the draws have not converged, if the unit of the readings is in doubt, or if
+        the readings contradict the model.
+        """
+        unit_is_doubted = bool(self.names_of_concerns(ConcernKind.UNIT))
+        return not (self.state == State.UNUSABLE or unit_is_doubted or self.contradicts_model)
+
     def names_of_concerns(self, kind: ConcernKind) -> tuple[str, ...]:
         """Return the names in all warnings of one kind that the fit gives.
 

@@ -534,8 +534,8 @@ class HybridModel(Result):
             random from their priors.
         effects : mapping of str to float, optional
             True coefficients of effects that tests have in common by name, such as
-            ``joint_load_X_seat``, in internal units (see `Simulation.effects`). Coefficients that
-            are not named are drawn at random from their priors.
+            ``joint_load_X_seat``, in internal units. Coefficients that are not named are drawn at
+            random from their priors.
         exact : bool, default False
             Whether geometric errors act through the exact forward model (Eq. 1-14 of the article on
             the model) instead of the linear forward model.

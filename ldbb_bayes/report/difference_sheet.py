@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import pandas as pd
 
 from ldbb_bayes.analysis.common_effects import Shared
-from ldbb_bayes.analysis.parameter_changes import changed_parameters
-from ldbb_bayes.analysis.usability import differences_can_be_used
+from ldbb_bayes.analysis.parameter_changes import changed_parameters, differences_can_be_used
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.hybrid import DEGREE_NAMES

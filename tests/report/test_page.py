@@ -192,7 +192,7 @@ def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, 
     for name, u in re.findall(r"<summary>(\S+): u = (\S+) ", page):
         assert cells_by_quantity[name, "u"] == {u}, name
     text = re.sub(r"<svg.*?</svg>", "", page, flags=re.S)
-    assert len(set(re.findall(r"RMSE (?:is )?([\d.]+) µm", text))) == 1
+    assert len(set(re.findall(r"RMSE (?:is )?([\d.]+)\s*µm", text))) == 1
 
 
 # A name, and what is stated of it.

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ldbb_bayes.analysis.parameter_changes import changed_parameters
-from ldbb_bayes.analysis.usability import (
+from ldbb_bayes.analysis.parameter_changes import (
     LARGEST_P_OF_CONFLICT,
-    ReasonKind,
+    changed_parameters,
     differences_can_be_used,
-    judge_fit,
 )
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
@@ -36,8 +34,7 @@ __all__ = [
 ]
 
 NO_ANNEX = "left out with the annex (--sheets-only)"
-# Reasons not to use a fit at all that a sentence on compared fits states together.
-_UNUSABLE_FOR_THE_MODEL = {ReasonKind.MISFIT, ReasonKind.TRUNCATION, ReasonKind.BALLS}
+
 
 _TEMPLATES = SentenceFile("page", DEGREES=DEGREE_NAMES, PAGE=PAGE)
 
@@ -105,8 +102,7 @@ def unusable_fit_sentences(
         if tests:
             sentences.append(PAGE["doubted_unit"].format(campaign=name))
     for name, fit in zip((first, other), attributes.get("fits", ()), strict=False):
-        kinds = {reason.kind for reason in judge_fit(fit).reasons}
-        if kinds & _UNUSABLE_FOR_THE_MODEL:
+        if fit.contradicts_model:
             sentences.append(PAGE["unusable_fit"].format(campaign=name))
     return tuple(sentences)
 
