@@ -78,7 +78,12 @@ def added_compliances(bound: BoundModel) -> list[AddedCompliance]:
     The list is empty if the model has no such term, and lacks the axes that no circle moves.
     ``bound`` is the model of a campaign.
     """
-    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
+    joint_load = joint_load_of(bound)
+    if joint_load is None:
+        return []
+    # The term may be of a class derived from `JointLoad`.
+    columns_of_term = bound.columns_of.get(type(joint_load), ())
+    columns_by_axis = joint_load_columns(bound.setting, columns_of_term)
     added = []
     for place, compliance in enumerate(bound.compliances):
         if compliance.kind == "direct" and compliance.twist in columns_by_axis:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from campaigns import oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.coefficients import machine_coefficients, mean_shared_coefficients
+from ldbb_bayes.inference.elastic_deflections import added_compliances
 from ldbb_bayes.model.fourier import basis
 
 PHI = np.array([[0.3e-3, 0.5e-3, 0.4e-3, 2e-3]])
@@ -44,3 +47,17 @@ def test_shared_layer_is_the_dense_conditional_mean(planned: lb.Campaign) -> Non
     np.testing.assert_allclose(predicted, expected + offset, atol=1e-9)
     predicted = readings_of(campaign, machine_coefficients(bound, beta)[0])
     np.testing.assert_allclose(predicted, machine + offset, atol=1e-12)
+
+
+@dataclass(frozen=True)
+class StiffJointLoad(lb.terms.JointLoad):
+    """A joint load of a class of its own."""
+
+
+def test_a_joint_load_of_a_derived_class_adds_to_compliances(recovered: lb.Campaign) -> None:
+    model = lb.HybridModel.default(1)
+    derived = model.without("joint-load").with_term(StiffJointLoad())
+    labels = [entry.label for entry in added_compliances(model.bind(recovered))]
+    assert labels == ["C_XXX", "C_YYY"]
+    assert [entry.label for entry in added_compliances(derived.bind(recovered))] == labels
+    assert added_compliances(model.without("joint-load").bind(recovered)) == []

@@ -266,11 +266,11 @@ def _effects_like_pilot(
         if name in value_of:
             value_of[name] *= ratio
     effects: dict[str, float] = {}
-    left_out: set[type[Term]] = {Drift}
-    if not of_plan.campaign.adds_to_pilot:
-        left_out.add(BarLength)
+    left_out: tuple[type[Term], ...] = (Drift, BarLength)
+    if of_plan.campaign.adds_to_pilot:
+        left_out = (Drift,)
     for term, columns_of_term in of_plan.columns_of.items():
-        if term in left_out:
+        if issubclass(term, left_out):
             continue
         for columns in shared_terms(columns_of_term):
             effects |= {name: value_of[name] for name in columns.names if name in value_of}
@@ -302,10 +302,11 @@ def _effects_by_name(bound: BoundModel) -> dict[str, Array]:
     Fourier coefficients.
     """
     effects: dict[str, Array] = {}
-    for term in (JointLoad, Position):
-        for columns in shared_terms(bound.columns_of.get(term, ())):
-            values = np.moveaxis(columns.values, 2, 0)
-            effects |= dict(zip(columns.names, values, strict=True))
+    for term, columns_of_term in bound.columns_of.items():
+        if issubclass(term, JointLoad | Position):
+            for columns in shared_terms(columns_of_term):
+                values = np.moveaxis(columns.values, 2, 0)
+                effects |= dict(zip(columns.names, values, strict=True))
     return effects
 
 
