@@ -459,6 +459,8 @@ def test_levels_that_cannot_show_another_degree(pilot: lb.Campaign) -> None:
 def test_augmenting(pilot: lb.Campaign) -> None:
     """Two tests on top of the pilot's own: no wider than without them."""
     design = lb.design(LINEAR, pilot, tests=2, forces_N=LEVELS[::3], augment=True)
+    names = {test.name for test in design.plan().tests}
+    assert not names & {test.name for test in pilot.tests}
     without = lb.analysis.forecast_plan(LINEAR, replace(pilot.plan(), pilot=pilot)).expected
     for name, entry in design.expected.items():
         error = np.hypot(entry.sd_error, without[name].sd_error)

@@ -206,10 +206,7 @@ class NextCircle(Result):
         replace those of another circle.
         """
         plan: Campaign = self.chosen.space.plan_of([self.chosen.test])
-        so_far = self.chosen.space.pilot.plan()
-        unnamed = replace(plan.tests[0], name="")
-        named = replace(so_far, tests=(*so_far.tests, unnamed), foreseen=()).tests[-1]
-        return replace(plan, tests=(named,))
+        return plan
 
 
 @one_blas_thread

@@ -297,10 +297,12 @@ class Space:
     def plan_of(self, tests: Sequence[CircularTest], *, seed: int = 1) -> Campaign:
         """Return a plan of ``tests`` for the pilot's machine, in the order in which to run them.
 
-        ``seed`` is the seed of the random order.
+        ``seed`` is the seed of the random order. Tests that are run in addition to those of the
+        pilot have names that none of these has, so that their readings cannot replace others in
+        the folder of the pilot.
         """
         ordered = running_order(tests, np.random.default_rng(seed))
-        return replace(
+        plan = replace(
             self.pilot,
             tests=_with_temperature(ordered, self.pilot, self.model),
             foreseen=(),
@@ -311,6 +313,9 @@ class Space:
             pilot=self.pilot,
             adds_to_pilot=self.augment,
         )
+        if self.augment:
+            return replace(plan, tests=_named_apart(plan.tests, self.pilot))
+        return plan
 
     def forecast(
         self,
@@ -332,6 +337,14 @@ class Space:
             names = tuple(p.name for p in self.bound.parameters if p.group == "slope")
             slopes = Slopes(names, self.slope_size)
         return forecast_plan(self.model, plan, slopes=slopes, machines=machines, analyses=analyses)
+
+
+def _named_apart(tests: Sequence[CircularTest], pilot: Campaign) -> tuple[CircularTest, ...]:
+    """Return planned tests with names that no test of the pilot has."""
+    so_far = pilot.plan()
+    unnamed = [replace(test, name="") for test in tests]
+    together = replace(so_far, tests=(*so_far.tests, *unnamed), foreseen=())
+    return tuple(together.tests[len(so_far.tests) :])
 
 
 def _numbered(name: str) -> str:
