@@ -5,13 +5,32 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 __all__ = ["run"]
 
 # Python searches for unreachable objects whenever this number of objects was added. It would search
-# more often by itself, and each search goes through all objects of the loaded libraries: together,
-# this takes a tenth of the time of a command.
+# more often by itself.
 _OBJECTS_BETWEEN_SEARCHES = 100_000
+
+
+def _load_commands() -> Callable[[], None]:
+    """Load the commands of this program and return the function that runs the one typed.
+
+    The objects of the loaded libraries stay until the program ends. Python is told so
+    (``gc.freeze``), because each search for unreachable objects, and the last one when the program
+    ends, would otherwise go through all of them: a tenth of the time of a command.
+    """
+    gc.disable()
+    # The commands are imported only here, because they load NumPy, which takes time.
+    from ldbb_bayes.cli import main
+
+    gc.freeze()
+    gc.enable()
+    return main
 
 
 def run() -> None:
@@ -27,9 +46,7 @@ def run() -> None:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(_OBJECTS_BETWEEN_SEARCHES)
     try:
-        # The commands are imported only here, because they load NumPy, which takes time.
-        from ldbb_bayes.cli import main
-
+        main = _load_commands()
         main()
     except KeyboardInterrupt:
         message = "ldbb-bayes: interrupted; nothing is half-written."
