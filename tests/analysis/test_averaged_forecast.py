@@ -77,6 +77,7 @@ def test_machines_have_slopes_and_rivals_as_often_as_the_models_have_without_rea
     assert models.bound.truncation.holds(beta).all()
 
 
+@pytest.mark.slow
 def test_machines_have_the_moments_of_the_average_given_a_pilot() -> None:
     """Means and sds of compliances, against `average` of the same pilot."""
     pilot = lb.read_campaign(lb.embedded_campaign())
@@ -129,6 +130,7 @@ def test_a_plan_of_other_planes_than_its_pilot_is_refused() -> None:
         lb.identify(LINEAR, other)
 
 
+@pytest.mark.slow
 def test_a_plan_of_fewer_planes_knows_what_the_pilot_says_of_its_coefficients() -> None:
     """The pilot's third axis does not move in the plan, which has no joint load of it."""
     three_planes = plan_of_three_planes()
@@ -158,6 +160,7 @@ def test_there_is_nothing_to_average(model: lb.HybridModel) -> None:
     assert averaged_uncertainties(simulate_analyses(model, PLAN)) == {}
 
 
+@pytest.mark.slow
 def test_identify_states_them_for_plans_and_campaigns() -> None:
     of_plan = lb.identify(LINEAR, planned(simulated(PLAN, seed=1)))
     averaged = averaged_uncertainties(simulate_analyses(LINEAR, planned(simulated(PLAN, seed=1))))

@@ -55,6 +55,7 @@ def test_the_published_forces_are_run_in_every_plane() -> None:
         assert forces_in(tests, plane) == [36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_states")
 def test_what_is_done_today_is_run_in_the_planes_of_the_cheapest_campaign() -> None:
     """A third plane, which no goal needs, has no circles; U of neither goal is the prior's."""

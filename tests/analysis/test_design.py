@@ -540,6 +540,7 @@ def test_what_forces_cannot_do(pilot: lb.Campaign) -> None:
     assert lb.identify(LINEAR, cured.plan()).parameters["E_C0YX"].verdict == "identified"
 
 
+@pytest.mark.slow
 def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
     """The prior sd of a slope follows from the compliance that new readings show. The forecast
     spread of the prior sds, beside those of models bound to simulated readings of the same
@@ -570,6 +571,7 @@ def test_slope_priors_that_analyses_will_use(pilot: lb.Campaign) -> None:
         np.testing.assert_allclose(np.quantile(forecast[:, slope], levels), expected, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_the_prior_beside_a_forecast_is_that_of_the_analysis_to_come(pilot: lb.Campaign) -> None:
     """The medians over simulated readings of the same machines, as models are bound to them."""
     model = lb.HybridModel.default(1)

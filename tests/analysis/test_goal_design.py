@@ -211,6 +211,7 @@ def test_what_is_too_long_says_how_long_the_cheapest_takes(cheapest):
     assert f"takes {cheapest.best.minutes / 60.0:.1f} h" in " ".join(text_of(found).split())
 
 
+@pytest.mark.slow
 def test_no_campaign_buys_a_certificate_that_saves_no_time():
     offers = {"bar": 150.0, "balls G10": 300.0}
     found = lb.design(
@@ -359,6 +360,7 @@ def test_a_goal_that_no_campaign_reaches_is_named_first(just_missed):
     assert str(text_of(just_missed)).startswith("Out of reach, for the reasons below: E_C(0Y)X.")
 
 
+@pytest.mark.slow
 def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
     floor = just_missed.goals["E_C0YX"].limit_U
     goals = {"E_C0YX": floor, "C_XYX": "2 nm/N"}
@@ -371,6 +373,7 @@ def test_goals_beside_a_near_miss_still_get_a_campaign(just_missed):
     assert "The other goals are met" in text
 
 
+@pytest.mark.slow
 def test_what_the_plan_leaves_of_a_goal_out_of_reach_is_stated():
     """By the forecast of the plan, beside the goals that it reaches, and in the file."""
     goals = {"E_C0YX": "1e-3 µrad", "C_XYX": "2 nm/N"}
@@ -480,6 +483,7 @@ def test_the_averaged_u_of_the_cheapest_campaign_is_that_of_identify(cheapest):
     assert all(goal.averaged_U is None for goal in cheapest.plans[1].goals.values())
 
 
+@pytest.mark.slow
 def test_a_search_that_no_campaign_ends_says_why(monkeypatch):
     """All campaigns miss the goals on fresh machines, although the largest seemed to reach them."""
     monkeypatch.setattr(cheapest_search, "_judged_on_fresh_machines", _all_unlucky)

@@ -18,6 +18,7 @@ STIFF_MM_PER_N = 4e-5
 PILOT = lb.read_campaign(lb.embedded_campaign())
 
 
+@pytest.mark.slow
 def test_machines_have_the_moments_of_the_posterior() -> None:
     plan = lb.design(MODEL, PILOT, tests=4, forces_N=(36.0, 742.0)).plan()
     estimates = present_estimates(Evidences(PILOT).of(MODEL)[0])
@@ -32,6 +33,7 @@ def test_machines_have_the_moments_of_the_posterior() -> None:
     np.testing.assert_allclose(np.std(drawn), estimates.sd[column], rtol=0.3)
 
 
+@pytest.mark.slow
 def test_machines_change_with_force_as_the_pilot_leaves_likely() -> None:
     """Most of C(F) at small forces is joint load, which the readings of the pilot narrow."""
     plan = lb.design(MODEL, PILOT, tests=4, forces_N=(36.0, 742.0)).plan()

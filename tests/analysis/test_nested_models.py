@@ -96,6 +96,7 @@ def test_there_is_nothing_to_average(model: lb.HybridModel) -> None:
     assert NestedModels.of(model.bind(CAMPAIGN)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["simulated", "published"])
 def test_uncertainties_are_about_those_of_average(source: str) -> None:
     """`average` estimates the compliances anew in every model, and draws: both within 6 %."""

@@ -259,6 +259,7 @@ def test_the_balls_are_turned_for_squareness(step: NextCircle) -> None:
     assert step.chosen.test.work_ball_deg > 0.0
 
 
+@pytest.mark.slow
 def test_a_goal_that_hangs_on_one_circle_is_less_sure_because_the_circle_may_scatter(
     recovered: Campaign,
 ) -> None:
@@ -363,6 +364,7 @@ def test_a_goal_that_circles_cannot_reach_is_said_to_be_out_of_reach(recovered: 
     assert step.other_kinds == ("both directions", "turned balls", "a second radius")
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_circles_cannot_decide_is_said_to_be_out_of_reach(
     recovered: Campaign,
 ) -> None:
@@ -491,6 +493,7 @@ def test_an_unknown_goal_is_refused(recovered: Campaign) -> None:
 # ---- circles of one direction, where both may be run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_campaign_stops_by_the_u_that_its_fit_states(recovered: Campaign, factor: float) -> None:
     """Not by U of a model with what only circles of the other direction could show: a goal between
@@ -514,6 +517,7 @@ def test_a_campaign_stops_by_the_u_that_its_fit_states(recovered: Campaign, fact
     assert "U now is that of fit of the circles run so far." in table
 
 
+@pytest.mark.slow
 def test_planes_that_are_foreseen_are_weighed_too() -> None:
     """As in a plan of two planes of which one has been run: the circle for the squareness of the
     other plane is in it."""

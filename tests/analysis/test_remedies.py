@@ -77,6 +77,7 @@ def test_turned_balls_as_a_longer_plan_has_them(planned: lb.analysis.Identifiabi
     assert remedy.ratio == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_certificate_as_a_certified_campaign_has_it() -> None:
     """The certified campaign has scales of its own, which differ somewhat."""
     campaign = simulated(one_way())

@@ -133,6 +133,7 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
 # ---- what the page shows
 
 
+@pytest.mark.slow
 def test_a_direction_that_no_test_states_stands_in_parentheses(tab: Tab) -> None:
     tab.holding(RECOVERED / "f036.csv")
     page = tab.ask("GET", "part/understood")[1]

@@ -157,6 +157,7 @@ def test_a_german_page_names_what_holds_a_goal(unreached: dict[str, Any]) -> Non
     assert "Maßgebend: Gerätelänge" in text
 
 
+@pytest.mark.slow
 def test_the_campaign_of_a_search_has_no_files_if_no_goal_is_reached(tmp_path: Path) -> None:
     searched(tmp_path, UNREACHED)
     assert not (tmp_path / cheapest.CHEAPEST).exists()

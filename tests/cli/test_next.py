@@ -150,6 +150,7 @@ def clockwise(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lb.write_campaign(replace(campaign, tests=tests), folder)
 
 
+@pytest.mark.slow
 def test_both_directions_are_candidates_and_are_named(
     clockwise: Path, tmp_path: Path, invoke: Invoke
 ) -> None:

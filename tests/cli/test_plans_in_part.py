@@ -53,6 +53,7 @@ def test_a_fit_uses_the_model_beside_the_plan(
     assert lb.read_model(result / "model.toml") == MODEL
 
 
+@pytest.mark.slow
 def test_options_win_over_the_model_beside_the_plan(in_part: Path, invoke: Invoke) -> None:
     options = ("identify", in_part, "--json")
     beside = json.loads(invoke(*options)[1])
@@ -92,6 +93,7 @@ def test_a_model_beside_other_files_is_not_used(
     )
 
 
+@pytest.mark.slow
 def test_a_batch_uses_the_model_that_every_campaign_has(
     in_part: Path, folder: Path, tmp_path: Path, invoke: Invoke
 ) -> None:

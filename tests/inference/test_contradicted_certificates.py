@@ -115,6 +115,7 @@ def test_without_a_stated_sphericity_nothing_is_contradicted(instrument: lb.Inst
     assert log_ratio_of_stated_balls(bound, *hyper_parameter_nodes(bound)) == 0.0
 
 
+@pytest.mark.slow
 def test_identify_says_that_the_stated_form_is_contradicted() -> None:
     result = lb.identify(MODEL, replace(campaign_of("lobed"), instrument=ROUND))
     sentence = "The readings contradict the stated form of the balls: the balls are less round."
@@ -130,6 +131,7 @@ def test_a_plan_contradicts_nothing_by_itself() -> None:
     assert contradicted_certificates(bound, missing, *hyper_parameter_nodes(bound)) == ()
 
 
+@pytest.mark.slow
 def test_identify_offers_no_certificate_that_cannot_be_had() -> None:
     """No parameter is worse known with a certificate; the plan that is designed from the readings
     says the same."""

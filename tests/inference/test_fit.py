@@ -153,6 +153,7 @@ def zero_concerns(campaign: lb.Campaign, constant_um: float) -> list[Concern]:
     return [concern for concern in fit.concerns if concern.kind == "zero"]
 
 
+@pytest.mark.slow
 def test_a_zero_that_was_not_set_is_told(recovered: lb.Campaign) -> None:
     """The limit is three times the sd of the constant by generalised least squares (dense)."""
     assert zero_concerns(recovered, 0.0) == []

@@ -120,6 +120,7 @@ def test_weights_at_all_nodes_are_nearly_those_of_the_sample(
     assert 0.5 * np.abs(difference).sum() < 0.02
 
 
+@pytest.mark.slow
 def test_coarse_nodes_of_the_larger_model_are_refined_once(recovered: Campaign) -> None:
     """Where their error leaves no room, finer nodes serve all related models; the evidence is that
     of the model's own nodes."""

@@ -267,6 +267,7 @@ def test_every_field_of_a_campaign_comes_back() -> None:
     assert (campaign_of(tree).order, campaign_of(tree).drift) == ("random", False)
 
 
+@pytest.mark.slow
 def test_damaged_results_are_refused(tmp_path: Path, file: Path) -> None:
     for content in (file.read_bytes()[:50_000], b"not a file of ours", b""):
         (tmp_path / "posterior.nc").write_bytes(content)

@@ -324,6 +324,7 @@ def test_each_sheet_is_a_page_of_the_pdf(before: Findings, after: FurtherCampaig
     assert pdf.count(b"/Type /Page\n") == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "serial_number", "expected"),
     [(5, "4712", "state different machines"), (6, None, "If it was one machine")],

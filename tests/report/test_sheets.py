@@ -1012,6 +1012,7 @@ def test_directions_that_are_not_stated_are_not_taken_for_one() -> None:
         assert field in dict(fields.entries)["Feed, direction, order"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("directions", "without", "said"),
     [

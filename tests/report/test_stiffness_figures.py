@@ -63,6 +63,7 @@ def test_compact_roses_of_several_planes_leave_room_for_another_figure(
     assert width < 1.3 * height
 
 
+@pytest.mark.slow
 def test_the_legend_says_how_far_a_band_goes_beyond_the_rim() -> None:
     """At 100 N the band is wide; the rim lies not far beyond the curves."""
     posterior = fitted(MODEL, simulated(plan_of_three_planes()))
