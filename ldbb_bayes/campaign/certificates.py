@@ -6,6 +6,7 @@ are later stored in fields of `Instrument`.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ _METRES_PER_MICROMETRE = 1e-6
 _QUANTITIES_LISTED = 12
 # Pattern of a length in the name of a bar, such as 100 mm.
 _LENGTH_IN_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)\s?mm\b")
+# Largest error of a bar's length [µm] that a certificate may state. A larger number is a length.
+_LARGEST_LENGTH_ERROR_UM = 1000.0
 # Two nominal lengths of a ball bar count as equal if they differ by at most this fraction of the
 # length.
 _NOMINAL_TOLERANCE = 1e-3
@@ -115,7 +118,8 @@ class CertifiedQuantity:
         Raises
         ------
         InputError
-            For an unknown unit, or an uncertainty U without coverage factor k.
+            For an unknown unit, an uncertainty U without coverage factor k, a negative or infinite
+            U, or a k that is not a positive number.
         """
         size = parse_unit(self.unit)
         if size is None:
@@ -130,6 +134,11 @@ class CertifiedQuantity:
             raise InputError(
                 f"{self.title!r} must have a coverage factor k beside U, got none. State U by hand."
             )
+        require(
+            0.0 <= self.U < math.inf and 0.0 < self.k < math.inf,
+            f"{self.title!r} must have a U that is not negative and a positive coverage factor k,"
+            f" got U = {self.U:g} and k = {self.k:g}. State U by hand.",
+        )
         U = 2.0 * self.U / self.k
         return value, _without_rounding(U * size.factor / factor)
 
@@ -309,6 +318,11 @@ class CalibrationCertificate(Shown):
         """
         _, largest_N = force.numbers()
         source = force
+        for other in self._forces():
+            _, error_N = other.numbers()
+            if error_N > largest_N:
+                largest_N = error_N
+                source = other
         for deviations in self._deviations_by_name():
             for deviation, reference in self._with_references(deviations, force):
                 error_N = _force_error_N(deviation, reference)
@@ -465,8 +479,10 @@ def _error_of_length(
 ) -> tuple[float, float]:
     """Return the amount by which a bar's readings are too large, and its uncertainty U, in µm.
 
-    U is the expanded uncertainty (k = 2) of this amount. Raise an `InputError` if the certificate
-    gives no uncertainty. Also raise it if the nominal length is needed but is not unique.
+    U is the expanded uncertainty (k = 2) of this amount. An indication or deviation of more
+    than 1 mm is a length, from which the nominal length is subtracted. Raise an `InputError` if the
+    certificate gives no uncertainty, or if the error is above 1 mm.
+    Also raise it if the nominal length is needed but is not unique.
 
     Parameters
     ----------
@@ -480,14 +496,20 @@ def _error_of_length(
         raise InputError(
             f"{quantity.title!r} must have an uncertainty, got none. Give U_um by hand."
         )
-    if quantity.role == "deviation":
-        return _without_rounding(0.0 - value), U
-    if quantity.role == "length":
-        nominals = lengths["nominal"]
+    nominals = lengths.get("nominal", [])
+    is_length = quantity.role == "length" or abs(value) > _LARGEST_LENGTH_ERROR_UM
+    if is_length and nominals:
         beside = [nominal for nominal in nominals if nominal.holders == quantity.holders]
         nominal, _ = _only_quantity(beside or nominals).numbers(_METRES_PER_MICROMETRE)
-        return _without_rounding(nominal - value), U
-    return value, U
+        value -= nominal
+    require(
+        abs(value) <= _LARGEST_LENGTH_ERROR_UM,
+        f"the error of the bar's length must be at most {_LARGEST_LENGTH_ERROR_UM:g} µm, got"
+        f" {value:g} µm from {quantity.title!r}. Give length_error_um and U_um by hand.",
+    )
+    # A bar that is too long gives readings that are too small.
+    error = value if quantity.role == "indication" else 0.0 - value
+    return _without_rounding(error), U
 
 
 def _is_of_length(

@@ -75,6 +75,32 @@ def test_a_correction_of_the_length_is_no_length(tmp_path: Path, name: str) -> N
     refuses("must state the error of a bar's length", certificate.fields, "bar")
 
 
+@pytest.mark.parametrize(
+    ("name", "error_um"),
+    [("Indication", 0.8), ("Length deviation", -0.8), ("Bar 150 mm: indication", 0.8)],
+)
+def test_an_indicated_length_is_no_error_of_it(tmp_path: Path, name: str, error_um: float) -> None:
+    """150000.8 µm beside the nominal 150 mm; as an error it would be 15 cm."""
+    path = changed(tmp_path, ("Längenabweichung vom Nennmaß", name), (">0.8<", ">150000.8<"))
+    fields = lb.campaign.read_dcc(path).fields("bar")
+    assert fields["length_error_um"] == pytest.approx(error_um, rel=1e-9)
+
+
+@pytest.mark.parametrize("nominal", ["Länge", "Nennlänge"])
+def test_an_error_of_more_than_a_millimetre_is_refused(tmp_path: Path, nominal: str) -> None:
+    """An indication of 140 mm beside a length that is not named nominal, and beside 150 mm."""
+    ref_type = "basic_nominalValue" if nominal == "Nennlänge" else "basic_referenceValue"
+    path = changed(
+        tmp_path,
+        ("Längenabweichung vom Nennmaß", "Indication"),
+        ("Nennlänge", nominal),
+        ("basic_nominalValue", ref_type),
+        (">0.8<", ">140000<"),
+    )
+    named = "the error of the bar's length must be at most 1000 µm, got .* µm from 'Messwert'"
+    refuses(named, lb.campaign.read_dcc(path).fields, "bar")
+
+
 def test_a_diameter_is_no_form(tmp_path: Path) -> None:
     """A diameter of 0.00011 mm stands below the title Roundness."""
     certificate = lb.campaign.read_dcc(changed(tmp_path, ("Ebene 2", "Durchmesser")))
@@ -143,6 +169,20 @@ def test_each_deviation_is_that_of_its_force(
     linearity = '<dcc:quantity><dcc:name><dcc:content lang="de">Linearitätsabweichung'
     certificate = lb.campaign.read_dcc(changed(tmp_path, (linearity, deviation + linearity)))
     stated = certificate.fields("force")
+    assert stated["U_percent"] == pytest.approx(100.0 * largest_N / 800.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("U", "k", "largest_N"),
+    [("0.006 0.003 0.002", "2", 6.0), ("0.002 0.003 0.004", "2 2 4", 3.0)],
+)
+def test_the_largest_U_need_not_be_that_of_the_largest_force(
+    tmp_path: Path, U: str, k: str, largest_N: float
+) -> None:
+    """U of 100 N, 400 N and 800 N in kN; the second time U of 800 N is given with k = 4."""
+    factor = "<si:coverageFactorXMLList>{}</si:coverageFactorXMLList>"
+    path = changed(tmp_path, ("0.002 0.003 0.004", U), (factor.format("2"), factor.format(k)))
+    stated = lb.campaign.read_dcc(path).fields("force")
     assert stated["U_percent"] == pytest.approx(100.0 * largest_N / 800.0, rel=1e-9)
 
 
