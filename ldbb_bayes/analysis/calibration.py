@@ -25,7 +25,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_probability, check_seed, require, require_whole
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import draw, sampler_named
-from ldbb_bayes.model.hybrid import HybridModel, require_model
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.hyper_prior import HyperPrior
 from ldbb_bayes.parallel import Lost, done
 from ldbb_bayes.results import Array, Numbers, Result, readable
@@ -250,7 +250,8 @@ def calibrate(
         Method of drawing from the posterior, as in `sample`.
     generator : HybridModel, optional
         Model that simulates the readings. Default: ``model``. With a different model, the result
-        shows the effect of an analysis with a wrong model.
+        shows the effect of an analysis with a wrong model. Its reference force must be that of
+        ``model``, because true compliances at one force are no truth at another.
     prob : float
         Probability that the empirical distributions of the ranks of all quantities stay between
         their limits, ``Validation.band``, if the posterior is calibrated.
@@ -272,8 +273,9 @@ def calibrate(
     Raises
     ------
     InputError
-        For a flat prior, an unknown sampler, numbers out of range, or a plan to which the model
-        cannot be fitted. Also if no replicate gives draws.
+        For a flat prior, an unknown sampler, numbers out of range, two models of different
+        reference forces, or a plan to which the model cannot be fitted. Also if no replicate gives
+        draws.
 
     Examples
     --------
@@ -295,6 +297,7 @@ def calibrate(
     check_probability(prob)
     check_seed(seed)
     bound = model.bind(plan)
+    _check_reference_force(bound, generator.bind(plan))
     rank_replicate = partial(_rank_replicate, _Study(model, generator, plan, sampler, draws))
     return rank_replicates(
         rank_replicate,
@@ -306,6 +309,21 @@ def calibrate(
         seed=seed,
         executor=executor,
         progress=progress,
+    )
+
+
+def _check_reference_force(model: BoundModel, generator: BoundModel) -> None:
+    """Raise an `InputError` if two models state compliances at different reference forces.
+
+    ``generator`` is the model that simulates readings, ``model`` the one that is fitted to them. A
+    true compliance at one force cannot be ranked among draws of the compliance at another force.
+    """
+    force_N = model.setting.reference_force_N
+    of_generator_N = generator.setting.reference_force_N
+    require(
+        force_N == of_generator_N,
+        "the model that simulates must have the reference force of the model that is validated,"
+        f" {force_N:g} N, got {of_generator_N:g} N. Give both the same reference_force_N.",
     )
 
 

@@ -4,6 +4,7 @@ simulation."""
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,8 +83,14 @@ FLAT = (
 )
 
 
+OTHER_FORCE = (
+    {"generator": replace(CONSTANT, reference_force_N=36.0)},
+    "reference force of the model that is validated, 389 N, got 36 N",
+)
+
+
 @pytest.mark.parametrize(
-    ("arguments", "message"), [*cases(__file__, "refusals.toml")["validate"], FLAT]
+    ("arguments", "message"), [*cases(__file__, "refusals.toml")["validate"], FLAT, OTHER_FORCE]
 )
 def test_refused(arguments: dict, message: str) -> None:
     refuses(message, lb.calibrate, **({"model": CONSTANT, "plan": CIRCLES} | arguments))
