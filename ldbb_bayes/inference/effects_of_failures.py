@@ -9,14 +9,15 @@ noise.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import CircularTest
 from ldbb_bayes.inference.checks import CheckKind, TestChecks, all_checks, failing_checks
-from ldbb_bayes.inference.residuals import RANK_TOLERANCE, tests_in_order
+from ldbb_bayes.inference.residuals import tests_in_order
 from ldbb_bayes.model.bound_information import information_of
-from ldbb_bayes.model.fourier import MAX_ORDER, SIZE, basis
+from ldbb_bayes.model.fourier import MAX_ORDER, basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
@@ -25,6 +26,9 @@ __all__ = ["effects_of_failures"]
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
 _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
+# A combination of these orders counts as part of the orders 0 to 12 if what they leave of it is
+# below this fraction of its size on a full circle. On an arc, most combinations are.
+_LEAST_LEFT = 0.1
 
 
 def effects_of_failures(
@@ -109,14 +113,15 @@ def _noise_variance_above_order_12(bound: BoundModel) -> Array:
     therefore first subtracted. ``bound`` is the model of the campaign.
     """
     setting = bound.setting
-    coefficients = np.array([_coefficients_above_order_12(test) for test in tests_in_order(bound)])
+    fits = [_coefficients_above_order_12(test) for test in tests_in_order(bound)]
+    coefficients = np.array([fit.coefficients for fit in fits])
     mean_square = np.zeros(len(coefficients))
     conditions = list(zip(setting.plane, setting.radius_mm, setting.travel, strict=True))
     for condition in set(conditions):
         tests = [r for r, of_test in enumerate(conditions) if of_test == condition]
         mean_square[tests] = _mean_square_of_scatter(coefficients[tests])
-    # White noise of variance s² in n readings gives a Fourier coefficient the variance 2 s² / n.
-    return mean_square * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
+    gain = np.array([fit.noise_gain for fit in fits])
+    return np.divide(mean_square, gain, out=np.zeros(len(gain)), where=gain > 0.0)
 
 
 def _mean_square_of_scatter(coefficients: Array) -> Array:
@@ -134,13 +139,31 @@ def _mean_square_of_scatter(coefficients: Array) -> Array:
     return np.asarray(np.mean(deviation**2, axis=1) * (n / (n - 1)))
 
 
-def _coefficients_above_order_12(test: CircularTest) -> Array:
-    """Return the Fourier coefficients of a test's readings at the orders 13 to 16 [mm].
+class _FitAboveOrder12(NamedTuple):
+    """Fourier coefficients of a test's readings at the orders 13 to 16, and their noise."""
 
-    The eight coefficients, four cosines and then four sines, are fitted by least squares together
-    with the coefficients of the orders 0 to 12.
+    #: four cosine coefficients of a test's readings, and then four sine coefficients, of the orders
+    #: 13 to 16, shape (8,) [mm]
+    coefficients: Array
+    #: mean variance of the coefficients of the orders 13 to 16 if the readings of a test have white
+    #: noise of variance one: 2/n for n readings of a full circle; zero if nothing was fitted
+    noise_gain: float
+
+
+def _coefficients_above_order_12(test: CircularTest) -> _FitAboveOrder12:
+    """Return the Fourier coefficients of a test's readings at the orders 13 to 16.
+
+    They are fitted by least squares together with the coefficients of the orders 0 to 12. On an
+    arc, the orders 0 to 12 describe nearly all of most combinations of the orders 13 to 16. These
+    combinations are left out; otherwise little noise would give large coefficients.
     """
     angle = test.angles_rad()
     turned = np.exp(1j * np.outer(angle, _NEXT_ORDERS))
-    columns = np.column_stack([basis(angle), turned.real, turned.imag])
-    return np.linalg.lstsq(columns, test.readings_mm(), rcond=RANK_TOLERANCE)[0][SIZE:]
+    lower = np.linalg.qr(basis(angle))[0]
+    columns = np.hstack([turned.real, turned.imag])
+    columns -= lower @ (lower.T @ columns)
+    left, size, right = np.linalg.svd(columns, full_matrices=False)
+    is_kept = size > _LEAST_LEFT * np.sqrt(0.5 * len(angle))
+    inverse = right[is_kept].T / size[is_kept]
+    coefficients = inverse @ (left[:, is_kept].T @ test.readings_mm())
+    return _FitAboveOrder12(coefficients, float((inverse**2).sum(axis=1).mean()))

@@ -18,7 +18,6 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
 __all__ = [
-    "RANK_TOLERANCE",
     "FitQuality",
     "fit_quality",
     "matrix_to_harmonics",
@@ -29,8 +28,10 @@ __all__ = [
 ]
 
 # A matrix holds the values of the Fourier functions at the angles of a test. A singular value of
-# this matrix counts as zero if it is below this fraction of the largest singular value.
-RANK_TOLERANCE = 1e-6
+# this matrix counts as zero if it is below this fraction of the largest singular value. On a full
+# circle all singular values are alike. On an arc of 230° the smallest is a millionth of the
+# largest: a fit of all coefficients would show nothing but noise, a million times as large.
+_RANK_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True)
@@ -133,10 +134,10 @@ def matrix_to_harmonics(bound: BoundModel, r: int) -> Array:
 
     r is the index of the test. The matrix has the shape (25, m): the readings of a test are reduced
     to m ≤ 25 numbers, and there are 25 coefficients of the orders 0 to 12. The coefficients are
-    fitted by least squares. If the readings do not determine all coefficients, the solution of
-    smallest norm is taken. ``bound`` is the model of the campaign.
+    fitted by least squares. If the readings do not determine all coefficients well, as on an arc,
+    the solution of smallest norm is taken. ``bound`` is the model of the campaign.
     """
-    return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
+    return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=_RANK_TOLERANCE))
 
 
 def tests_in_order(bound: BoundModel) -> list[CircularTest]:

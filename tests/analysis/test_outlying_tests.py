@@ -56,6 +56,25 @@ def test_an_outlier_is_flagged_alone() -> None:
     assert p_values[[f"order_{n}" for n in range(5, 13)]].min() > 1e-3
 
 
+def test_an_outlier_among_arcs_is_flagged_at_its_order() -> None:
+    """12 µm at order 7, hundreds of times what arcs differ by at that order (κ/7)."""
+    planned = plan((36,) * 5, forces_N=FORCES_N, arc_deg=230.0)
+    campaign = CONSTANT.simulate(planned, seed=4, parameters=TRUTH, hyper_um=HYPER_UM).campaign
+    tests = []
+    for test in campaign.tests:
+        if test.name == OUTLYING:
+            test = with_deviation(test, 12.0 * np.cos(7.0 * test.angles_rad()))
+        tests.append(test)
+    table = lb.find_outlying_tests(
+        {"constant": CONSTANT},
+        replace(campaign, tests=tuple(tests)),
+        seed=1,
+        tolerance=0.3,
+        replicates=2000,
+    )
+    assert list(table.index[table["flag"]]) == [OUTLYING]
+
+
 def test_a_clean_campaign_has_no_outlier() -> None:
     table = lb.find_outlying_tests(
         MODELS, clean_campaign(5), seed=1, tolerance=0.1, replicates=4000

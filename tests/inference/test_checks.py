@@ -17,7 +17,10 @@ from ldbb_bayes.inference.checks import (
     autocorrelation,
     check_predictions,
 )
-from ldbb_bayes.inference.effects_of_failures import effects_of_failures
+from ldbb_bayes.inference.effects_of_failures import (
+    _noise_variance_above_order_12,
+    effects_of_failures,
+)
 from ldbb_bayes.inference.fit import Fit, State
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE
@@ -32,9 +35,9 @@ def fit_to(campaign: lb.Campaign) -> Fit:
     return fit_of(lb.sample(MODEL, campaign, sampler="independent", seed=1, rule=rule))
 
 
-def planted(harmonic: int, amplitude_um: float) -> lb.Campaign:
+def planted(harmonic: int, amplitude_um: float, arc_deg: float = 360.0) -> lb.Campaign:
     """A wave on one test of the campaign."""
-    campaign = simulated(plan((120,) * 4))
+    campaign = simulated(plan((120,) * 4, arc_deg=arc_deg))
     tests = list(campaign.tests)
     wave = amplitude_um * np.cos(harmonic * tests[2].angles_rad())
     tests[2] = tests[2].with_reading_um(np.asarray(tests[2].reading_um) + wave)
@@ -80,6 +83,26 @@ def test_a_wave_on_one_circle_is_found_where_it_is(
     assert expected <= set(unexpected)
     assert unexpected[0] in expected
     assert fit.state == State.USABLE, "neither moves an interval"
+
+
+@pytest.mark.parametrize("arc_deg", [280.0, 220.0])
+def test_a_wave_on_one_arc_is_found_where_it_is(arc_deg: float) -> None:
+    """A fit of all 25 coefficients to an arc shows the noise, millions of times as large."""
+    unexpected = fit_to(planted(7, 8.0, arc_deg)).unexpected
+    assert check_words(unexpected[0]) == "order 7 of f520"
+
+
+@pytest.mark.parametrize("arc_deg", [360.0, 300.0, 220.0, 190.0])
+def test_white_noise_of_an_arc_is_as_large_as_it_is(arc_deg: float) -> None:
+    """Variance 1 µm² of 800 circles, whose mean of eight or fewer χ² is known to 2 to 4 %."""
+    rng = np.random.default_rng(3)
+    campaign = plan((120,) * 4, arc_deg=arc_deg)
+    variances = []
+    for _ in range(200):
+        tests = tuple(test.with_reading_um(rng.standard_normal(120)) for test in campaign.tests)
+        bound = MODEL.bind(replace(campaign, tests=tests))
+        variances.append(_noise_variance_above_order_12(bound))
+    assert np.mean(variances) == pytest.approx(1e-6, rel=0.12)
 
 
 def widening_by_waves(campaign: lb.Campaign, turn_rad: float) -> float:
