@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from ldbb_bayes.inference.coefficients import machine_coefficients
-from ldbb_bayes.inference.residuals import matrix_to_harmonics, reduced_residuals
+from ldbb_bayes.inference.residuals import reduced_residuals
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.fourier import harmonic_index
 from ldbb_bayes.model.hybrid import BoundModel
@@ -23,6 +23,10 @@ _FEWEST_TESTS = 4
 # A shift of the circles' centre with force is checked only in planes that were tested at this many
 # different forces or more.
 _FEWEST_FORCES = 3
+# Number of Fourier functions that are fitted to find the centre: those of the orders 0 to 2. What
+# the mount (order 0) and a gain of the force (order 2) add in proportion to the force would
+# otherwise look like a shift of the centre on an arc.
+_COLUMNS = 5
 # A smaller standard error of the slope of the centre's position over force is replaced by this
 # number, so that there is no division by zero.
 _SMALLEST_SD = 1e-300
@@ -31,7 +35,8 @@ _SMALLEST_SD = 1e-300
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return the machine axes along which the centre of the circles shifts with force.
 
-    The position of the centre along an axis is a Fourier coefficient of order 1. The shift that the
+    The position of the centre along an axis is a Fourier coefficient of order 1, fitted by least
+    squares together with the orders 0 and 2. The shift that the
     parameters ``beta``, shape (p,), explain is first subtracted. Then a p-value is computed for
     each plane and each of its two axes, by Student's t-test of the slope of the position over
     force. Only planes with at least four tests and at least three different forces are checked. An
@@ -40,7 +45,9 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     are their smallest p-values. ``bound`` is the model of the campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
-    harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
+    harmonics = []
+    for reduced, residual in zip(bound.reduced, residuals, strict=True):
+        harmonics.append(np.linalg.lstsq(reduced.factor[:, :_COLUMNS], residual)[0])
     # p-values, one for each machine axis of each plane, of the hypothesis that the centre of the
     # circles does not shift along this axis when the force changes. The keys are pairs (plane,
     # axis).

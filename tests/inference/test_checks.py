@@ -198,6 +198,21 @@ def test_a_centre_that_moves_in_one_plane_is_seen_beside_others(plane: str) -> N
     assert list(centre_shift(moving, beta)) == ["X"]
 
 
+@pytest.mark.parametrize(("moves", "expected"), [(True, {"X"}), (False, set())])
+def test_a_centre_that_moves_is_told_from_a_mount_that_yields_on_arcs(
+    moves: bool, expected: set[str]
+) -> None:
+    """0.02 µm per newton along X, or in all directions, with noise of 0.1 µm."""
+    rng = np.random.default_rng(5)
+    tests = []
+    for test in plan((120,) * 4, arc_deg=220.0).tests:
+        shape = np.cos(test.angles_rad()) if moves else np.ones(120)
+        noise = 0.1 * rng.standard_normal(120)
+        tests.append(test.with_reading_um(0.02 * float(test.force_N or 0.0) * shape + noise))
+    bound = MODEL.bind(lb.Campaign(tuple(tests)))
+    assert set(centre_shift(bound, np.zeros(len(bound.names)))) == expected
+
+
 def test_squares_of_orders_are_those_of_each_covariance() -> None:
     """Beside the covariance matrix of each order in full, solved draw by draw."""
     rng = np.random.default_rng(8)
