@@ -479,10 +479,10 @@ def _error_of_length(
 ) -> tuple[float, float]:
     """Return the amount by which a bar's readings are too large, and its uncertainty U, in µm.
 
-    U is the expanded uncertainty (k = 2) of this amount. An indication or deviation of more
-    than 1 mm is a length, from which the nominal length is subtracted. Raise an `InputError` if the
-    certificate gives no uncertainty, or if the error is above 1 mm.
-    Also raise it if the nominal length is needed but is not unique.
+    U is the expanded uncertainty (k = 2) of this amount. An indication or deviation of more than
+    1 mm is a length, from which the nominal length is subtracted. Raise an `InputError` if the
+    certificate gives no uncertainty, if the error is above 1 mm, or if the nominal length is needed
+    but is not unique.
 
     Parameters
     ----------
