@@ -6,18 +6,31 @@ Such a column is no circle of its own, although its header states a load.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.column_roles import unit_of
-from ldbb_bayes.reading.names import NamedLoad, load_in_name
-from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable
+from ldbb_bayes.reading.names import LOAD_IN_NAME, NamedLoad, load_in_name
+from ldbb_bayes.reading.travel_direction import without_directions
+from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable, unit_named
 
 __all__ = ["check_none_is_derived", "derived_words", "without_derived_words"]
 
 # Regular expression for a word, such as "mean" or "simulated", which shows that a column may hold
 # other numbers than the readings of a circle.
 _DERIVED = re.compile(rf"(?<![^\W\d_])(?:{WORDS['columns']['derived']})(?![^\W\d_])", re.IGNORECASE)
+# Regular expression for a word that may stand beside the load of a circle, such as "run", "XY" or
+# "warm".
+_OF_CIRCLES = re.compile(
+    rf"{WORDS['loads']['beside']}|{WORDS['names']['run']}|{WORDS['columns']['of_circles']}",
+    re.IGNORECASE,
+)
+# Regular expression for a text in brackets.
+_IN_BRACKETS = re.compile(r"[\[(]([^\[\]()]*)[\])]")
+# Words for readings, such as "deviation".
+_OF_READINGS = frozenset(WORDS["roles"]["reading"].split())
+# A word of fewer letters, such as the A of "run A", may number the circles of one load.
+_FEWEST_LETTERS = 2
 # An error message proposes at most this number of columns.
 _COLUMNS_SHOWN = 6
 
@@ -27,6 +40,9 @@ def check_none_is_derived(place: str, headers: Sequence[str]) -> None:
 
     Words such as "mean" show this if two columns of the same load differ in them. If all columns of
     a load have the same words, as in ``mean 100 N CW`` and ``mean 100 N CCW``, each is a circle.
+    Any other word shows it too, such as the last of ``100 N old``, if it stands in some columns of
+    a load and another column of this load has no such word. Words for circles and directions, such
+    as "run", and single letters are no such words.
 
     Parameters
     ----------
@@ -40,23 +56,49 @@ def check_none_is_derived(place: str, headers: Sequence[str]) -> None:
     InputError
         If columns of the same load differ in words for computed numbers.
     """
-    words_by_load: dict[NamedLoad, dict[frozenset[str], str]] = {}
+    for of_load in _headers_by_load(headers):
+        derived = {header: derived_words(_name_of(header)) for header in of_load}
+        if len(set(derived.values())) > 1:
+            raise _no_circle(place, headers, derived)
+        unknown = {header: _unknown_words(_name_of(header)) for header in of_load}
+        if len(set(unknown.values())) > 1 and frozenset() in unknown.values():
+            raise _no_circle(place, headers, unknown)
+
+
+def _headers_by_load(headers: Sequence[str]) -> list[list[str]]:
+    """Return the headers that state a load, in one list for each load."""
+    by_load: dict[NamedLoad, list[str]] = {}
     for header in headers:
-        name = unit_of(header).name[:LONGEST_NAME]
-        load = load_in_name([name])
+        load = load_in_name([_name_of(header)])
         if load is not None:
-            of_load = words_by_load.setdefault(load._replace(name=""), {})
-            of_load.setdefault(_words_of_header(header), header[:LONGEST_NAME])
-    for of_load in words_by_load.values():
-        if len(of_load) > 1:
-            fewest = min(of_load, key=len)
-            others = " and ".join(repr(of_load[words]) for words in of_load if words != fewest)
-            circles = [header for header in headers if _words_of_header(header) == fewest]
-            raise InputError(
-                f"{place}: each column of readings must be a circle of its own, got {others} beside"
-                f" {of_load[fewest]!r}. Name the columns that are circles, for example"
-                f" {_options(circles)}."
-            )
+            by_load.setdefault(load._replace(name=""), []).append(header)
+    return list(by_load.values())
+
+
+def _no_circle(
+    place: str, headers: Sequence[str], words_of_load: Mapping[str, frozenset[str]]
+) -> InputError:
+    """Return the error for columns of one load whose words show that some are no circles.
+
+    ``words_of_load`` holds these words for each header of the load, and ``headers`` are the headers
+    of all columns of readings.
+    """
+    fewest = min(words_of_load.values(), key=len)
+    examples: dict[frozenset[str], str] = {}
+    for header, words in words_of_load.items():
+        examples.setdefault(words, header)
+    plain = examples.pop(fewest)
+    others = " and ".join(repr(header[:LONGEST_NAME]) for header in examples.values())
+    circles = []
+    for header in headers:
+        words = words_of_load.get(header, derived_words(_name_of(header)))
+        if words == fewest:
+            circles.append(header)
+    return InputError(
+        f"{place}: each column of readings must be a circle of its own, got {others} beside"
+        f" {plain[:LONGEST_NAME]!r}. Name the columns that are circles, for example"
+        f" {_options(circles)}."
+    )
 
 
 def derived_words(name: str) -> frozenset[str]:
@@ -69,9 +111,19 @@ def without_derived_words(name: str) -> str:
     return " ".join(re.findall(r"\d+|[^\W\d_]+", _DERIVED.sub(" ", comparable(name))))
 
 
-def _words_of_header(header: str) -> frozenset[str]:
-    """Return the words of a header, without its unit, that stand for computed numbers."""
-    return derived_words(unit_of(header).name[:LONGEST_NAME])
+def _name_of(header: str) -> str:
+    """Return a header without its unit, followed by its texts in brackets that are no units."""
+    texts = [text for text in _IN_BRACKETS.findall(header[:LONGEST_NAME]) if not unit_named(text)]
+    return " ".join([unit_of(header).name[:LONGEST_NAME], *texts])
+
+
+def _unknown_words(name: str) -> frozenset[str]:
+    """Return the words of a name that state no load, direction or plane, and mean no circle."""
+    rest = without_directions(LOAD_IN_NAME.sub(" ", comparable(name)))
+    words = re.findall(rf"[^\W\d_]{{{_FEWEST_LETTERS},}}", rest)
+    return frozenset(
+        word for word in words if word not in _OF_READINGS and not _OF_CIRCLES.fullmatch(word)
+    )
 
 
 def _options(headers: Sequence[str]) -> str:

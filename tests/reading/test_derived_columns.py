@@ -93,3 +93,24 @@ def test_further_words_for_computed_columns_are_refused(derived: str, tmp_path: 
 def test_words_that_only_begin_alike_do_not_count(circle: str, tmp_path: Path) -> None:
     path = table(tmp_path, "36 N [um]", f"{circle} [um]")
     assert len(lb.import_campaign(path).campaign.tests) == 2
+
+
+@pytest.mark.parametrize(
+    "other",
+    ["36 N old", "36 N (mean)", "36 N demeaned", "36 N w/o offset", "36 N final", "36 N weight"],
+)
+def test_a_word_that_is_not_known_beside_a_bare_load_is_asked_for(
+    other: str, tmp_path: Path
+) -> None:
+    path = table(tmp_path, "36 N [um]", "490 N [um]", f"{other} [um]")
+    message = r"must be a circle of its own, got '36 N .+' beside '36 N \[um\]'"
+    with pytest.raises(lb.InputError, match=message):
+        lb.import_campaign(path)
+
+
+@pytest.mark.parametrize(
+    "circle", ["36 N (2)", "36 N repeat", "36 N B", "36 N warm", "36 N XY", "36 N deviation"]
+)
+def test_words_for_circles_beside_a_bare_load_are_read(circle: str, tmp_path: Path) -> None:
+    path = table(tmp_path, "36 N [um]", f"{circle} [um]")
+    assert len(lb.import_campaign(path).campaign.tests) == 2

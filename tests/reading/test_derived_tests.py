@@ -37,6 +37,9 @@ def files(folder: Path, *names: str) -> Sequence[Path]:
         ("36N", "490N", "490N_gemittelt"),
         ("36N run 1", "36N run 2", "36N Durchschnitt"),
         ("36N run 1", "36N", "36N raw"),
+        ("36N", "36N - Kopie"),
+        ("36N", "36N_old"),
+        ("36N", "36N_ref"),
     ],
 )
 def test_a_file_computed_from_another_is_refused(names: Sequence[str], tmp_path: Path) -> None:
@@ -58,6 +61,7 @@ def test_a_file_computed_from_another_is_refused(names: Sequence[str], tmp_path:
         ("36N", "36N filter off"),
         ("36N", "36N_mean_load"),
         ("36N_CW_raw", "36N_CCW_raw"),
+        ("36N_new_bar", "36N_2"),
     ],
 )
 def test_files_of_circles_are_read(names: Sequence[str], tmp_path: Path) -> None:
