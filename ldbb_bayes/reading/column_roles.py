@@ -481,7 +481,8 @@ def find_columns(
     ------
     InputError
         If a stated column does not exist, if several columns could have the same role, or if a
-        table has both several columns of readings and a column that names tests. For a table
+        table has a column that names tests, and several columns of readings that neither the user
+        states nor directions of travel tell from each other. For a table
         without a header, the layout must state the column of readings and the column of angles or
         times. If it states no column at all, the table must have exactly two columns.
     """
@@ -501,14 +502,28 @@ def find_columns(
         _find_role_by_unit("time", roles, units, headers)
     _settle_time(roles, layout, headers)
     _settle_readings(roles)
-    if len(roles.readings) > 1 and "test" in roles.columns:
+    if "test" in roles.columns and not _are_circles_of_each_test(roles.readings, layout, headers):
         test_header = headers[roles.columns["test"]][:LONGEST_NAME]
         raise InputError(
             f"{place}: a table must have one column of readings, or none that names the test, got"
             f" {len(roles.readings)} of readings beside {test_header!r}. Say which:"
-            " --reading-column."
+            " --reading-column, once for each column if each is a circle of every test."
         )
     return roles
+
+
+def _are_circles_of_each_test(
+    readings: Sequence[int], layout: Layout, headers: Sequence[str]
+) -> bool:
+    """Return whether each column of readings holds one circle of every test of a table.
+
+    This is so if there is only one column, if the user states all of them, or if there is one for
+    each direction of travel, as in ``CW [um]`` and ``CCW [um]``. ``readings`` are the indices of
+    the columns of readings, and ``headers`` the headers of all columns.
+    """
+    if len(readings) < 2 or "reading" in layout.columns:
+        return True
+    return len(readings) == len(_named_after_directions(readings, headers))
 
 
 def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list[str]:

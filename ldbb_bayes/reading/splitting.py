@@ -66,10 +66,10 @@ def split_sheet(
     """Split the table of one sheet into tests, and yield a recording for each test.
 
     A table holds one test for every column of readings. If a column names the tests, the table
-    holds one test for every name in that column. The tests are yielded in the order of the columns
-    of readings; tests that a column names are yielded in the order of their first rows. Each
-    recording has the numbers of the test, and everything that the file, the name of the file and
-    the user state about the test.
+    holds one test for every name in that column and for every column of readings. The tests are
+    yielded in the order of the columns of readings; tests that a column names are yielded in the
+    order of their first rows. Each recording has the numbers of the test, and everything that the
+    file, the name of the file and the user state about the test.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def split_sheet(
         for column in test_heading.readings:
             numbers["reading"] = columns.numbers("reading", column)
         for label, all_rows in rows_by_label.items():
-            title = label or test_heading.label
+            title = " ".join(name for name in (label, test_heading.label) if name)
             rows = _with_readings(columns, test_heading, numbers, all_rows, title, log)
             rows = _without_placeholders(columns, test_heading, numbers, rows, title, log)
             _check_start_of_log(columns, test_heading, all_rows, rows, title)

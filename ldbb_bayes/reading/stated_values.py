@@ -384,14 +384,8 @@ def _advice_on_loads(recording: Recording, key: str, usual_advice: str) -> str:
 
     The rows with one load may be a test of their own if they follow each other and if all rows of
     the file have the same direction. The advice then says which option splits the rows into tests
-    by their load. No option does if the table has several columns of readings. Otherwise, the
-    advice is that of `_advice`. ``key`` is force_N or pressure_bar.
+    by their load. Otherwise, the advice is that of `_advice`. ``key`` is force_N or pressure_bar.
     """
-    if recording.heading.label:
-        return (
-            "Put the rows of each load into a file of their own, or all readings into one column,"
-            " with the direction in another."
-        )
     header = recording.heading.headers[recording.heading.roles[LOAD_ROLES[key]]]
     is_one_direction = len(recording.direction_words) < 2
     may_name_tests = "test" not in recording.layout.columns and is_one_direction

@@ -301,14 +301,47 @@ def test_angles_headed_by_both_directions_are_asked_for(
         assert test.reading_um == pytest.approx(expected)
 
 
-def test_forces_in_a_column_beside_two_columns_of_readings_are_put_apart(tmp_path: Path) -> None:
+def table_with_two_columns_of_readings(path: Path, first: str, second: str) -> Path:
+    """Write a row for each force and angle, with two readings."""
     rows = []
     for force_N in FORCES_N:
-        rows += [f"{force_N};{a};{reading_um(a, 0, '')};{a % 30}.5" for a in ANGLES_DEG]
-    header = "Force [N];Angle [deg];CW [um];CCW [um]"
-    path = long_table(tmp_path / "all.csv", header, rows)
-    with pytest.raises(lb.InputError, match="Put the rows of each load into a file of their own"):
+        for a in ANGLES_DEG:
+            rows.append(f"{force_N};{a};{a % 50 + force_N:g};{a % 50 + 1.01 * force_N:g}")
+    return long_table(path, f"Force [N];Angle [deg];{first};{second}", rows)
+
+
+def test_a_table_by_force_with_a_column_for_each_direction_is_split_by_both(tmp_path: Path) -> None:
+    path = table_with_two_columns_of_readings(tmp_path / "all.csv", "CW [um]", "CCW [um]")
+    with pytest.raises(lb.InputError, match=r"each value is a test, give --test-column 'Force"):
         lb.import_campaign(path)
+    layout = Layout(columns={"test": "Force [N]"})
+    tests = lb.import_campaign(path, layout=layout).campaign.tests
+    assert len(tests) == 2 * len(FORCES_N)
+    for test in tests:
+        factor = 1.0 if test.direction == "CW" else 1.01
+        expected = [a % 50 + factor * test.force_N for a in test.angle_deg]
+        assert test.reading_um == pytest.approx(expected)
+    circles = {(test.force_N, test.direction) for test in tests}
+    assert circles == {(force_N, sense) for force_N in FORCES_N for sense in ("CW", "CCW")}
+
+
+def test_columns_of_readings_without_directions_beside_tests_are_asked_for(tmp_path: Path) -> None:
+    path = table_with_two_columns_of_readings(
+        tmp_path / "all.csv", "Reading 1 [um]", "Reading 2 [um]"
+    )
+    layout = Layout(columns={"test": "Force [N]"})
+    question = "one column must hold the reading, .* or all, each a test of its own"
+    with pytest.raises(lb.InputError, match=question):
+        lb.import_campaign(path, layout=layout)
+    named = table_with_two_columns_of_readings(tmp_path / "loads.csv", "run 1 36 N", "run 2 36 N")
+    question = "must have one column of readings, .* got 2 .* once for each column"
+    with pytest.raises(lb.InputError, match=question):
+        lb.import_campaign(named, layout=layout)
+    both = ["Reading 1 [um]", "Reading 2 [um]"]
+    layout = Layout(columns={"test": "Force [N]", "reading": both})
+    tests = lb.import_campaign(path, layout=layout).campaign.tests
+    largest = sorted(max(test.reading_um) - max(a % 50 for a in test.angle_deg) for test in tests)
+    assert largest == pytest.approx(sorted([*FORCES_N, *(1.01 * force for force in FORCES_N)]))
 
 
 def test_angles_headed_cw_that_rise_may_be_counted_clockwise(tmp_path: Path) -> None:
