@@ -20,6 +20,7 @@ from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, w
 from ldbb_bayes.reading.column_units import is_unit_stated
 from ldbb_bayes.reading.lines_above import Lines, statements_in
 from ldbb_bayes.reading.measured_length import doubles_readings, may_be_diameter
+from ldbb_bayes.reading.multiplied_angles import check_angles_are_not_multiplied
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import AssumedUnit, Recording
 from ldbb_bayes.reading.unit_lines import (
@@ -105,6 +106,7 @@ def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -
     """
     for recording in recordings:
         _check_factors(recording)
+        check_angles_are_not_multiplied(recording)
     unstated = [entry for entry in recordings if _lacks_unit(entry, "reading")]
     distances = [recording for recording in unstated if _is_distance(recording)]
     for recording in distances:

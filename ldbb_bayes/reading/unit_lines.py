@@ -107,6 +107,11 @@ _NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
 # Regular expression for a text that is nothing but the gain of an amplifier, as in "Gain 10".
 _GAIN_ALONE = re.compile(_WORDS["gain_alone"], re.IGNORECASE)
+# Regular expression for a factor alone in brackets, as in "Reading [um] (x10)".
+_FACTOR_IN_BRACKETS = re.compile(
+    r"[\[(]\s*(?:[x×*·÷]\s?(?!1\s*[\])])\d[\d.,]*|(?!1\s?[x×])\d[\d.,]*\s?[x×])\s*[\])]",
+    re.IGNORECASE,
+)
 # Regular expression for a factor in the header of readings, outside the brackets with the unit.
 _FACTOR_OF_HEADER = re.compile(_WORDS["factor_of_header"], re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"\[[^\]]*\]|\([^)]*(?:m|in|inch|mil|\")\)|\{[^}]*\}")
@@ -604,9 +609,10 @@ def _words_outside_brackets(header: str) -> str:
 def header_has_factor(header: str) -> bool:
     """Return whether a header says that its readings are multiplied or divided by a number.
 
-    An example is ``Reading x10 [um]``.
+    Examples are ``Reading x10 [um]`` and ``Reading [um] (x10)``.
     """
-    return _FACTOR_OF_HEADER.search(_words_outside_brackets(header)) is not None
+    is_in_brackets = _FACTOR_IN_BRACKETS.search(header[:LONGEST_TEXT]) is not None
+    return is_in_brackets or _FACTOR_OF_HEADER.search(_words_outside_brackets(header)) is not None
 
 
 def unit_mentioned(text: str) -> str:

@@ -119,3 +119,56 @@ def test_a_tenth_of_a_unit_in_the_header_is_the_size_of_a_count(tmp_path: Path) 
     assert ("unit of the reading", "0.1 um") in [
         (note.what, note.value) for note in imported.assumptions
     ]
+
+
+def circle_with_headers(folder: Path, angle: str, reading: str, above: str = "") -> Path:
+    """Write one circle with a reading every 5°, and a line above the table."""
+    lines = [above] * bool(above) + [f"{angle};{reading}"]
+    lines += [f"{5 * k};{20.0 + k % 24:.1f}" for k in range(72)]
+    path = folder / "36N.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["Reading [um] (x10)", "Reading [um] (x 10)", "Reading 10x [um]", "Reading um E-1"],
+)
+def test_a_factor_beside_the_unit_of_readings_is_asked_for(header: str, tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, "Angle [deg]", header)
+    with pytest.raises(lb.InputError, match="the unit of readings must be known, got the header"):
+        lb.import_campaign(path)
+    test = lb.import_campaign(path, layout=Layout(reading_unit="0.1 um")).campaign.tests[0]
+    assert test.reading_um[:2] == pytest.approx([2.0, 2.1])
+
+
+@pytest.mark.parametrize(
+    "header", ["Angle x10 [deg]", "10*Angle [deg]", "angle_deg_x10", "Angle/2 [deg]"]
+)
+def test_a_factor_in_the_header_of_angles_is_asked_for(header: str, tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, header, "Reading [um]")
+    with pytest.raises(lb.InputError, match="the unit of angles must be known, got the header"):
+        lb.import_campaign(path)
+    layout = Layout(angle_unit="2 deg")
+    test = lb.import_campaign(path, layout=layout).campaign.tests[0]
+    assert max(test.angle_deg) == pytest.approx(710.0)
+
+
+def test_degrees_that_are_added_in_the_header_of_angles_are_asked_for(tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, "Angle+90 [deg]", "Reading [um]")
+    with pytest.raises(lb.InputError, match="angles must begin at an axis, got 'Angle\\+90"):
+        lb.import_campaign(path)
+
+
+def test_minus_in_words_in_front_of_readings_is_a_sign(tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, "Angle [deg]", "minus reading [um]")
+    test = lb.import_campaign(path).campaign.tests[0]
+    assert test.reading_um[:2] == pytest.approx([-20.0, -21.0])
+
+
+@pytest.mark.parametrize("line", ["Radius: 0.1", "Radius: 100000", "Radius: 100 m m"])
+def test_a_radius_that_no_bar_has_is_asked_for(line: str, tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, "Angle [deg]", "Reading [um]", line)
+    with pytest.raises(lb.InputError, match="the radius must be 10 to 5000 mm, got"):
+        lb.import_campaign(path)
+    assert lb.import_campaign(path, radius_mm=100.0).campaign.radius_mm == 100.0
