@@ -49,11 +49,16 @@ _HALF_DAY_BEHIND = re.compile(
     rf"(?:(?P<morning>{_MARKS['morning_behind']})|(?:{_MARKS['afternoon_behind']}))(?!\w)",
     re.IGNORECASE,
 )
-# Regular expression for a date and a time of day that are written as one number of fourteen digits,
-# such as 20261120140312 or 20261120T140312.
+# Regular expression for a place where no unit of a load follows, as one does in 20261120_1000N.
+_NO_UNIT_BEHIND = r"(?![ _]?(?:k?N|daN|lbf?|kgf|kp|m?bar|[Mk]?Pa|psi|mm)(?![^\W_]))"
+# Regular expression for a date and a time of day that are written as one number of twelve, fourteen
+# or seventeen digits, such as 20261120140312 or 20261120T140312. The last three of seventeen digits
+# are milliseconds.
 _STAMP_OF_DIGITS = re.compile(
-    r"(?<![\d.,])(?P<year>20\d\d)(?P<month>[01]\d)(?P<day>[0-3]\d)T?"
-    r"(?P<hours>[0-2]\d)(?P<minutes>[0-5]\d)(?P<seconds>[0-5]\d)(?![\d.,])"
+    r"(?<![\d.,])(?P<year>20\d\d)(?P<month>[01]\d)(?P<day>[0-3]\d)[T_-]?"
+    r"(?P<hours>[0-2]\d)(?P<minutes>[0-5]\d)"
+    r"(?:(?P<seconds>[0-5]\d)(?:\.?(?P<milliseconds>\d{3}))?)?"
+    rf"(?![.,]?\d){_NO_UNIT_BEHIND}"
 )
 # Regular expression for a time of day with points and the word Uhr, such as 14.30 Uhr.
 _TIME_WITH_POINTS = re.compile(
@@ -117,12 +122,13 @@ _STAMP = re.compile(
     rf"|{_TIME.replace('?P<', '?P<only_')}(?:[ ,;|\t]{{1,3}}(?:on |am )?(?P<date_after>{_DATE}))?)",
     re.IGNORECASE,
 )
-# Regular expression for a timestamp in the name of a file, such as 2026-11-20_14-03-12 or
-# 20261120T1403.
+# Regular expression for a timestamp in the name of a file, such as 2026-11-20_14-03-12,
+# 20261120T1403 or 20261120140312. In 2026-11-20_1000N, the last number is no time but a load.
 _STAMP_IN_NAME = re.compile(
-    r"(?<!\d)(?P<year>20\d\d)[-_.]?(?P<month>[01]\d)[-_.]?(?P<day>[0-3]\d)[-_ T]{1,2}"
+    r"(?<!\d)(?P<year>20\d\d)[-_.]?(?P<month>[01]\d)[-_.]?(?P<day>[0-3]\d)[-_ T]{0,2}"
     r"(?P<hours>[0-2]\d)(?P<mark>[-_.:h]?)(?P<minutes>[0-5]\d)"
-    r"(?:(?:(?P=mark)|m)(?P<seconds>[0-5]\d))?(?!\d)"
+    r"(?:(?:(?P=mark)|m)(?P<seconds>[0-5]\d)(?:\d{3})?)?"
+    rf"(?!\d){_NO_UNIT_BEHIND}"
 )
 # Regular expression for a date whose first two numbers may be day and month, or month and day.
 _OPEN_DATE = re.compile(r"(\d\d?)[/-](\d\d?)[/-](\d{4}|\d\d)")
@@ -234,13 +240,24 @@ def _in_usual_form(text: str) -> str:
     text = _TIME_WITH_MARKS.sub(_time_without_marks, text)
     text = _HALF_DAY_IN_FRONT.sub(_time_with_half_day, text)
     text = _HALF_DAY_BEHIND.sub(_time_with_half_day, text)
-    text = _STAMP_OF_DIGITS.sub(
-        r"\g<year>-\g<month>-\g<day> \g<hours>:\g<minutes>:\g<seconds>", text
-    )
+    text = _STAMP_OF_DIGITS.sub(_stamp_with_marks, text)
     text = _TIME_WITH_POINTS.sub(_time_without_marks, text)
     if _WORDS["start"].search(text) or _WORDS["clock"].search(text):
         text = _TIME_WITH_H.sub(_time_without_marks, text)
     return _DATE_WITH_WORDS.sub(r"\g<day> \g<month> \g<year>", text)
+
+
+def _stamp_with_marks(match: re.Match[str]) -> str:
+    """Return a date and time that are one number, as in ``2026-11-20 14:03:12.250``.
+
+    ``match`` matches the number. Seconds and milliseconds are left out if it does not state them.
+    """
+    text = f"{match['year']}-{match['month']}-{match['day']} {match['hours']}:{match['minutes']}"
+    if match["seconds"]:
+        text += f":{match['seconds']}"
+    if match["milliseconds"]:
+        text += f".{match['milliseconds']}"
+    return text
 
 
 def _time_without_marks(match: re.Match[str]) -> str:
