@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
 from ldbb_bayes.reading.sheet import Sheet
 
-__all__ = ["advice_on_format", "format_of"]
+__all__ = ["advice_on_format", "format_of", "is_in_latex"]
 
 # Regular expression for the beginning of a file in XML or HTML.
 _MARKUP = re.compile(r"<(?:\?xml|!doctype|!--|[a-z][\w:.-]*[\s>/])", re.IGNORECASE)
@@ -20,6 +20,22 @@ _WEB_PAGE = re.compile(r"<(?:!doctype html|html|table)", re.IGNORECASE)
 # value, or an entry of a list.
 _YAML_LINE = re.compile(r"(?:- )?[^\W\d][\w. -]*:(?:\s.*)?|- .*|[-+\d.,eE\[\] ]+|#.*|---")
 _SUFFIXES_OF_YAML = (".yml", ".yaml")
+# Regular expressions for lines that only files of one program or language have.
+_LINES_OF_PROGRAMS = {
+    "values with K-fields of Q-DAS": re.compile(r"K0100\b|K[012]\d{3}/\d+\b"),
+    "an export of TwinCAT Scope, with columns of times": re.compile(
+        r"(?:Symbol ?Comment|Data-Type|SampleTime ?\[ms\])\W"
+    ),
+}
+# Regular expression for a line of LaTeX.
+_LINE_OF_LATEX = re.compile(r"\\(?:begin\{|hline|toprule|addplot)")
+# Lines of programs are searched for among this number of lines.
+_LONGEST_HEAD = 40
+# Regular expressions for the name of a section in a file of settings, and for a line of it.
+_SECTION = re.compile(r"\[[^\[\]]*[^\W\d][^\[\]]*\]")
+_SETTING = re.compile(r"[^=]+=.*")
+# Share of the lines of a file of settings that must be settings.
+_SHARE_OF_SETTINGS = 0.8
 # Regular expression for the name of a list of numbers, such as "angle" or "run(1).theta".
 _NAME = r"(?P<name>[^\W\d][\w.(){} -]*?)"
 # Regular expression for a line that opens a list of numbers but does not close it, such as
@@ -52,7 +68,22 @@ def format_of(sheet: Sheet) -> str:
         return "a page in HTML" if _WEB_PAGE.match(texts[0]) else "XML"
     if _is_yaml(sheet, texts):
         return "YAML"
+    if is_in_latex(sheet):
+        return "a table in LaTeX"
+    for name, line_of_program in _LINES_OF_PROGRAMS.items():
+        if any(line_of_program.match(text) for text in texts[:_LONGEST_HEAD]):
+            return name
+    if _is_of_settings(texts):
+        return "settings with a name and a value in each line"
     return _format_of_lists(sheet, texts)
+
+
+def is_in_latex(sheet: Sheet) -> bool:
+    r"""Return whether a text is in LaTeX, as a table between ``\begin{tabular}`` and its end is."""
+    if not sheet.separator:
+        return False
+    texts = sheet.texts(sheet.rows[:_LONGEST_HEAD])
+    return any(_LINE_OF_LATEX.match(text.strip()) for _, text in texts)
 
 
 def _format_of_lists(sheet: Sheet, texts: Sequence[str]) -> str:
@@ -146,3 +177,14 @@ def _is_yaml(sheet: Sheet, texts: Sequence[str]) -> bool:
     if not is_named_yaml and texts[0] != "---":
         return False
     return all(_YAML_LINE.fullmatch(text) for text in texts)
+
+
+def _is_of_settings(texts: Sequence[str]) -> bool:
+    """Return whether a text holds settings such as ``Reading1=3.2``, below names in brackets.
+
+    ``texts`` are the lines of the file.
+    """
+    if _SECTION.fullmatch(texts[0]) is None:
+        return False
+    settings = [text for text in texts if _SETTING.fullmatch(text)]
+    return len(settings) >= _SHARE_OF_SETTINGS * len(texts)

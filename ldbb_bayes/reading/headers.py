@@ -25,7 +25,7 @@ from ldbb_bayes.reading.column_roles import (
     unit_of,
 )
 from ldbb_bayes.reading.derived_columns import check_none_is_derived
-from ldbb_bayes.reading.formats import advice_on_format, format_of
+from ldbb_bayes.reading.formats import advice_on_format, format_of, is_in_latex
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.numerals import looks_like_number
@@ -147,17 +147,23 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     InputError
         If the header does not fit the table.
     """
+    if is_in_latex(sheet):
+        raise _no_table(sheet)
     try:
         return _heading_of_table(sheet, layout)
     except InputError as error:
-        text_format = format_of(sheet)
         has_table = sheet.format and not isinstance(error, NoTableError)
-        if not text_format or has_table:
+        if not format_of(sheet) or has_table:
             raise
-        raise NoTableError(
-            f"{sheet.place} must hold a table with one row for each reading, got {text_format}."
-            f" {advice_on_format(sheet)}"
-        ) from error
+        raise _no_table(sheet) from error
+
+
+def _no_table(sheet: Sheet) -> NoTableError:
+    """Return the error for a file in a format, such as XML, that cannot be imported."""
+    return NoTableError(
+        f"{sheet.place} must hold a table with one row for each reading, got {format_of(sheet)}."
+        f" {advice_on_format(sheet)}"
+    )
 
 
 def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:

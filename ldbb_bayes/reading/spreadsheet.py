@@ -18,6 +18,7 @@ from ldbb_bayes.campaign.text_table import (
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.aligned_headers import with_aligned_headers
 from ldbb_bayes.reading.aligned_units import with_aligned_units
+from ldbb_bayes.reading.binary_formats import binary_format_of
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.data_loggers import without_kinds_of_samples
@@ -52,6 +53,8 @@ _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x2
 _WEB_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)", re.IGNORECASE)
 # Number of bytes at the beginning of a file that are examined for HTML.
 _HEAD_BYTES = 200
+# First bytes of a file that gzip has compressed.
+_GZIP_SIGNATURE = b"\x1f\x8b"
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Characters that almost certainly separate the cells of a text file, because they seldom occur
@@ -95,11 +98,17 @@ def read_sheets(
     """
     raw = table_bytes(path)
     require(
-        path.suffix.lower() != ".zip",
+        path.suffix.lower() != ".zip" and not raw.startswith(_GZIP_SIGNATURE),
         f"{path} must be unpacked, got an archive. Unpack it and name the files in it.",
     )
     if is_document(raw):
         return [Sheet(path, "", [])]
+    binary_format = binary_format_of(raw)
+    if binary_format:
+        raise InputError(
+            f"{path} must be a text or a workbook, got {binary_format}. Save the readings as CSV"
+            " with the program that wrote it."
+        )
     is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
     is_web_page = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None
     if is_workbook or (path.suffix.lower() in WORKBOOK_SUFFIXES and not is_web_page):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 from time import process_time
 
@@ -85,3 +86,55 @@ def test_lists_that_are_closed_in_their_line_are_named_at_once(tmp_path: Path) -
     lines = [f"angle_deg = [{angles}]", f"reading_um = [{readings}]"]
     assert "lists of numbers in lines: 'angle_deg'" in refusal(tmp_path, "run.txt", lines)
     assert process_time() - start < 5.0
+
+
+def test_fields_of_q_das_are_named(tmp_path: Path) -> None:
+    lines = ["K0100 2", "K2001/1 Angle", "K2001/2 Reading"]
+    for angle, reading in NUMBERS:
+        lines += [f"K0001/1 {angle}", f"K0001/2 {reading}"]
+    assert "got values with K-fields of Q-DAS." in refusal(tmp_path, "36N.dfq", lines)
+
+
+def test_a_table_in_latex_is_named(tmp_path: Path) -> None:
+    rows = [rf"{angle} & {reading} \\" for angle, reading in NUMBERS]
+    lines = [r"\begin{tabular}{rr}", r"\hline", r"Angle & Reading \\", *rows, r"\end{tabular}"]
+    assert "got a table in LaTeX." in refusal(tmp_path, "36N.tex", lines)
+
+
+def test_an_export_of_twincat_is_named(tmp_path: Path) -> None:
+    lines = ["Name\tScope", "Starttime of export\t133787654321234567", ""]
+    for name, cell in (("Name", "Angle"), ("SampleTime[ms]", "1"), ("Port", "851")):
+        lines.append(f"{name}\t{cell}\t{name}\t{cell}")
+    lines += [f"{k}\t{angle}\t{k}\t{reading}" for k, (angle, reading) in enumerate(NUMBERS)]
+    assert "got an export of TwinCAT Scope," in refusal(tmp_path, "36N.csv", lines)
+
+
+def test_settings_below_names_of_sections_are_named(tmp_path: Path) -> None:
+    lines = ["[Circle]", "Force=36 N", "[Data]"]
+    for k, (angle, reading) in enumerate(NUMBERS):
+        lines += [f"Angle{k}={angle}", f"Reading{k}={reading}"]
+    assert "got settings with a name and a value in each line." in refusal(tmp_path, "r.ini", lines)
+
+
+@pytest.mark.parametrize(
+    ("beginning", "name"),
+    [
+        (b"TDSm\x0e\0\0\0", "a TDMS file of LabVIEW"),
+        (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
+        (b"\x93NUMPY\1\0", "an array of NumPy"),
+        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64", "a MAT file of MATLAB"),
+        (b"PAR1\x15\0", "a Parquet file"),
+    ],
+)
+def test_a_binary_format_is_named(beginning: bytes, name: str, tmp_path: Path) -> None:
+    path = tmp_path / "36N.csv"
+    path.write_bytes(beginning + bytes(200))
+    with pytest.raises(lb.InputError, match=rf"got {name}\. Save the readings as CSV with the"):
+        lb.import_campaign(path)
+
+
+def test_a_text_that_gzip_has_compressed_must_be_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "36N.csv.gz"
+    path.write_bytes(gzip.compress(b"Angle [deg],Reading [um]\n0,1\n"))
+    with pytest.raises(lb.InputError, match="must be unpacked, got an archive"):
+        lb.import_campaign(path)
