@@ -48,6 +48,7 @@ from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.planes import take_plane_option, unread_plane
 from ldbb_bayes.reading.possible_radii import check_radius_is_possible
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
+from ldbb_bayes.reading.repeated_readings import note_repeated_readings
 from ldbb_bayes.reading.runs_above import with_runs_in_header
 from ldbb_bayes.reading.setups import note_assumed_setup
 from ldbb_bayes.reading.sheet import Sheet
@@ -300,6 +301,7 @@ def _take_conditions_of_all(
         loads_of_test = {key: values[k] for key, values in loads.items()}
         _take_conditions(recording, loads_of_test)
     check_no_test_is_derived(recordings)
+    note_repeated_readings(recordings)
     note_converted_loads(recordings, log)
 
 
