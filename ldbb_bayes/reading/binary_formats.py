@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-__all__ = ["binary_format_of"]
+from pathlib import Path
+
+from ldbb_bayes.errors import InputError
+
+__all__ = ["check_is_no_binary_format"]
 
 # Name of each format, with the first bytes of its files.
 _NAMES = {
@@ -16,15 +20,24 @@ _NAMES = {
 }
 
 
-def binary_format_of(raw: bytes) -> str:
-    """Return the name of the binary format of a file; empty for text and for other formats.
+def check_is_no_binary_format(path: Path, raw: bytes) -> None:
+    """Raise an error if a file is in a binary format that cannot be imported.
 
     Parameters
     ----------
+    path
+        Path of the file for the error message.
     raw
         Content of the file.
+
+    Raises
+    ------
+    InputError
+        If the file begins as files of one of these formats do.
     """
     for beginning, name in _NAMES.items():
         if raw.startswith(beginning):
-            return name
-    return ""
+            raise InputError(
+                f"{path} must be a text or a workbook, got {name}. Save the readings as CSV with"
+                " the program that wrote it."
+            )

@@ -70,12 +70,20 @@ def format_of(sheet: Sheet) -> str:
         return "YAML"
     if is_in_latex(sheet):
         return "a table in LaTeX"
+    if _is_of_settings(texts):
+        return "settings with a name and a value in each line"
+    return _format_of_program(texts) or _format_of_lists(sheet, texts)
+
+
+def _format_of_program(texts: Sequence[str]) -> str:
+    """Return a description of a file with lines that only one program writes; empty for others.
+
+    ``texts`` are the lines of the file.
+    """
     for name, line_of_program in _LINES_OF_PROGRAMS.items():
         if any(line_of_program.match(text) for text in texts[:_LONGEST_HEAD]):
             return name
-    if _is_of_settings(texts):
-        return "settings with a name and a value in each line"
-    return _format_of_lists(sheet, texts)
+    return ""
 
 
 def is_in_latex(sheet: Sheet) -> bool:

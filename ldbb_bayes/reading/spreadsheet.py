@@ -18,7 +18,7 @@ from ldbb_bayes.campaign.text_table import (
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.aligned_headers import with_aligned_headers
 from ldbb_bayes.reading.aligned_units import with_aligned_units
-from ldbb_bayes.reading.binary_formats import binary_format_of
+from ldbb_bayes.reading.binary_formats import check_is_no_binary_format
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.companion_files import is_document
 from ldbb_bayes.reading.data_loggers import without_kinds_of_samples
@@ -103,12 +103,7 @@ def read_sheets(
     )
     if is_document(raw):
         return [Sheet(path, "", [])]
-    binary_format = binary_format_of(raw)
-    if binary_format:
-        raise InputError(
-            f"{path} must be a text or a workbook, got {binary_format}. Save the readings as CSV"
-            " with the program that wrote it."
-        )
+    check_is_no_binary_format(path, raw)
     is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
     is_web_page = _WEB_PAGE.match(raw[:_HEAD_BYTES]) is not None
     if is_workbook or (path.suffix.lower() in WORKBOOK_SUFFIXES and not is_web_page):

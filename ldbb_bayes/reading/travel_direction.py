@@ -378,7 +378,8 @@ def _direction_after(text: str) -> set[str]:
 
     ``text`` is what follows a word such as "direction", or a whole statement about travel that
     contains no such word. The words G2 and G3 count as CW and CCW. If the text names both
-    directions, the directions after its last separator, such as a colon, are returned.
+    directions, the directions after its last separator, such as a colon, are returned, unless words
+    there show that another direction is meant, such as that of the spindle.
     """
     senses = senses_in(text) | _senses_of_arcs(text)
     if not senses:
@@ -389,6 +390,8 @@ def _direction_after(text: str) -> set[str]:
     if len(senses) > 1:
         # A line may list both directions before it states one: "Direction (CW/CCW): CCW".
         last = re.split(r"[:=;|\t]", text)[-1]
+        if _OTHER_DIRECTION.search(last):
+            return senses
         return senses_in(last) | _senses_of_arcs(last)
     return senses
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.reading.travel_direction import direction_named, senses_in
+from ldbb_bayes.reading.travel_direction import direction_named, directions_stated, senses_in
 
 OPPOSED = [
     "gegenläufig zum Uhrzeigersinn",
@@ -85,6 +85,8 @@ def test_other_words_keep_their_sense(words: str, sense: str) -> None:
         "CCW gegen CW",
         "force against CW",
         "im UZS gegen den UZS",
+        "never CW",
+        "no CCW",
     ],
 )
 def test_words_that_leave_the_sense_open_name_both(words: str) -> None:
@@ -150,3 +152,16 @@ def test_negative_angles_are_asked_for(header: str, tmp_path: Path) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(lb.InputError, match="--angle-sense"):
         lb.import_campaign(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "senses"),
+    [
+        ("Direction: inverse of clockwise", {"CCW"}),
+        ("Direction: reverse of counter-clockwise", {"CW"}),
+        ("Direction: CW; spindle CCW", {"CW", "CCW"}),
+        ("Direction (CW/CCW): CCW", {"CCW"}),
+    ],
+)
+def test_senses_in_lines_about_the_direction(line: str, senses: set[str]) -> None:
+    assert directions_stated([(1, line)]) == senses
