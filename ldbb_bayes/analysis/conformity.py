@@ -77,7 +77,9 @@ class Decision(StrEnum):
 class Conformity(Result):
     """Decision whether a quantity conforms with its tolerance.
 
-    The unit ``unit`` of the quantity is composed of mm, N and rad.
+    The unit ``unit`` of the quantity is composed of mm, N and rad. If a stiffness may be infinite,
+    because its compliance may be zero, only the lower end of its 95 % interval is known: its value,
+    mean, standard uncertainty, guard band and upper end are None.
 
     Examples
     --------
@@ -97,18 +99,23 @@ class Conformity(Result):
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
     #: value that tables and sheets state of the quantity that has the tolerance: the posterior
-    #: median of a stiffness or of a ratio of stiffnesses, and otherwise the posterior mean
-    value: float
-    mean: float  #: posterior mean of the quantity that has the tolerance
-    #: standard uncertainty of the quantity that has the tolerance: its posterior standard deviation
-    sd: float
+    #: median of a stiffness or of a ratio of stiffnesses, and otherwise the posterior mean; None
+    #: for a stiffness that may be infinite
+    value: float | None
+    #: posterior mean of the quantity that has the tolerance; None for a stiffness that may be
+    #: infinite
+    mean: float | None
+    #: standard uncertainty of the quantity that has the tolerance: its posterior standard
+    #: deviation; None for a stiffness that may be infinite
+    sd: float | None
     #: probability of conformance: the probability that the quantity lies between the limits of its
     #: tolerance
     probability: float
     #: guard band of ISO 14253-1 for a normally distributed quantity with a single tolerance limit.
     #: A decision is made if the estimate is at least this far from the limit. If the estimate meets
-    #: the limit, the quantity conforms; otherwise it does not.
-    guard_band: float
+    #: the limit, the quantity conforms; otherwise it does not. None for a stiffness that may be
+    #: infinite.
+    guard_band: float | None
     #: minimum probability of conformance with the tolerance, or of non-conformance, at which a
     #: decision is made
     confidence: float
@@ -237,8 +244,9 @@ def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) 
 class _Distribution(NamedTuple):
     """Posterior mean, standard deviation and 95 % credible interval of a quantity."""
 
-    mean: float  #: posterior mean of the quantity
-    sd: float  #: posterior standard deviation of the quantity
+    mean: float | None  #: posterior mean of the quantity; None if it is not known
+    #: posterior standard deviation of the quantity; None if it is not known
+    sd: float | None
     low: float  #: lower end of the quantity's 95 % credible interval
     #: upper end of the quantity's 95 % credible interval; None if it has no upper end
     high: float | None
@@ -451,7 +459,9 @@ def stiffness_conformity(
     compliance C, that C lies between the inverses of the stiffness limits. A negative C is
     physically impossible, and counts as infinite stiffness. For a compliance with mean m and
     standard deviation s, the result states 1/m as value and mean of the stiffness, and s/m² as its
-    standard deviation. The decision does not depend on these approximations.
+    standard deviation. If the 95 % interval of the compliance contains zero or lies below it, these
+    approximations mean nothing, and value, mean, standard deviation and guard band are None. The
+    decision does not depend on them.
 
     ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. ``compliance_mean``
     and ``compliance_sd`` are the mean and the standard deviation of the compliance, in the inverse
@@ -468,15 +478,15 @@ def stiffness_conformity(
         compliance_mean, compliance_sd, (lowest_compliance, highest_compliance)
     )
     half_width = float(ndtri(_LEVELS[1])) * compliance_sd
-    ci_high = None
+    ci_low = 1.0 / (compliance_mean + half_width)
+    distribution = _Distribution(mean=None, sd=None, low=ci_low, high=None)
     if compliance_mean > half_width:
-        ci_high = 1.0 / (compliance_mean - half_width)
-    distribution = _Distribution(
-        mean=1.0 / compliance_mean,
-        sd=compliance_sd / compliance_mean**2,
-        low=1.0 / (compliance_mean + half_width),
-        high=ci_high,
-    )
+        distribution = _Distribution(
+            mean=1.0 / compliance_mean,
+            sd=compliance_sd / compliance_mean**2,
+            low=ci_low,
+            high=1.0 / (compliance_mean - half_width),
+        )
     return _decide(unit, distribution, tolerance, probability, confidence, None)
 
 
@@ -510,6 +520,9 @@ def _decide(
         decision = Decision.DOES_NOT_CONFORM
     elif probability >= confidence:
         decision = Decision.CONFORMS
+    guard_band = None
+    if distribution.sd is not None:
+        guard_band = float(ndtri(confidence)) * distribution.sd
     return Conformity(
         unit=unit,
         force_N=force,
@@ -519,7 +532,7 @@ def _decide(
         mean=distribution.mean,
         sd=distribution.sd,
         probability=probability,
-        guard_band=float(ndtri(confidence)) * distribution.sd,
+        guard_band=guard_band,
         confidence=confidence,
         decision=decision,
         ci_low=distribution.low,

@@ -296,7 +296,8 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     band. The value is the one that the sheets state. Where value ± U would not describe the
     quantity, the distances to the ends of its 95 % interval take the place of U, as on the sheets;
     the caption says so. Of a stiffness that may be infinite, the lower end of this interval is
-    stated alone. The numerical error of the probability is stated if the decision depends on it.
+    stated alone, and no guard band. The numerical error of the probability is stated if the
+    decision depends on it.
 
     Parameters
     ----------
@@ -311,13 +312,16 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     rows = []
     for name, decision in decisions.items():
         factor, label = display_unit(decision["unit"])
+        guard_band = "–"
+        if decision["guard_band"] is not None:
+            guard_band = round_uncertainty(decision["guard_band"] * factor)[0]
         rows.append(
             (
                 display_name(name),
                 *_value_and_U(decision),
                 wording.limit_words(decision["lower"], decision["upper"], factor),
                 _probability_of_conformance(decision),
-                round_uncertainty(decision["guard_band"] * factor)[0],
+                guard_band,
                 label,
                 decision["decision"],
             )
@@ -357,8 +361,6 @@ def _value_and_U(decision: Mapping[str, Any]) -> tuple[str, str]:
     the lower end is stated alone, such as "≥ 11.2". It is negative if even the largest compliance
     of the interval is, which counts as infinite stiffness.
     """
-    value = decision["value"]
-    sd = decision["sd"]
     low = decision["ci_low"]
     high = decision["ci_high"]
     factor, _ = display_unit(decision["unit"])
@@ -366,6 +368,8 @@ def _value_and_U(decision: Mapping[str, Any]) -> tuple[str, str]:
         if low <= 0.0:
             return "∞", ""
         return f"≥ {three_digits(low * factor)}", ""
+    value = decision["value"]
+    sd = decision["sd"]
     if not _is_beside_U(decision):
         return value_and_uncertainty(value * factor, 2.0 * sd * factor)
     statement = state(value, sd, (low, high), decision["unit"])

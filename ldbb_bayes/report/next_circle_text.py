@@ -93,7 +93,9 @@ def _tolerances_table(step: NextCircle) -> Table:
         now = state.now
         factor, unit = display_unit(now.unit)
         limits = wording.limit_words(now.lower, now.upper, factor)
-        value, expanded = value_and_uncertainty(now.mean * factor, 2.0 * now.sd * factor)
+        value, expanded = "–", "–"
+        if now.mean is not None and now.sd is not None:
+            value, expanded = value_and_uncertainty(now.mean * factor, 2.0 * now.sd * factor)
         rows.append(
             (
                 display_name(name),

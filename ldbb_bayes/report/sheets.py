@@ -390,12 +390,15 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
             quantity_words = quantities[name].words
             value = quantities[name].value_and_U().value
         factor, label = display_unit(conformity.unit)
+        guard_band = "–"
+        if conformity.guard_band is not None:
+            guard_band = two_digits(conformity.guard_band, factor)
         rows.append(
             (
                 quantity_words,
                 words.number(value),
                 words.number(_limits(conformity, factor)),
-                words.number(two_digits(conformity.guard_band, factor)),
+                words.number(guard_band),
                 words.unit(label),
                 words.percent(conformity.probability),
                 words(f"decisions.{str(conformity.decision).replace(' ', '_')}"),

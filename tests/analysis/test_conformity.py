@@ -182,6 +182,8 @@ def test_a_stiffness_without_an_upper_end() -> None:
     )
     near_zero = stiffness_conformity("N/mm", 40e-6, 25e-6, tolerance)
     assert near_zero.ci_high is None
+    record = near_zero.as_dict()
+    assert [record[key] for key in ("value", "mean", "sd", "guard_band")] == [None] * 4
 
 
 @pytest.mark.parametrize(
@@ -195,6 +197,7 @@ def test_of_a_stiffness_without_an_upper_end_the_lower_one_is_printed(
     decision = stiffness_conformity("N/mm", compliance_mean, 25e-6, tolerance)
     table = conformity_table({"stiffness_X": decision.as_dict()})
     assert table.rows[0][1:3] == (shown, "")
+    assert table.rows[0][5] == "–"
     assert "+a / −b" not in table.caption
 
 

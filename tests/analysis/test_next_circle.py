@@ -298,7 +298,7 @@ def test_the_probability_of_a_decision_on_a_tolerance_is_that_of_simulated_estim
     aim = UncertaintyAim(np.array([1.0]), target=0.5, inflation=1.0, is_reached=False)
     left_u = np.array([0.2, 0.6])
     scattering = (left_u**2).reshape(2, 1, 1)
-    found = ToleranceState(now, aim).so_far(scattering[:1], scattering[:1], scattering)
+    found = ToleranceState(now, 0.8, 1.0, aim).so_far(scattering[:1], scattering[:1], scattering)
 
     rng = np.random.default_rng(3)
     u = rng.choice(left_u, 200_000)

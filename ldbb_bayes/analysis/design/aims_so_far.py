@@ -286,11 +286,14 @@ def goal_states(
 class ToleranceState:
     """Decision whether a quantity meets its tolerance, and the uncertainty needed to decide.
 
-    ``now`` holds the present decision. ``aim`` holds the largest standard uncertainty with which a
-    decision is possible, provided that the estimate of the quantity stays the same.
+    ``now`` holds the present decision. ``mean`` and ``sd`` are the posterior mean and standard
+    deviation of the quantity, in its unit. ``aim`` holds the largest standard uncertainty with
+    which a decision is possible, provided that the estimate of the quantity stays the same.
     """
 
     now: Conformity
+    mean: float
+    sd: float
     aim: UncertaintyAim
 
     def so_far(self, after: Array, floor: Array, scattering: Array) -> ToleranceSoFar:
@@ -303,7 +306,7 @@ class ToleranceState:
         p), are n equally likely covariances after the best next circle, which may scatter more or
         less than other circles.
         """
-        sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), self.now.sd)
+        sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), self.sd)
         sd_floor = min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), sd_next)
         return ToleranceSoFar(
             now=self.now,
@@ -320,13 +323,12 @@ class ToleranceState:
         away from each limit. ``sd_next``, shape (n,), are possible standard uncertainties of the
         quantity after the next circle.
         """
-        sd = self.now.sd
-        sd_next = np.minimum(sd_next, sd)
-        shift_sd = np.maximum(np.sqrt(sd**2 - sd_next**2), _LEAST_TARGET * sd)
+        sd_next = np.minimum(sd_next, self.sd)
+        shift_sd = np.maximum(np.sqrt(self.sd**2 - sd_next**2), _LEAST_TARGET * self.sd)
         guard_band = float(ndtri(self.now.confidence)) * sd_next
         low, high = self.now.limits
         edges = np.array([low - guard_band, low + guard_band, high - guard_band, high + guard_band])
-        below_low, inside_low, inside_high, above_high = ndtr((edges - self.now.mean) / shift_sd)
+        below_low, inside_low, inside_high, above_high = ndtr((edges - self.mean) / shift_sd)
         conforms = np.maximum(inside_high - inside_low, 0.0)
         return np.asarray(below_low + conforms + (1.0 - above_high))
 
@@ -354,19 +356,21 @@ def tolerance_states(
     states = {}
     for name, now in decisions.items():
         values = draws[name]
+        mean = float(values.mean())
+        sd = float(values.std(ddof=1))
         # The quantity that has the tolerance may have been computed for only some of the posterior
         # draws. Use the same draws of the parameters.
         scaled_parameters = (parameters - parameters.mean(axis=0)) / known.bound.scale
         same_draws = scaled_parameters[evenly_spaced(len(scaled_parameters), len(values))]
-        weights = np.linalg.lstsq(same_draws, values - values.mean())[0]
+        weights = np.linalg.lstsq(same_draws, values - mean)[0]
         limits = [limit for limit in now.limits if np.isfinite(limit)]
-        distance = min(abs(now.mean - limit) for limit in limits)
-        target = max(distance, _LEAST_DISTANCE * now.sd) / float(ndtri(confidence))
+        distance = min(abs(mean - limit) for limit in limits)
+        target = max(distance, _LEAST_DISTANCE * sd) / float(ndtri(confidence))
         aim = UncertaintyAim(
             weights=weights,
             target=target,
-            inflation=_inflation(now.sd, weights, covariance),
+            inflation=_inflation(sd, weights, covariance),
             is_reached=now.decision is not Decision.NOT_DECIDED,
         )
-        states[name] = ToleranceState(now, aim)
+        states[name] = ToleranceState(now, mean, sd, aim)
     return states
