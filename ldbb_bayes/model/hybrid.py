@@ -28,7 +28,7 @@ from ldbb_bayes.campaign.campaign import (
     distinct_forces,
     require_campaign,
 )
-from ldbb_bayes.errors import InputError, check_known, check_seed, nearest, renamed, require
+from ldbb_bayes.errors import InputError, check_known, check_seed, renamed, require, suggestion
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
@@ -1266,18 +1266,26 @@ def _check_coefficient_names(kind: type[Term], columns: Sequence[Columns | Basis
 def _check_is_object(term: object) -> None:
     """Raise an `InputError` if ``term`` is the name or the class of a term, and not an object.
 
-    The message states the call that makes the object.
+    The message states the call that makes the object. For a name that no term has, it lists the
+    classes of terms, and suggests the one with the most similar name, if there is one.
     """
     if isinstance(term, str):
         class_by_name: dict[str, type] = dict(Term.kinds)
         for known_class in Term.kinds.values():
             class_by_name[known_class.key()] = known_class
-        term_class = class_by_name[nearest(term, class_by_name)]
+        if term not in class_by_name:
+            raise InputError(
+                f"a term must be an object of one of the classes {', '.join(Term.kinds)}, got"
+                f" {term!r}.{suggestion(term, Term.kinds)} Write for example"
+                " lb.terms.BarLength(...), with its settings in the brackets, if any."
+            )
+        given = repr(term)
+        term_class = class_by_name[term]
     elif isinstance(term, type) and issubclass(term, Term):
+        given = f"the class {term.__name__}"
         term_class = term
     else:
         return
-    given = repr(term) if isinstance(term, str) else f"the class {term_class.__name__}"
     name = term_class.__name__
     if term_class.__module__.startswith("ldbb_bayes."):
         name = f"lb.terms.{name}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -315,6 +316,18 @@ def test_every_parameter_of_three_planes_is_possible() -> None:
 def test_the_name_or_class_of_a_term_is_no_term(term: Any, given: str) -> None:
     message = rf"a term must be an object, got {given}\. Write lb\.terms\.BarLength\(\.\.\.\)"
     refuses(message, lb.HybridModel.default(1).with_term, term)
+
+
+@pytest.mark.parametrize(
+    ("name", "question"),
+    [("xyz", ""), ("Drft", " Did you mean 'Drift'?"), ("ball form", " Did you mean 'BallForm'?")],
+)
+def test_a_name_that_no_term_has_is_answered_with_those_there_are(name: str, question: str) -> None:
+    """Who wrote 'foo' was told to write ForceError, and nothing of the other classes."""
+    message = (
+        rf"one of the classes BallForm, .*, Drift.*, got '{name}'\.{re.escape(question)} Write"
+    )
+    refuses(message, lb.HybridModel.default(1).with_term, name)
 
 
 def test_a_class_that_is_no_term_is_no_term() -> None:
