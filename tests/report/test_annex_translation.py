@@ -13,6 +13,8 @@ from campaigns import plan, simulated
 from reports import awkward, fitted, undrawn
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.usability import ReasonKind
+from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.report import page, wording
 from ldbb_bayes.report.annex_translation import annex_translation, section_in_language
 from ldbb_bayes.report.findings import findings_of_fit
@@ -106,6 +108,62 @@ def test_titles_and_captions_are_translated(table: str) -> None:
     for text in leaves(wording.PAGE[table]):
         translation.text(text)
     assert not translation.missing
+
+
+WARNINGS = [
+    (ConcernKind.NOT_CONVERGED, 200.0, 400.0, "", ""),
+    (ConcernKind.TRUNCATION, -20.0, -4.0, "", ""),
+    (ConcernKind.TRUNCATION, -8.0, -4.0, "", ""),
+    (ConcernKind.FORCES, 1.0, 3.0, "", ""),
+    (ConcernKind.FORCES, 2.0, 3.0, "", ""),
+    (ConcernKind.HYPER, 5e-3, 1e-3, "sigma", ""),
+    (ConcernKind.CENTRE, 1e-5, 0.01, "X", ""),
+    (ConcernKind.PRIOR, 7.2, 4.0, "C_XXX", ""),
+    (ConcernKind.ZERO, 0.2, 0.1, "bar_length", ""),
+    (ConcernKind.UNIT, 1e-5, 5e-4, "f036", "mm"),
+    (ConcernKind.UNIT, 50.0, 2.0, "f036", "mm"),
+    (ConcernKind.BALLS, -12.0, -3.0, "", ""),
+    (ConcernKind.NEAR_ZERO, 1e-6, 3e-6, "C_XYX", "mm/N"),
+]
+
+
+def test_the_warnings_to_translate_are_of_all_kinds() -> None:
+    assert {kind for kind, *_ in WARNINGS} == set(ConcernKind)
+
+
+@pytest.mark.parametrize("warning", WARNINGS)
+@pytest.mark.parametrize("sampler", ["independent", "joint"])
+def test_every_warning_of_a_fit_has_a_german_sentence(
+    warning: tuple[ConcernKind, float, float, str, str], sampler: str
+) -> None:
+    concern = Concern(*warning)
+    (english,) = wording.concern_sentences((concern,), {"kind": sampler, "target_rhat": 1.01})
+    translation = german("f036")
+    text = translation.text(english)
+    assert not translation.missing
+    assert not ENGLISH.search(text), text
+
+
+REASONS = [str(kind).replace("-", "_") for kind in ReasonKind if kind != ReasonKind.UNIT]
+
+
+@pytest.mark.parametrize("key", [*REASONS, "unit_small", "unit_large"])
+def test_every_reason_against_a_certificate_has_a_sentence_in_both_languages(key: str) -> None:
+    """Grave ones, such as readings in a doubtful unit, and reservations."""
+    english = words_of("en").table["state"][key]
+    text = words_of("de").table["state"][key]
+    assert text != english
+    assert set(re.findall(r"\{(\w+)\}", text)) == set(re.findall(r"\{(\w+)\}", english))
+
+
+@pytest.mark.parametrize(
+    "key", ["not_converged", "doubted_unit", "contradicted_prior", "unusable_fit"]
+)
+def test_every_reason_against_differences_has_a_german_sentence(key: str) -> None:
+    translation = german("before")
+    text = translation.text(wording.PAGE[key].format(campaign="before", parameters="C_XXX"))
+    assert not translation.missing
+    assert not ENGLISH.search(text), text
 
 
 @pytest.mark.parametrize("size", ["estimate", "prior sd"])
