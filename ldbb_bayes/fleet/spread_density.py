@@ -190,7 +190,12 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
     q = likelihood.shift.shape[1]
     root = np.swapaxes(shared.spread(), 1, 2)
     shape = (len(spread), len(likelihood.shift), c)
-    estimates = MachineEstimates(*np.empty((len(MachineEstimates._fields), *shape)))
+    estimates = MachineEstimates(
+        mean=np.empty(shape),
+        sd=np.empty(shape),
+        z_mean=np.empty(shape),
+        z_variance=np.empty(shape),
+    )
     for rows in spread_slices(spread, likelihood):
         factors = factorize_deviations(likelihood, spread[rows], inverse=True)
         s = spread[rows].T[..., None]
