@@ -22,6 +22,7 @@ from ldbb_bayes.campaign.circular_test import (
     Direction,
     TestFields,
     distinct_forces,
+    setup_number,
 )
 from ldbb_bayes.campaign.field_types import (
     STRICT,
@@ -507,7 +508,7 @@ def _digested_fields(test: CircularTest) -> list[Any]:
     for name, usual in _DIGESTED_UNLESS_USUAL.items():
         stated = getattr(test, name)
         if name == "setup":
-            stated = float(test.setup or 1)
+            stated = float(setup_number(test))
         if stated != usual:
             digested.append([name, stated])
     return digested

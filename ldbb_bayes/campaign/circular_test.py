@@ -35,6 +35,7 @@ __all__ = [
     "TestFields",
     "distinct_forces",
     "planned_angles",
+    "setup_number",
     "usual_gap",
 ]
 
@@ -451,6 +452,11 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
         if not distinct or force - distinct[-1] > _SAME_FORCE_SHARE * ordered[-1]:
             distinct.append(force)
     return np.array(distinct)
+
+
+def setup_number(test: CircularTest) -> int:
+    """Return the number of a test's set-up; 1 if the test does not state it."""
+    return test.setup or 1
 
 
 def planned_angles(readings: int, start_deg: float, arc_deg: float) -> Array:

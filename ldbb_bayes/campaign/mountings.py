@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.circular_test import setup_number
 from ldbb_bayes.campaign.run_times import times_stated
 
 __all__ = ["last_setup", "mounted_anew", "setups_as_run"]
@@ -14,7 +15,7 @@ def last_setup(plan: Campaign) -> int | None:
     Only circles to which the plan is added count. Return None if there are none.
     """
     tests = _tests_before(plan)
-    return _setup(tests[-1]) if tests else None
+    return setup_number(tests[-1]) if tests else None
 
 
 def setups_as_run(plan: Campaign) -> tuple[int, ...]:
@@ -29,17 +30,17 @@ def setups_as_run(plan: Campaign) -> tuple[int, ...]:
     before the plan.
     """
     tests_before = _tests_before(plan)
-    numbers_taken = {_setup(test) for test in tests_before}
-    next_free = max(_setup(test) for test in (*tests_before, *plan.tests)) + 1
+    numbers_taken = {setup_number(test) for test in tests_before}
+    next_free = max(setup_number(test) for test in (*tests_before, *plan.tests)) + 1
     mounted = last_setup(plan)
     number = mounted or 1
     if tests_before and _place(tests_before[-1]) == _place(plan.tests[0]):
         # The bar may stay as it is: the plan's first set-up is that of the last circle.
-        mounted = _setup(plan.tests[0])
+        mounted = setup_number(plan.tests[0])
     numbers = []
     for test in plan.tests:
-        if _setup(test) != mounted:
-            mounted = _setup(test)
+        if setup_number(test) != mounted:
+            mounted = setup_number(test)
             number = mounted
             if number in numbers_taken:
                 number = next_free
@@ -58,11 +59,6 @@ def mounted_anew(plan: Campaign) -> list[int]:
     setups = setups_as_run(plan)
     before = [last_setup(plan) or setups[0], *setups[:-1]]
     return [k for k, setup in enumerate(setups) if setup != before[k]]
-
-
-def _setup(test: CircularTest) -> int:
-    """Return the number of the test's set-up; 1 if the test does not state it."""
-    return test.setup or 1
 
 
 def _place(test: CircularTest) -> tuple[str, tuple[float, ...]]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, require_campaign
-from ldbb_bayes.campaign.circular_test import usual_gap
+from ldbb_bayes.campaign.circular_test import setup_number, usual_gap
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST, time_source
 from ldbb_bayes.campaign.spikes import SERIES_ORDER, fit_regular_readings, regular_readings
 from ldbb_bayes.results import Array, Result
@@ -346,7 +346,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
         direction=test.direction,
         travel=angles.travel,
         plane=test.circle.plane,
-        setup=test.setup or 1,
+        setup=setup_number(test),
         radius_mm=test.circle.radius_mm,
         centre_mm=tuple(test.circle.centre_mm),
         work_ball_deg=test.work_ball_deg,
@@ -542,7 +542,7 @@ def _assumption_remarks(campaign: Campaign) -> tuple[Remark, ...]:
     machine = campaign.machine()
     law = campaign.force_law
     forces = campaign.forces_N
-    setups = sorted({test.setup or 1 for test in tests})
+    setups = sorted({setup_number(test) for test in tests})
     both_ways = [plane for plane in machine.planes if _runs_both_ways(campaign, plane)]
     clockings = {(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in tests}
     temperatures = {test.temperature_C for test in tests}

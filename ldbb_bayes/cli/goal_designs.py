@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.circular_test import setup_number
 from ldbb_bayes.campaign.folder import MODEL_NAME, write_campaign_into
 from ldbb_bayes.cli.design_options import COST_OPTIONS
 from ldbb_bayes.cli.operator_sheets import SHEET, sheet_of_plan
@@ -141,7 +142,7 @@ def running_order(plan: lb.Campaign, labels: Sequence[str] | None = None) -> str
         settings_by_test.append(
             (
                 f"plane {test.plane}",
-                f"set-up {test.setup or 1}",
+                f"set-up {setup_number(test)}",
                 test.direction or "–",
                 f"{test.radius_mm:g} mm",
                 f"balls {test.work_ball_deg:g}/{test.tool_ball_deg:g}°",

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
+from ldbb_bayes.campaign.circular_test import setup_number
 from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
@@ -397,7 +398,9 @@ def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
         if name.kind != "offset":
             names.append(name)
             continue
-        setups = {test.setup or 1 for test in campaign.scope if name.component in str(test.plane)}
+        setups = {
+            setup_number(test) for test in campaign.scope if name.component in str(test.plane)
+        }
         for setup in sorted(setups):
             names.append(replace(name, setup=0 if setup == 1 else setup))
     return tuple(names)
@@ -445,7 +448,7 @@ def setting_of(
     forces = reference.forces_N
     if reference_force_N is None:
         reference_force_N = (forces.min() + forces.max()) / 2.0
-    setup = np.array([test.setup or 1 for test in tests])
+    setup = np.array([setup_number(test) for test in tests])
     radius_mm = _radii_mm(tests)
     travel = np.array([TRAVEL_SIGNS[test.direction or "CW"] for test in tests])
     plane_of_tests = [str(test.plane) for test in tests]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.campaign.circular_test import setup_number
 
 __all__ = ["running_order"]
 
@@ -64,7 +65,7 @@ def _random_order(
     Tests with the same angles of both balls are in random order.
     """
     ordered: list[CircularTest] = []
-    for setup_block in _random_blocks(tests, _setup, rng):
+    for setup_block in _random_blocks(tests, setup_number, rng):
         for circle_block in _random_blocks(setup_block, _plane_and_radius, rng):
             for k, work_ball_block in enumerate(_random_blocks(circle_block, _work_ball_deg, rng)):
                 angles = sorted({test.tool_ball_deg for test in work_ball_block})
@@ -88,11 +89,6 @@ def _random_blocks(
         blocks.setdefault(key(test), []).append(test)
     keys = sorted(blocks)
     return [blocks[keys[i]] for i in rng.permutation(len(keys))]
-
-
-def _setup(test: CircularTest) -> int:
-    """Return the number of the test's set-up; 1 if the test does not state it."""
-    return test.setup or 1
 
 
 def _plane_and_radius(test: CircularTest) -> tuple[str, float]:
