@@ -15,7 +15,7 @@ import numpy as np
 from ldbb_bayes.inference.elastic_deflections import added_compliances, joint_load_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.parameter_kinds import compliance_unit
 from ldbb_bayes.results import Array
 
 __all__ = ["CurveChange", "compliance_weights", "curve_changes", "slopes_of"]

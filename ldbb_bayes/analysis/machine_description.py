@@ -22,7 +22,7 @@ from ldbb_bayes.machine.linear import (
     kept_compliances,
 )
 from ldbb_bayes.machine.parameters import geometric_names
-from ldbb_bayes.model.prior import compliance_unit, geometric_unit
+from ldbb_bayes.model.parameter_kinds import compliance_unit, geometric_unit
 from ldbb_bayes.results import Array, Result
 
 __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple, cast
 
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.information import Information
-from ldbb_bayes.model.prior import settings_of_sd
+from ldbb_bayes.model.parameter_kinds import settings_of_sd
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
 from ldbb_bayes.model.terms.columns import NOISE, OWN, Source
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.prior import hint_on_kind
+from ldbb_bayes.model.parameter_kinds import hint_on_kind
 from ldbb_bayes.results import Shown
 from ldbb_bayes.units import inside_name, is_direct, to_inside
 

@@ -26,7 +26,7 @@ from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.shared_draws import draw_with_shared
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.parameter_kinds import compliance_unit
 from ldbb_bayes.results import Array, Numbers
 from ldbb_bayes.units import ranked
 

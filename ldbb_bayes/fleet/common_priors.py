@@ -17,7 +17,8 @@ from scipy.special import ndtr
 from ldbb_bayes.fleet.machine_effects import VARIANCE_OF_CAMPAIGN
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricKind, GeometricName
-from ldbb_bayes.model.prior import Prior, geometric_unit
+from ldbb_bayes.model.parameter_kinds import geometric_unit
+from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.results import Array
 

@@ -12,7 +12,7 @@ from ldbb_bayes.inference.elastic_deflections import added_compliances, joint_lo
 from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, curves_of, draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.parameter_kinds import compliance_unit
 from ldbb_bayes.results import Array
 
 __all__ = ["CurveDraws", "ForceCurves", "draws_at", "force_curves", "prior_changes"]

@@ -50,14 +50,14 @@ from ldbb_bayes.model.linearisation import (
     planned_compliances,
 )
 from ldbb_bayes.model.orthant import Orthant
-from ldbb_bayes.model.prior import (
+from ldbb_bayes.model.parameter_kinds import (
     EXAMPLES,
-    Prior,
     check_possible,
     degree_of,
     parameter_to_inside,
     settings_of_sd,
 )
+from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.reduced_readings import reduced_readings
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.reference_posterior import ReferencePosterior, fixed_point

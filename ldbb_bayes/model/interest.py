@@ -15,7 +15,8 @@ import numpy as np
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.machine.linear import Kept
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
-from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
+from ldbb_bayes.model.parameter_kinds import compliance_unit, geometric_unit
+from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.results import Array
 

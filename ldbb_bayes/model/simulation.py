@@ -13,7 +13,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import check_known, require
 from ldbb_bayes.machine.parameters import ComplianceName
 from ldbb_bayes.model.hyper_prior import HyperPrior
-from ldbb_bayes.model.prior import compliance_unit, parameter_to_inside
+from ldbb_bayes.model.parameter_kinds import compliance_unit, parameter_to_inside
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.terms.base import Term
 from ldbb_bayes.model.terms.columns import Columns, Hyper, Law

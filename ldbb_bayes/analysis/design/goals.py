@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.interest import Parameter
-from ldbb_bayes.model.prior import hint_on_kind
+from ldbb_bayes.model.parameter_kinds import hint_on_kind
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import inside_name, to_inside
 

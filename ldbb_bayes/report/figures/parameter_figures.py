@@ -21,7 +21,7 @@ from ldbb_bayes.errors import check_known
 from ldbb_bayes.inference.force_curves import force_curves, prior_changes
 from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
 from ldbb_bayes.inference.summary import interval_numbers, priors_of
-from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.parameter_kinds import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, band, panels, styled
 from ldbb_bayes.results import Array
