@@ -375,14 +375,17 @@ def _cell_with_heading(head: str, value: str, numeric: bool) -> str:
     """Return the heading of a column and one of its cells as one text.
 
     ``head`` is the heading, and ``value`` the text of the cell. If the column is ``numeric``, the
-    unit is moved from the heading to the end: "noise (µm)" and "0.12" give "noise 0.12 µm".
-    Otherwise, a colon separates heading and cell, as in "direction: CW".
+    unit is moved from the heading to the end: "noise (µm)" and "0.12" give "noise 0.12 µm". The
+    heading's "(1)" of numbers without a unit is left out. If the column is not numeric, a colon
+    separates heading and cell, as in "direction: CW".
     """
     if not numeric:
         return f"{head}: {value}"
     with_unit = _HEAD_WITH_UNIT.fullmatch(head)
     if with_unit is None:
         return f"{head} {value}"
+    if with_unit["unit"] == "1":
+        return f"{with_unit['name']} {value}"
     return f"{with_unit['name']} {value} {with_unit['unit']}".replace(" °", "°")
 
 

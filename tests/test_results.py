@@ -332,6 +332,13 @@ def test_a_heading_beneath_a_row_gives_its_unit_to_the_number() -> None:
     assert "noise 0.12 µm" in table.text(60)
 
 
+def test_a_heading_beneath_a_row_does_not_give_the_unit_one_to_the_number() -> None:
+    """It read "autocorrelation 0.1 1"."""
+    heads = ["test", "a first column of this table", "autocorrelation (1)"]
+    rows = [["f036", "x" * 30, "0.1"], ["f130", "y" * 30, "-0.2"]]
+    assert "autocorrelation 0.1\n" in Table.of("", heads, rows).text(30)
+
+
 def test_tables_are_escaped() -> None:
     row = ["<i>", 0.123456, None]
     page = Table.of("<script>", ["a<b", "n", "none"], [row], text=["a<b"]).html()
