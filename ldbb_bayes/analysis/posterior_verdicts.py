@@ -23,7 +23,6 @@ from ldbb_bayes.analysis.curve_changes import (
 from ldbb_bayes.analysis.variance_sources import (
     AveragedVariance,
     ModelVariance,
-    sources_of,
     weights_of_parameters,
 )
 from ldbb_bayes.analysis.verdicts import (
@@ -42,6 +41,7 @@ from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
+from ldbb_bayes.units import is_slope
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 __all__ = [
     "JudgedQuantities",
     "confounded_in",
-    "confounded_parameters",
     "judge_at_force",
     "judge_posterior",
     "judge_quantities",
@@ -124,17 +123,11 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     without posterior draws are left out.
     """
     bound = bound_of(posterior)
-    models = averaged_models(posterior)
-    # The changes of compliances with force are computed from the model ``bound``, because this
-    # model has all parameters that occur in any of the averaged models.
-    phi = np.concatenate([model.phi for model in models]).mean(axis=0)
-    all_changes = curve_changes(bound, information_of(bound, phi))
-    variances = [_variance_of_model(model, all_changes) for model in models]
-    variance = AveragedVariance(tuple(variances), len(bound.names))
+    variance, all_changes = _variance_with_changes(posterior)
     prior_variance = np.zeros(len(all_changes))
-    for model_variance in variances:
+    for model_variance in variance.models:
         weights = model_variance.weights[variance.number_of_parameters :]
-        prior_variance += np.sum(weights**2, axis=1) / len(variances)
+        prior_variance += np.sum(weights**2, axis=1) / len(variance.models)
     if bound.model.prior.flat:
         prior_variance = np.full(len(all_changes), np.inf)
     return JudgedQuantities(
@@ -194,6 +187,29 @@ def _variance_at_force(model: AveragedModel, force_N: float) -> ModelVariance:
         mean[place] = curves[:, index].mean()
         sd[place] = curves[:, index].std()
     return replace(variance, weights=weights, mean=mean, sd=sd)
+
+
+class _VarianceWithChanges(NamedTuple):
+    """Variances of parameters and of compliances' changes with force, and the changes by name."""
+
+    #: variances of all parameters and, after them, of the changes of compliances with force
+    variance: AveragedVariance
+    changes: dict[str, CurveChange]  #: changes of compliances with force, by name of compliance
+
+
+def _variance_with_changes(posterior: xr.DataTree) -> _VarianceWithChanges:
+    """Return the variances of parameters and of compliances' changes with force in a posterior.
+
+    The posterior may be an average over models.
+    """
+    bound = bound_of(posterior)
+    models = averaged_models(posterior)
+    # The changes of compliances with force are computed from the model ``bound``, because this
+    # model has all parameters that occur in any of the averaged models.
+    phi = np.concatenate([model.phi for model in models]).mean(axis=0)
+    changes = curve_changes(bound, information_of(bound, phi))
+    variances = tuple(_variance_of_model(model, changes) for model in models)
+    return _VarianceWithChanges(AveragedVariance(variances, len(bound.names)), changes)
 
 
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
@@ -263,43 +279,28 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
     return SampledSd(prior_sd, np.sqrt(variance.variance[: variance.number_of_parameters]))
 
 
-def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
-    """Return, for each confounded parameter, the effects with which it is confounded.
-
-    A parameter is confounded if most of its variance comes from effects whose standard uncertainty
-    is assumed. Parameters that are not confounded are left out. `judge_posterior` finds the same
-    effects, but takes more time because it returns complete verdicts.
-
-    Parameters
-    ----------
-    bound
-        Model of a campaign.
-    phi
-        Values of the h hyper-parameters, such as the standard deviation of the noise, shape (h,);
-        lengths in mm.
-    """
-    confounded = {}
-    for name, (sources, likeness) in sources_of(bound, information_of(bound, phi)).items():
-        partners = confounding_sources(sources, likeness)
-        if partners:
-            confounded[name] = tuple(shares_by_name(partners))
-    return confounded
-
-
+@one_blas_thread
 def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
-    """Return, for each confounded parameter of a posterior, the effects confounded with it.
+    """Return the effects confounded with each parameter, and with each change with force.
 
-    A parameter is confounded if most of its variance comes from effects whose standard uncertainty
-    is assumed. Parameters that are not confounded are left out. `judge_posterior` finds the same
-    effects, but takes more time because it returns complete verdicts. The posterior may be an
-    average over models.
+    The result is a dictionary. Its keys are the names of the confounded parameters, and names such
+    as ``ΔC_XXX`` of the confounded changes of compliances over the tested forces. All others are
+    left out, and so are slopes, the coefficients of these changes. A quantity is confounded if most
+    of its variance comes from effects whose standard uncertainty is assumed. `judge_quantities`
+    finds the same effects, but needs draws from the prior, because it returns complete verdicts.
+    The posterior may be an average over models.
     """
-    names = bound_of(posterior).names
-    variances = [_variance_of_model(model, {}) for model in averaged_models(posterior)]
-    variance = AveragedVariance(tuple(variances), len(names))
+    variance, changes = _variance_with_changes(posterior)
+    slopes_of_quantities: dict[str, Sequence[str]] = {}
+    for name in bound_of(posterior).names:
+        slopes_of_quantities[name] = (name,)
+    for name, change in changes.items():
+        slopes_of_quantities[f"Δ{name}"] = change.slopes
     confounded = {}
-    for i, name in enumerate(names):
-        sources, likeness = variance.sources(i, (name,))
+    for i, (name, slopes) in enumerate(slopes_of_quantities.items()):
+        if is_slope(name) or variance.variance[i] == 0.0:
+            continue
+        sources, likeness = variance.sources(i, slopes)
         partners = confounding_sources(sources, likeness)
         if partners:
             confounded[name] = tuple(shares_by_name(partners))

@@ -17,7 +17,7 @@ import numpy as np
 from ldbb_bayes.analysis.compliance_meaning import stands_for
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.directional_stiffness import stiffness_of_fit
-from ldbb_bayes.analysis.posterior_verdicts import confounded_parameters
+from ldbb_bayes.analysis.posterior_verdicts import confounded_in
 from ldbb_bayes.analysis.tolerances import name_in_plane, quantities_of
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
@@ -249,7 +249,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     rule = StoppingRule(ess=settings.ess)
     fitted = fit_model(density, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
     bound = density.bound
-    confounded = confounded_parameters(bound, fitted.draws.phi.mean(axis=0))
+    confounded = confounded_in(fitted.tree())
     words = words_of_fit(fitted.fit, fitted.sampler, bound, confounded)
     columns: dict[str, Any] = {}
     breakdowns = []

@@ -207,8 +207,8 @@ def words_of_fit(
     bound
         The model applied to the campaign.
     confounded
-        Mapping from the names of the confounded parameters to the names of the effects with which
-        each of them is confounded.
+        Mapping from the names of the confounded parameters and changes with force to the names of
+        the effects with which each of them is confounded (`confounded_in`).
 
     Returns
     -------

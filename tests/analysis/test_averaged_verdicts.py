@@ -14,11 +14,12 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.analysis.posterior_verdicts import judge_quantities
+from ldbb_bayes.analysis.posterior_verdicts import confounded_in, judge_quantities
 from ldbb_bayes.analysis.variance_sources import MODEL_CHOICE, AveragedVariance, _variances_of
 from ldbb_bayes.analysis.verdicts import (
     ParameterIdentifiability,
     SampledSd,
+    Verdict,
     judge,
     judge_parameters,
 )
@@ -27,6 +28,7 @@ from ldbb_bayes.inference.posterior import model_draws_of, record_of
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.terms.columns import NOISE
 from ldbb_bayes.report.wording import source_words, verdict_words
+from ldbb_bayes.units import is_slope
 
 CAMPAIGN = simulated(plan((30,) * 4), seed=1)
 LINEAR = lb.HybridModel.default(1).without("ball-form", "setup-shift", "angle", "drift")
@@ -252,6 +254,33 @@ def test_changes_with_force_are_judged_too(averaged: xr.DataTree) -> None:
     in_most_models = 1.0 - stated["C_XYX"].probability_of_no_change
     probability = record_of(averaged)["averaged"]["probability"]["linear"]
     assert in_most_models == pytest.approx(probability, abs=2e-3)
+
+
+@pytest.mark.parametrize("average", [True, False])
+def test_the_note_of_a_fit_names_what_is_confounded_by_the_verdicts(
+    averaged: xr.DataTree, recovered: lb.Campaign, average: bool
+) -> None:
+    """Parameters and changes with force; the note left the changes out."""
+    posterior = averaged
+    if not average:
+        posterior = lb.sample(lb.HybridModel.default(1), recovered, sampler="independent", seed=1)
+    judged = judge_quantities(posterior)
+    expected = {}
+    for name, parameter in judged.parameters.items():
+        if parameter.verdict == Verdict.CONFOUNDED and not is_slope(name):
+            expected[name] = parameter.partners
+    for name, change in judged.changes.items():
+        if change.verdict == Verdict.CONFOUNDED:
+            expected[f"Δ{name}"] = tuple(change.partner_shares)
+    assert confounded_in(posterior) == expected
+    (note,) = [
+        text
+        for text in lb.report.describe_fit(posterior)["warnings"]
+        if text.startswith("Confounded")
+    ]
+    assert ("Δ: change over the tested forces." in note) is any("Δ" in name for name in expected)
+    if not average:
+        assert "ΔC_YYY with joint load" in note
 
 
 def test_a_change_that_no_draw_has_is_not_judged() -> None:

@@ -50,16 +50,16 @@ _TEMPLATES = SentenceFile("fit", IN_FORCE=IN_FORCE, FEW=_MOST_CHECKS)
 
 
 def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """Yield one sentence on all confounded parameters of a fit, if there are any.
+    """Yield one sentence on all that is confounded in a fit, if there is anything.
 
-    A parameter is confounded if most of its variance comes from effects whose standard
-    uncertainties are assumed. The sentence names these effects for each parameter.
+    A parameter, or the change of a compliance with force, is confounded if most of its variance
+    comes from effects whose standard uncertainties are assumed. The sentence names these effects.
 
     Parameters
     ----------
     partners_of
-        Names of these effects for each confounded parameter. The keys are the names of the
-        parameters.
+        Names of these effects for each confounded parameter and change. The keys are the names of
+        the parameters, and names such as ``ΔC_XXX`` of the changes over the tested forces.
 
     Yields
     ------
@@ -67,17 +67,19 @@ def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[s
     """
     parameters_by_partners: dict[str, list[str]] = {}
     for name, effects in partners_of.items():
-        if not is_slope(name):
-            partners = joined([term_words(effect) for effect in effects])
-            parameters_by_partners.setdefault(partners, []).append(name)
+        partners = joined([term_words(effect) for effect in effects])
+        parameters_by_partners.setdefault(partners, []).append(name)
     if parameters_by_partners:
+        explained = ""
+        if any(name.startswith("Δ") for name in partners_of):
+            explained = " Δ: change over the tested forces."
         pairs = [
             f"{joined_parameters(names)} with {partners}"
             for partners, names in parameters_by_partners.items()
         ]
         yield (
-            f"Confounded: {'; '.join(pairs)}. Nobody measured these effects: most of u is what was"
-            " assumed of them (what would help: ldbb-bayes identify)."
+            f"Confounded: {'; '.join(pairs)}.{explained} Nobody measured these effects: most of u"
+            " is what was assumed of them (what would help: ldbb-bayes identify)."
         )
 
 
