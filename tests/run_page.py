@@ -2,8 +2,8 @@
 what the page shows.
 
 A ``text`` block after another shows what that one prints: its lines, in order, an ellipsis for what
-is left out, numbers to a tenth. A comment ``<!-- not executed: reason -->`` before a block keeps it
-from being run.
+is left out, numbers to two units of the last digit shown. A comment ``<!-- not executed: reason
+-->`` before a block keeps it from being run.
 """
 
 import io
@@ -12,6 +12,7 @@ import shlex
 import subprocess
 import sys
 from contextlib import redirect_stdout
+from decimal import Decimal
 from pathlib import Path
 
 from demonstrations import copied_demonstration
@@ -24,8 +25,8 @@ NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
 
 
 def same(expected: str, printed: str) -> bool:
-    """Whether two lines have the same words, and the same numbers to a tenth or three units of the
-    last digit shown."""
+    """Whether two lines have the same words, and the same numbers to two units of the last digit
+    shown."""
     words = words_of(expected.removesuffix("…"))
     printed_words = words_of(printed)
     if expected.endswith("…"):
@@ -41,11 +42,14 @@ def words_of(line: str) -> str:
 
 
 def near(text: str, printed: str) -> bool:
-    """Whether two numbers agree to a tenth, or three units of the last digit of the first."""
-    value = float(text.replace("−", "-"))
-    printed_value = float(printed.replace("−", "-"))
-    decimals = len(text.partition(".")[2].partition("e")[0])
-    return abs(value - printed_value) <= 0.1 * abs(value) + 3.0 * 10.0**-decimals
+    """Whether two numbers agree to two units of the last digit of the first.
+
+    Another processor moves the last digit of a number that comes from draws.
+    """
+    value = Decimal(text.replace("−", "-"))
+    printed_value = Decimal(printed.replace("−", "-"))
+    last_digit = Decimal((0, (1,), value.as_tuple().exponent))
+    return abs(value - printed_value) <= 2 * last_digit
 
 
 def missing(expected: str, printed: str) -> str | None:

@@ -55,6 +55,25 @@ def test_what_is_not_printed_is_seen() -> None:
         assert run_page.missing(expected, printed), expected
 
 
+@pytest.mark.parametrize(
+    ("shown", "printed", "is_near"),
+    [
+        ("57.5", "57.7", True),
+        ("57.5", "57.71", False),
+        ("57", "58.9", True),
+        ("1.7", "1.4", False),
+        ("5.39e-05", "5.41e-05", True),
+        ("5.39e-05", "5.42e-05", False),
+        ("−1200", "−1203", False),
+    ],
+)
+def test_numbers_of_pages_may_differ_in_the_last_digit(
+    shown: str, printed: str, is_near: bool
+) -> None:
+    """A tenth was allowed, and of a number such as 1e-05 all of it."""
+    assert run_page.near(shown, printed) == is_near
+
+
 def test_a_block_between_two_that_are_not_executed_is_found() -> None:
     skipped = "<!-- not executed: it takes long -->\n```python\nraise ValueError\n```\n"
     page = skipped + "\n```python\nprint(1)\n```\n\n" + skipped
