@@ -12,7 +12,12 @@ from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.campaign import Campaign, CampaignFields
 from ldbb_bayes.campaign.certified_instrument import Ball, Instrument
-from ldbb_bayes.campaign.circular_test import CircularTest, TestFields, planned_angles
+from ldbb_bayes.campaign.circular_test import (
+    FEWEST_READINGS,
+    CircularTest,
+    TestFields,
+    planned_angles,
+)
 from ldbb_bayes.campaign.dcc_reader import read_dcc
 from ldbb_bayes.campaign.field_types import Label, Length, Number, Percent, Positive
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
@@ -40,7 +45,7 @@ class _PlannedTest(TestFields):
     ``arc_deg`` the arc that the angles cover.
     """
 
-    readings: Annotated[int, Field(ge=9, le=1_000_000)] | None = None
+    readings: Annotated[int, Field(ge=FEWEST_READINGS, le=1_000_000)] | None = None
     start_deg: Number | None = None
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
 

@@ -29,6 +29,7 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = [
     "CENTRE",
+    "FEWEST_READINGS",
     "PER_TEST",
     "CircularTest",
     "Direction",
@@ -40,8 +41,9 @@ __all__ = [
 ]
 
 Direction = Literal["CW", "CCW"]
-# Smallest number of readings that a circular test may have.
-_MINIMUM_READINGS = 9
+# Smallest number of readings that a circular test may have. Rows of numbers, numbers in a list or
+# names beside rows that are fewer are therefore not taken for those of a test.
+FEWEST_READINGS = 9
 # Smallest arc [deg] that the angles of a circular test must cover.
 _MINIMUM_ARC_DEG = 180.0
 # Largest number of turns of the bar that the angles of a circular test may span.
@@ -258,9 +260,9 @@ class CircularTest(TestFields):
         if angle is None:
             yield "have angles, got none. Give angle_deg (or angle_rad)."
             return
-        if len(angle) < _MINIMUM_READINGS:
+        if len(angle) < FEWEST_READINGS:
             yield (
-                f"have at least {_MINIMUM_READINGS} readings, got {len(angle)}. Leave the test out"
+                f"have at least {FEWEST_READINGS} readings, got {len(angle)}. Leave the test out"
                 " or record more."
             )
         if reading is not None and len(reading) != len(angle):

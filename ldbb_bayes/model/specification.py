@@ -20,6 +20,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation, Order
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.field_types import Date
 from ldbb_bayes.campaign.folder import LARGEST_PLAN
 from ldbb_bayes.errors import InputError, check_known, placed, require
@@ -236,7 +237,7 @@ class _TruthsFile(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
     schema_: Literal[1] = Field(alias="schema")
     forces_N: list[float] | None = Field(default=None, max_length=1000)
-    readings: int = Field(default=720, ge=9, le=1_000_000)
+    readings: int = Field(default=720, ge=FEWEST_READINGS, le=1_000_000)
     topology: str = "wCAFYXZSt"
     plane: Literal["XY", "YZ", "ZX"] = "XY"
     radius_mm: float = 150.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby, pairwise
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.reading.numbering_columns import divides_a_circle
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.recording import Recording
@@ -17,9 +18,6 @@ from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["advice_on_tests", "cells_of", "columns_of_further_readings", "columns_that_name_tests"]
 
-# Smallest number of rows of a test. If a column names tests, each name must be in at least this
-# number of rows.
-_FEWEST_ROWS = 9
 # An unused column may hold readings only if at least this fraction of its cells are numbers.
 _SHARE_OF_NUMBERS = 0.8
 # Columns with these roles hold one number for each reading, and cannot hold the names of tests.
@@ -92,7 +90,7 @@ def columns_of_further_readings(recording: Recording) -> list[str]:
             continue
         numbers = [cell for cell in cells_of(recording, column) if looks_like_number(cell)]
         is_full = len(numbers) >= _SHARE_OF_NUMBERS * len(recording.lines)
-        if is_full and len(set(numbers)) >= _FEWEST_ROWS:
+        if is_full and len(set(numbers)) >= FEWEST_READINGS:
             headers.append(header[:LONGEST_NAME])
     return headers
 
@@ -142,4 +140,4 @@ def _stand_in_blocks(words: Sequence[str]) -> bool:
     different = set(words)
     if "" in different or len(different) != n_blocks or n_blocks < 2:
         return False
-    return all(words.count(word) >= _FEWEST_ROWS for word in different)
+    return all(words.count(word) >= FEWEST_READINGS for word in different)

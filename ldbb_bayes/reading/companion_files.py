@@ -7,6 +7,7 @@ import re
 import zipfile
 from pathlib import Path
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import ARCHIVE_SIGNATURE
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.headers import Heading
@@ -30,8 +31,6 @@ _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 _PARTS_OF_DOCUMENTS = ("word/document.xml", "ppt/presentation.xml")
 # Content of the file "mimetype" inside a zipped text document in the OpenDocument format.
 _MIME_TYPE_OF_TEXT = b"application/vnd.oasis.opendocument.text"
-# A text with at least this number of lines of numbers may hold the readings of a circle.
-_FEWEST_LINES = 9
 # Units of temperature as headers write them.
 _UNITS_OF_TEMPERATURE = ("°C", "degC", "C", "K", "°F", "℃")
 # Regular expression for a number that is not part of a word.
@@ -71,7 +70,7 @@ def holds_text_only(sheet: Sheet) -> bool:
         numbers = _NUMBER.findall(text[:LONGEST_TEXT])
         is_number = len(numbers) == 1 and text.strip(" ;,|\t") == numbers[0].strip()
         n_lines += len(numbers) >= 2 or is_number
-    return bool(sheet.rows) and n_lines < _FEWEST_LINES
+    return bool(sheet.rows) and n_lines < FEWEST_READINGS
 
 
 def holds_temperatures(heading: Heading) -> bool:

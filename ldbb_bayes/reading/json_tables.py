@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError, placed
 from ldbb_bayes.reading.entry_tables import EntryTable, sheets_of_entries, statement_of
 from ldbb_bayes.reading.sheet import Sheet
@@ -14,8 +15,6 @@ from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["is_json", "sheets_of_json"]
 
-# A list with fewer elements than this number is not taken for the readings of a test.
-_FEWEST_ROWS = 9
 # Regular expression for the beginning of a file in JSON. Other text files may also begin with [[,
 # as in [[Circle]], but not with [[ followed by a number.
 _BEGINNING = re.compile(r'\{"|\[\{"|\[\[[-"\d]')
@@ -212,7 +211,7 @@ def _columns_in(content: Mapping[str, Any]) -> dict[str, list[str]]:
     columns = {}
     for key, value in content.items():
         numbers = _column_of_numbers(value)
-        if len(numbers) >= _FEWEST_ROWS:
+        if len(numbers) >= FEWEST_READINGS:
             columns[key] = numbers
     lengths = [len(numbers) for numbers in columns.values()]
     usual = max(lengths, key=lengths.count, default=0)
@@ -306,7 +305,7 @@ def _are_records(content: Sequence[Any]) -> bool:
     A record is a dict without lists. At least two values of the first record must be numbers or
     dicts.
     """
-    if len(content) < _FEWEST_ROWS or not all(isinstance(record, dict) for record in content):
+    if len(content) < FEWEST_READINGS or not all(isinstance(record, dict) for record in content):
         return False
     for record in content:
         if any(isinstance(value, list) for value in record.values()):
@@ -319,7 +318,7 @@ def _are_rows(content: Sequence[Any]) -> bool:
 
     The first row must hold at least two numbers.
     """
-    if len(content) < _FEWEST_ROWS or not all(isinstance(row, list) for row in content):
+    if len(content) < FEWEST_READINGS or not all(isinstance(row, list) for row in content):
         return False
     widths = {len(row) for row in content}
     return len(widths) == 1 and sum(isinstance(cell, _Number) for cell in content[0]) >= 2

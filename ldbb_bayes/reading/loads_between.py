@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.lines_above import statements_in
@@ -16,8 +17,6 @@ from ldbb_bayes.reading.words import OTHER_QUANTITY, comparable
 
 __all__ = ["with_loads_between"]
 
-# Smallest number of successive rows of numbers that are taken to be a table.
-_FEWEST_ROWS = 9
 # Regular expression for the words "step" and "load step". These words are removed before a line is
 # searched for quantities other than the load.
 _STEP = re.compile(r"\b(?:load ?)?steps?\b", re.IGNORECASE)
@@ -100,7 +99,7 @@ def _store_numbers(blocks: list[_RowBlock], successive: Sequence[Row]) -> None:
     rows become the table of the last block, and a new, empty block is appended. Otherwise, they are
     added to the rows above the table of the last block.
     """
-    if len(successive) < _FEWEST_ROWS:
+    if len(successive) < FEWEST_READINGS:
         blocks[-1].heading += successive
         return
     blocks[-1].numbers += successive

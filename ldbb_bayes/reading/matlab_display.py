@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.column_roles import names_any_role, names_columns
@@ -39,8 +40,6 @@ _ASSIGNED_NUMBER = re.compile(rf"\b[A-Za-z]\w*\s*=\s*(?P<number>{NUMBER_IN_TEXT}
 _NUMBER = re.compile(r"[+\-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+\-]?\d+)?")
 # Word that is written before the value of a load, as in "Force: 490 N"; the keys are kinds of load.
 _LOADS = {"force": "Force", "pressure": "Pressure"}
-# Successive rows of numbers are read as a table if there are at least this many.
-_FEWEST_ROWS = 9
 
 
 @dataclass
@@ -163,7 +162,7 @@ def _store_numbers(matrices: list[_ShownMatrix], successive: Sequence[Row]) -> N
     item is added for the next matrix. If there are too few rows, they are added to the lines above
     the next matrix.
     """
-    if len(successive) < _FEWEST_ROWS:
+    if len(successive) < FEWEST_READINGS:
         matrices[-1].above += [Row(row.line, [" ".join(row.cells)]) for row in successive]
         return
     matrices[-1].numbers += successive
@@ -179,7 +178,7 @@ def _check_no_factor(sheet: Sheet, lines: Sequence[Row]) -> None:
         if _FACTOR.fullmatch(row.cells[0]):
             raise InputError(
                 f"{sheet.place}, line {row.line}: a factor must stand above a table of at least"
-                f" {_FEWEST_ROWS} rows of numbers, got {row.cells[0]!r} above fewer. Write the"
+                f" {FEWEST_READINGS} rows of numbers, got {row.cells[0]!r} above fewer. Write the"
                 " matrix to a file with writematrix."
             )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ldbb_bayes.campaign.campaign import PER_TEST
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import names_circle, unit_of
@@ -19,8 +20,6 @@ from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["filled_downwards", "with_merged_rows_filled"]
 
-# Smallest number of rows for which a value may stand only in the first row.
-_FEWEST_ROWS = 9
 # Roles of columns that state conditions of a circle, with the same value in all of its rows.
 _CONDITIONS = ("force", "pressure", "direction")
 
@@ -104,7 +103,7 @@ def _stands_once_above_empty_cells(words: Sequence[str]) -> bool:
     if not filled or filled[0] != 0:
         return False
     ends = [*filled[1:], len(words)]
-    return all(end - start >= _FEWEST_ROWS for start, end in zip(filled, ends, strict=True))
+    return all(end - start >= FEWEST_READINGS for start, end in zip(filled, ends, strict=True))
 
 
 def filled_downwards(words: Sequence[str]) -> list[str]:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.cell_units import UnitsOfCells
 from ldbb_bayes.reading.words import LONGEST_TEXT, unit_named
@@ -26,9 +27,6 @@ _ADDRESS = re.compile(r"(?P<name>[A-Z])\s*(?P<value>[+\-]?(?:\d+\.?\d*|\.\d+))(?
 # Regular expression for a line that consists of letters, each followed by its number. Such a line
 # with the letter G or M does not match, because it is a block of an NC programme.
 _ADDRESSES = re.compile(r"(?:[A-FH-LN-Z]\s*[+\-]?(?:\d+\.?\d*|\.\d+)\s*){2,}")
-# Lines with the same names are taken for the readings of a circle only if there are at least this
-# many lines.
-_FEWEST_LINES = 9
 # Name of the column for the words of each line that are neither names nor numbers nor units.
 _COLUMN_OF_TEXTS = "text"
 
@@ -89,7 +87,7 @@ def _names_of_most_lines(named: Sequence[_NamedNumbers]) -> tuple[str, ...]:
     if not n_lines:
         return ()
     ((names, n_alike),) = n_lines.most_common(1)
-    return names if n_alike >= _FEWEST_LINES else ()
+    return names if n_alike >= FEWEST_READINGS else ()
 
 
 def _with_last(cells: Sequence[str], last: str, has_last: bool) -> list[str]:

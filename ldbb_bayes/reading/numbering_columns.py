@@ -9,6 +9,7 @@ import re
 from collections.abc import Collection, Sequence
 from itertools import combinations, groupby
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.reading.words import comparable
 
 __all__ = [
@@ -33,8 +34,6 @@ _NUMBERS_REPETITIONS = re.compile(
     r"|repetición|repetição|powtórzenie|opakování|повтор|повторение|回数|重复|반복)"
     r"\.?(?:[ _.]?(?:no|nr|id|number|index))?\.?"
 )
-# Smallest number of rows of a circle.
-_FEWEST_ROWS = 9
 # Regular expression for the header of a column with the numbers of the laps of a circle.
 _NUMBERS_LAPS = re.compile(r"(?:laps?|turns?|umlauf|runde)(?:[ _.]?(?:no|nr|number|index))?\.?")
 # Regular expression for an angle of one full turn [deg]. Zeros behind its decimal mark are kept.
@@ -191,7 +190,7 @@ def _identify_circles(
     blocks = [len(list(block)) for _, block in groupby(labels)]
     if len(blocks) != len(set(labels)):
         return angle is not None and _have_the_same_angles(labels, cells[angle])
-    if min(blocks) < _FEWEST_ROWS:
+    if min(blocks) < FEWEST_READINGS:
         return False
     if divides_a_circle(headers, cells, blocks, (*columns, angle), angle):
         return False
@@ -216,7 +215,7 @@ def _have_alike_laps(blocks: Sequence[int], angles: Sequence[str]) -> bool:
 
 def are_repeated(angles: Sequence[str]) -> bool:
     """Return whether most of the angles occur more than once."""
-    return 2 * len(set(angles)) <= len(angles) + _FEWEST_ROWS
+    return 2 * len(set(angles)) <= len(angles) + FEWEST_READINGS
 
 
 def divides_a_circle(
@@ -258,7 +257,7 @@ def divides_a_circle(
             continue
         for column in further:
             parts = [len(list(part)) for _, part in groupby(cells[column][rows])]
-            if len(parts) > 1 and min(parts) >= _FEWEST_ROWS:
+            if len(parts) > 1 and min(parts) >= FEWEST_READINGS:
                 return True
     return False
 
@@ -281,7 +280,7 @@ def _agree_in(labels: Sequence[tuple[str, ...]], angles: Sequence[str]) -> bool:
     for label, angle in zip(labels, angles, strict=True):
         angles_by_label.setdefault(label, []).append(angle)
     different = set(angles)
-    if len(different) < _FEWEST_ROWS:
+    if len(different) < FEWEST_READINGS:
         return False
     sorted_angles = sorted(different)
     return all(sorted(of_circle) == sorted_angles for of_circle in angles_by_label.values())

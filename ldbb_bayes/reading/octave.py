@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.entry_tables import EntryTable, sheets_of_entries, statement_of
@@ -23,8 +24,6 @@ _BEGINNING = re.compile(r"^[#%] name: .*\n[#%] type: ", re.MULTILINE)
 # Regular expression for a line in a text file of Octave with a property of a variable, such as
 # "# rows: 72".
 _PROPERTY = re.compile(r"[#%] (?P<key>\w[\w ,]*?)(?:: (?P<value>.*))?\s*")
-# A vector with fewer elements than this number is not taken for the readings of a test.
-_FEWEST_ROWS = 9
 
 
 @dataclass
@@ -75,7 +74,7 @@ def sheets_of_octave(sheet: Sheet, text: str) -> list[Sheet]:
     for variable in _variables_in(text):
         _check_rows(sheet, variable)
         length = max((len(column) for column in variable.columns), default=0)
-        if length < _FEWEST_ROWS or "string" in variable.type:
+        if length < FEWEST_READINGS or "string" in variable.type:
             statements.append(variable)
         elif len(variable.columns) == 1:
             vectors.append(variable)

@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ldbb_bayes.campaign.campaign import PER_TEST
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.reading.column_roles import (
     count_numbers,
     has_role,
@@ -31,9 +32,6 @@ __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "lists_tests", "overview_lines"]
 # Largest number of rows of a sheet that are searched for a table, or for statements above a table.
 # A table that begins below these rows is not found.
 LONGEST_OVERVIEW = 1000
-# A sheet is not read as a list of tests if at least this number of its rows hold numbers without
-# the name of a test. These rows may be the readings of a circle.
-_FEWEST_READINGS = 9
 
 
 @dataclass
@@ -78,7 +76,7 @@ def _names_tests(rows: Sequence[Sequence[str]], column: int, wanted: set[str]) -
         elif count_numbers(cells) >= 2:
             n_rows_of_numbers += 1
     names_each_once = bool(names) and len(set(names)) == len(names)
-    return names_each_once and n_rows_of_numbers < _FEWEST_READINGS
+    return names_each_once and n_rows_of_numbers < FEWEST_READINGS
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.column_roles import is_rule, names_any_role, names_columns
@@ -15,9 +16,6 @@ from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.words import unit_named
 
 __all__ = ["with_remarks_joined", "with_units_joined"]
-
-# Smallest number of successive rows that are taken to be a table.
-_FEWEST_ROWS = 9
 
 
 def with_units_joined(rows: Sequence[Row]) -> list[Row]:
@@ -57,7 +55,7 @@ def with_remarks_joined(rows: Sequence[Row]) -> list[Row]:
             if not _begins_with_numbers(rows[k].cells, n_numbers):
                 break
             numbered.append(k)
-        if len(numbered) < _FEWEST_ROWS:
+        if len(numbered) < FEWEST_READINGS:
             continue
         if all(len(rows[k].cells) >= n_names for k in numbered):
             continue  # each row has a cell for each name
@@ -97,7 +95,7 @@ def _table_below(rows: Sequence[Row], header: int) -> tuple[int, int]:
 
 def _columns_of_units(rows: Sequence[Row]) -> list[int]:
     """Return the indices of the columns that hold a unit in each row, behind a number."""
-    if len(rows) < _FEWEST_ROWS:
+    if len(rows) < FEWEST_READINGS:
         return []
     columns = []
     for column in range(1, len(rows[0].cells)):

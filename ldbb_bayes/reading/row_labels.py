@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.column_roles import unit_of
@@ -14,10 +15,6 @@ from ldbb_bayes.reading.sheet_columns import SheetColumns
 from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["labels_of"]
-
-# If the name of a test stands only in its first row, the test must have at least this number of
-# rows.
-_FEWEST_ROWS = 9
 
 
 def _labels_of_several_columns(columns: SheetColumns, log: AssumptionLog) -> list[str]:
@@ -87,7 +84,7 @@ def _names_tests_once(labels: Sequence[str]) -> bool:
     several names, and enough rows for this number of tests. ``labels`` are the cells of the column.
     """
     names = [label for label in labels if label]
-    if len(set(names)) < max(2, len(names)) or len(labels) < _FEWEST_ROWS * len(names):
+    if len(set(names)) < max(2, len(names)) or len(labels) < FEWEST_READINGS * len(names):
         return False
     followed = [not below for label, below in pairwise(labels) if label]
     return bool(labels[0]) and all(followed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.stepped_angles import states_step
 
@@ -14,8 +15,6 @@ __all__ = ["is_single_column", "with_points_numbered"]
 _NUMBER = re.compile(r"[ \t]*[+\-−]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?[ \t\r]*")
 # Regular expression for characters that separate the cells of a line.
 _SEPARATORS = re.compile(r"[;,\t|]")
-# A text has a single column of readings if at least this number of lines consist of one number.
-_FEWEST_NUMBERS = 9
 
 
 def with_points_numbered(text: str) -> str:
@@ -50,7 +49,7 @@ def _lines_of_column(lines: Sequence[str]) -> list[int]:
     filled = [k for k, line in enumerate(lines) if line.strip()]
     numbers = [k for k in filled if _NUMBER.fullmatch(lines[k])]
     above = filled[: -len(numbers)]
-    if len(numbers) < _FEWEST_NUMBERS or filled[-len(numbers) :] != numbers or not above:
+    if len(numbers) < FEWEST_READINGS or filled[-len(numbers) :] != numbers or not above:
         return []
     header = lines[above[-1]]
     if _SEPARATORS.search(header) or not has_role(unit_of(header).name, "reading"):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.reading.angle_convention import angle_convention
 from ldbb_bayes.reading.assumptions import NOTHING_STATED
@@ -52,9 +53,6 @@ _SMALLEST_SCATTER = 0.01
 # Usual units of angles and readings. They are not used if the user or the file states a unit.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
-# Fewest readings in one turn of a test whose table has times instead of angles. If a turn has
-# fewer, the times are probably in another unit than was assumed.
-_FEWEST_READINGS_OF_TURN = 9
 # Fewest angles in one turn of a test with several turns. If a turn has fewer, the angles are
 # probably in another unit.
 _FEWEST_ANGLES_OF_TURN = 4
@@ -338,8 +336,8 @@ def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
     n_turns = float(np.ptp(angle_deg)) / TURN_DEG
     n_readings = len(angle_deg) / max(n_turns, 1.0)
     require(
-        n_readings >= _FEWEST_READINGS_OF_TURN,
-        f"{recording.place}: a log must have {_FEWEST_READINGS_OF_TURN} readings in a turn, got"
+        n_readings >= FEWEST_READINGS,
+        f"{recording.place}: a log must have {FEWEST_READINGS} readings in a turn, got"
         f" {n_readings:.2g} ({len(angle_deg)} in {n_turns:.4g} turns). Give --time-unit (ms?), or"
         " correct feed and radius.",
     )
