@@ -9,6 +9,7 @@ import pytest
 from campaigns import simulated
 from reports import plan_of_three_planes
 from scipy.special import ndtri
+from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.conformity import Conformity, Decision
@@ -217,6 +218,51 @@ def test_a_decision_on_a_tolerance_is_that_of_the_sheets(recovered: Campaign) ->
     for name, state in states.items():
         assert state.now.probability == pytest.approx(averaged[name].probability, abs=0.02)
     assert states["C_XXX"].now.probability < linear["C_XXX"].probability - 0.03
+
+
+@pytest.mark.slow
+def test_a_decision_is_that_of_the_sheets_where_both_directions_may_be_run(
+    recovered: Campaign,
+) -> None:
+    """Hysteresis that only further circles can show counts in forecasts, not in what is signed."""
+    tolerances = {"C_XXX": "60 nm/N"}
+    states = next_circle(
+        MODEL, recovered, tolerances=tolerances, directions=("CW", "CCW"), forces_N=(36.0, 742.0)
+    ).tolerances
+    models = {"constant": MODEL.with_degree(0), "linear": MODEL}
+    signed = lb.assess_conformity(lb.average(models, recovered, seed=3), tolerances)["C_XXX"]
+    assert states["C_XXX"].now.probability == pytest.approx(signed.probability, abs=0.02)
+    assert states["C_XXX"].now.sd == pytest.approx(signed.sd, rel=0.05)
+
+
+def test_an_aim_is_reached_by_the_decision_of_the_sheets() -> None:
+    forecast = Conformity(
+        unit="1",
+        force_N=None,
+        lower=None,
+        upper=1.0,
+        value=0.0,
+        mean=0.0,
+        sd=0.8,
+        probability=0.89,
+        guard_band=1.31,
+        confidence=0.95,
+        decision=Decision.NOT_DECIDED,
+        ci_low=-1.6,
+        ci_high=1.6,
+    )
+    signed = replace(forecast, sd=0.2, probability=1.0, decision=Decision.CONFORMS)
+    aim = UncertaintyAim(np.array([1.0]), target=0.6, inflation=1.0, is_reached=False)
+    state = ToleranceState(forecast, aim).with_sheets(signed)
+    assert state.aim.is_reached
+    left = np.array([[[0.25]]])
+    found = state.so_far(left, left, left)
+    assert found.decided
+    assert found.now == signed
+    # The forecast starts from u = 0.8: the next estimate scatters by √(0.8² − 0.5²) about 0.
+    edges = 1.0 + np.array([-1.0, 1.0]) * ndtri(0.95) * 0.5
+    below, above = norm(0.0, np.sqrt(0.8**2 - 0.5**2)).cdf(edges)
+    assert found.decided_next == pytest.approx(below + 1.0 - above)
 
 
 @pytest.mark.slow

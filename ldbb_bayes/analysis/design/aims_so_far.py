@@ -33,6 +33,7 @@ __all__ = [
     "Known",
     "ToleranceSoFar",
     "ToleranceState",
+    "decided_from",
     "goal_states",
     "known_from",
     "tolerance_states",
@@ -97,8 +98,8 @@ class GoalSoFar(Result):
 class ToleranceSoFar(Result):
     """Whether a quantity is within its tolerance, and whether one more circle may decide this."""
 
-    #: result of `assess_conformity` for the readings so far: the decision whether the quantity
-    #: conforms with its tolerance
+    #: result of `assess_conformity` for the readings so far, as the sheets of a report state it:
+    #: the decision whether the quantity conforms with its tolerance
     now: Conformity
     #: probability that, after the best next circle, it can be decided whether the quantity conforms
     #: with its tolerance
@@ -291,10 +292,22 @@ class ToleranceState:
     which a decision is possible, provided that the estimate of the quantity stays the same.
     """
 
+    # from which forecasts start: with every effect that the possible circles can show
     now: Conformity
     mean: float
     sd: float
     aim: UncertaintyAim
+    # as the sheets of a report state it; None if these have the same effects
+    on_sheets: Conformity | None = None
+
+    def with_sheets(self, stated: Conformity) -> ToleranceState:
+        """Return the state with the decision of the sheets, by which the aim is reached or not.
+
+        A campaign that stops is judged by its sheets, whose model has no effects that only further
+        circles could show.
+        """
+        is_reached = stated.decision is not Decision.NOT_DECIDED
+        return replace(self, on_sheets=stated, aim=replace(self.aim, is_reached=is_reached))
 
     def so_far(self, after: Array, floor: Array, scattering: Array) -> ToleranceSoFar:
         """Return the present decision, and the probability that one more circle allows a decision.
@@ -309,7 +322,7 @@ class ToleranceState:
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), self.sd)
         sd_floor = min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), sd_next)
         return ToleranceSoFar(
-            now=self.now,
+            now=self.now if self.on_sheets is None else self.on_sheets,
             decided_next=float(self._probability_decided(self.aim.sd(scattering)).mean()),
             U_needed=COVERAGE_FACTOR * self.aim.target,
             U_floor=COVERAGE_FACTOR * sd_floor,
@@ -374,3 +387,19 @@ def tolerance_states(
         )
         states[name] = ToleranceState(now, mean, sd, aim)
     return states
+
+
+def decided_from(
+    posterior: xr.DataTree,
+    tolerances: Mapping[str, str | Tolerance],
+    states: Mapping[str, ToleranceState],
+    confidence: float,
+) -> dict[str, ToleranceState]:
+    """Return the states of all tolerances, decided from the posterior of the sheets of a report.
+
+    ``states`` hold decisions from which forecasts start. Their keys, and those of ``tolerances``
+    and of the result, are the names of the quantities. ``confidence`` is the minimum probability at
+    which a decision is made.
+    """
+    decisions = assess_conformity(posterior, tolerances, confidence=confidence)
+    return {name: state.with_sheets(decisions[name]) for name, state in states.items()}

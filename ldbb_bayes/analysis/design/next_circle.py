@@ -22,6 +22,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from pydantic import Field
 from scipy.special import expit
 
@@ -33,6 +34,7 @@ from ldbb_bayes.analysis.design.aims_so_far import (
     Known,
     ToleranceSoFar,
     ToleranceState,
+    decided_from,
     goal_states,
     known_from,
     tolerance_states,
@@ -51,6 +53,7 @@ from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
     FittedSds,
+    has_effects_of_fit,
     sds_of_fit,
 )
 from ldbb_bayes.analysis.design.shares import largest_positions
@@ -314,6 +317,9 @@ def next_circle(
     of_tolerances = _states_of_tolerances(
         tolerances, space, known, evidences, circles.before, confidence
     )
+    of_tolerances = _decided_on_sheets(
+        of_tolerances, tolerances, space, known, campaign, confidence
+    )
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
     odds_to_decide = odds if model_is_aim else None
@@ -324,8 +330,7 @@ def next_circle(
     distances = total_distance(aims, covariances)
     order = largest_positions(-distances, len(distances))
     after = covariances[:, order[0]]
-    run = len(space.pilot.tests)
-    scattering = covariances_with_scatter(bound, run, int(order[0]), known.phi)
+    scattering = covariances_with_scatter(bound, len(space.pilot.tests), int(order[0]), known.phi)
     after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
@@ -400,24 +405,52 @@ def _states_of_tolerances(
 ) -> dict[str, ToleranceState]:
     """Return, for each tolerance, the present decision and the uncertainty needed to decide.
 
-    The decision is whether a quantity conforms with its tolerance. It is made from the average over
-    constant and linear compliance, as on the sheets of a report. If compliance is constant in the
-    model, there is nothing to average. The result is a dict; its keys are the names of the
-    quantities with tolerances. ``space`` holds the model and the campaign, ``evidences`` computes
-    evidences of the campaign, and ``known`` is the posterior given the circles run so far.
-    ``before`` are the covariances of the parameters before the next circle. ``confidence`` is the
-    minimum probability at which a decision is made. If there are no tolerances, no posterior draws
-    are made, because they take time.
+    The decision is whether a quantity conforms with its tolerance. It is made as on the sheets of a
+    report (`_posterior_on_sheets`), but with all effects that the possible circles can show. The
+    result is a dict; its keys are the names of the quantities with tolerances. ``space`` holds the
+    model and the campaign, ``evidences`` computes evidences of the campaign, and ``known`` is the
+    posterior given the circles run so far. ``before`` are the covariances of the parameters before
+    the next circle. ``confidence`` is the minimum probability at which a decision is made. If there
+    are no tolerances, no posterior draws are made, because they take time.
     """
     if not tolerances:
         return {}
-    model = space.model
-    if model.degree == 0:
-        posterior = sample(model, space.pilot, sampler="independent", seed=space.seed)
-    else:
-        models = {"constant": model.with_degree(0), "linear": model}
-        posterior = average(models, space.pilot, evidences=evidences, seed=space.seed)
+    posterior = _posterior_on_sheets(space.model, space.pilot, evidences, space.seed)
     return tolerance_states(posterior, tolerances, known, before, confidence)
+
+
+def _decided_on_sheets(
+    states: dict[str, ToleranceState],
+    tolerances: Mapping[str, str | Tolerance],
+    space: Space,
+    known: Known,
+    campaign: Campaign,
+    confidence: float,
+) -> dict[str, ToleranceState]:
+    """Return the states of all tolerances with the decisions that the sheets of a report state.
+
+    ``campaign`` holds the circles run so far alone. The other arguments are as in
+    `_states_of_tolerances`, whose result ``states`` are.
+    """
+    if not states or has_effects_of_fit(space.model, campaign, known.bound):
+        return states
+    evidences = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE)
+    posterior = _posterior_on_sheets(space.model, campaign, evidences, space.seed)
+    return decided_from(posterior, tolerances, states, confidence)
+
+
+def _posterior_on_sheets(
+    model: HybridModel, campaign: Campaign, evidences: Evidences, seed: int
+) -> xr.DataTree:
+    """Return the posterior from which the sheets of a report decide on conformity.
+
+    It is averaged over constant and linear compliance. If compliance is constant in ``model``,
+    there is nothing to average. ``evidences`` computes evidences of ``campaign``.
+    """
+    if model.degree == 0:
+        return sample(model, campaign, sampler="independent", seed=seed)
+    models = {"constant": model.with_degree(0), "linear": model}
+    return average(models, campaign, evidences=evidences, seed=seed)
 
 
 def _with_other_uncertainties(

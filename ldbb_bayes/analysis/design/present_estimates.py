@@ -25,6 +25,7 @@ __all__ = [
     "FittedSds",
     "PresentEstimates",
     "averaged_sds_now",
+    "has_effects_of_fit",
     "present_estimates",
     "sds_of_fit",
 ]
@@ -81,7 +82,7 @@ def sds_of_fit(model: HybridModel, campaign: Campaign, nodes: Nodes) -> FittedSd
     posterior under the model that a design uses for the same circles. This model may have further
     effects, such as hysteresis if further circles may run in both directions.
     """
-    if _effects(model.bind(campaign)) == _effects(nodes.bound):
+    if has_effects_of_fit(model, campaign, nodes.bound):
         return FittedSds({}, averaged_sds_now(nodes))
     nodes_of_fit = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE).of(model)[0]
     sds = present_estimates(nodes_of_fit).sd.tolist()
@@ -99,6 +100,16 @@ def averaged_sds_now(nodes: Nodes) -> dict[str, float]:
     free = nodes.integral.resample(_AVERAGED_VALUES, np.random.default_rng(_SEED))
     phi = bound.hyper_prior.phi(free)
     return averaged_sds(bound, phi, truncated=bound.truncation.active)
+
+
+def has_effects_of_fit(model: HybridModel, campaign: Campaign, bound: BoundModel) -> bool:
+    """Return whether a design's model has the effects of a fit, and no others.
+
+    The fit is that of ``model`` to ``campaign``, the circles run so far. ``bound`` is the model
+    that a design uses for the same circles. It has other effects, such as hysteresis that changes
+    sign, if only further circles can show them.
+    """
+    return _effects(model.bind(campaign)) == _effects(bound)
 
 
 def _effects(bound: BoundModel) -> list[str]:
