@@ -19,12 +19,13 @@ from ldbb_bayes.analysis.conformity import (
     normal_conformity,
     stiffness_conformity,
 )
-from ldbb_bayes.analysis.tolerances import Tolerance, quantities, tolerances_in
+from ldbb_bayes.analysis.tolerances import Quantity, Tolerance, quantities, tolerances_in
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.control_limits import ChartPoints
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.units import is_direct
+from ldbb_bayes.model.parameter_kinds import is_possible
+from ldbb_bayes.units import inside_name, is_direct, is_slope
 
 __all__ = ["conformities_of_campaigns"]
 
@@ -63,6 +64,7 @@ def conformities_of_campaigns(
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}
+    _check_followed(wanted, followed)
     if not wanted:
         stated = json.loads(newest_tolerances or "{}")
         wanted = {name: text for name, text in stated.items() if name in followed}
@@ -84,6 +86,24 @@ def conformities_of_campaigns(
             decisions[campaign] = replace(decision, force_N=force_N)
         conformities[name] = decisions
     return conformities
+
+
+def _check_followed(wanted: Mapping[str, Any], followed: Mapping[str, Quantity]) -> None:
+    """Raise an `InputError` for the tolerance of a parameter that the trend does not follow.
+
+    The keys of ``wanted`` are names of quantities as the user stated them, and those of
+    ``followed`` the names of all quantities that the trend follows. A name that no trend can follow
+    is left to the check of all names.
+    """
+    for stated_name in wanted if isinstance(wanted, Mapping) else ():
+        name = inside_name(stated_name)
+        if name in followed or is_slope(name) or not is_possible(name):
+            continue
+        parameters = ",".join([*(one for one in followed if is_possible(one)), name])
+        raise InputError(
+            f"tolerance must be of a parameter that the trend follows, got {name!r}, which it does"
+            f" not. Follow it too: --parameters {parameters} (parameters=[…] in Python)."
+        )
 
 
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:

@@ -26,6 +26,7 @@ __all__ = [
     "degree_of",
     "geometric_unit",
     "hint_on_kind",
+    "is_possible",
     "kind_of",
     "parameter_to_inside",
     "settings_of_sd",
@@ -143,13 +144,13 @@ def check_possible(words: str, parameters: Iterable[str]) -> None:
             examples += [f"{example}_1", f"{example}_2"]
     for parameter in parameters:
         require(
-            _is_possible(parameter),
+            is_possible(parameter),
             f"{words} must be a compliance, its change with force or a geometric error, such as"
             f" C_XXX, C_XXX_1 and E_XX1, got {parameter!r}.{suggestion(parameter, examples)}",
         )
 
 
-def _is_possible(parameter: str) -> bool:
+def is_possible(parameter: str) -> bool:
     """Return whether a machine can have a parameter of the given name.
 
     A displacement caused by a force has the same effect at every joint. It is always attributed to
