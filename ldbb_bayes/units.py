@@ -18,6 +18,7 @@ from ldbb_bayes.errors import InputError, require
 __all__ = [
     "DISPLAY_UNITS",
     "UNITS_TO_WRITE",
+    "U_PROBABILITY",
     "Statement",
     "digits_apart",
     "display_name",
@@ -154,6 +155,9 @@ _SAME_SIZE = 1e-5
 # A credible interval is treated as skewed if the distance between the mean and the middle of the
 # interval is above this fraction of half the interval's width.
 _SKEWED_SHARE = 0.2
+# Probability of the interval whose ends are stated where value ± U (k = 2) would not describe a
+# result. It is the probability of value ± U itself for a normal distribution.
+U_PROBABILITY = 0.95
 # The expanded uncertainty U = 2 u does not describe a credible interval if it exceeds this multiple
 # of half the interval's width. For a normal distribution it is 1.02 times that of an interval of 95
 # %, and 1.2 times that of an interval of 90 %.

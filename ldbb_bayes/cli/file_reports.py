@@ -28,6 +28,7 @@ from ldbb_bayes.parallel import second_process, start_early
 from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.report import fit_tables, wording
 from ldbb_bayes.report.page import REPORT_FILES, Document
+from ldbb_bayes.units import U_PROBABILITY
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -404,6 +405,10 @@ def _printed_parts(
     """
     reference_N = bound_of(stated).setting.reference_force_N
     force_N = settings.get("force_N") or force_to_state(campaign_of(stated), reference_N)
+    of_U = result
+    if settings["prob"] != U_PROBABILITY:
+        of_U = fit_tables.full_result(stated, U_PROBABILITY)
+    of_U = fit_tables.result_at_force(stated, of_U, U_PROBABILITY, force_N)
     result = fit_tables.result_at_force(stated, result, settings["prob"], force_N)
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names
@@ -418,7 +423,10 @@ def _printed_parts(
         *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
         fit_tables.results_table(
-            result | {"parameters": parameters}, judge_at_force(stated, force_N), force_N=force_N
+            result | {"parameters": parameters},
+            judge_at_force(stated, force_N),
+            force_N=force_N,
+            of_U=of_U,
         ),
     ]
     concerns = fit_of(stated).concerns

@@ -649,6 +649,7 @@ def results_table(
     *,
     shares: bool = True,
     force_N: float | None = None,
+    of_U: Mapping[str, Any] | None = None,
 ) -> Table:
     """Return a table of the results of a fit, one row for each parameter.
 
@@ -670,21 +671,29 @@ def results_table(
         shown, too.
     force_N
         Force of the compliances in ``result`` [N]. Default: the model's reference force.
+    of_U
+        The same results with intervals of 95 %, from which U is stated. Default: ``result``, whose
+        intervals are then of 95 %.
 
     Returns
     -------
     Table
     """
+    of_U = result if of_U is None else of_U
     compliances, others = _parameters_by_kind(result)
     changes = result.get("change_with_force", {})
     rows = []
     for name, entry in compliances.items():
-        rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
+        verdict = wording.verdict_words(verdicts[name], shares=shares)
+        rows.append(_result_row(name, entry, verdict, of_U["parameters"][name]))
     for name, change in changes.items():
         label = wording.changes_by_words(name, change)
-        rows.append((label, *_change_cells(change), "", wording.direction_words(change)))
+        cells = _change_cells(of_U["change_with_force"][name])
+        cells = cells._replace(interval=_change_cells(change).interval)
+        rows.append((label, *cells, "", wording.direction_words(change)))
     for name, entry in others.items():
-        rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
+        verdict = wording.verdict_words(verdicts[name], shares=shares)
+        rows.append(_result_row(name, entry, verdict, of_U["parameters"][name]))
     caption = wording.PAGE["parameters"]
     if changes:
         if force_N is None:
@@ -694,7 +703,10 @@ def results_table(
 
 
 def coefficient_table(
-    result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability]
+    result: Mapping[str, Any],
+    verdicts: Mapping[str, ParameterIdentifiability],
+    *,
+    of_U: Mapping[str, Any] | None = None,
 ) -> Table:
     """Return a table of the slopes: coefficients of the change of compliances with force.
 
@@ -709,31 +721,41 @@ def coefficient_table(
     verdicts
         Verdicts on how well the readings determine each parameter of the fit. The keys are names of
         parameters.
+    of_U
+        The same results with intervals of 95 %, from which U is stated. Default: ``result``, whose
+        intervals are then of 95 %.
 
     Returns
     -------
     Table
     """
+    of_U = result if of_U is None else of_U
     rows = []
     for name, entry in result["parameters"].items():
         if units.is_slope(name):
             verdict = wording.verdict_words(verdicts[name], shares=False)
-            rows.append(_result_row(name, entry, verdict))
+            rows.append(_result_row(name, entry, verdict, of_U["parameters"][name]))
     return _results_table(wording.PAGE["coefficients"], rows, result)
 
 
-def _result_row(name: str, entry: Mapping[str, Any], verdict: str) -> tuple[str, ...]:
+def _result_row(
+    name: str, entry: Mapping[str, Any], verdict: str, entry_of_U: Mapping[str, Any]
+) -> tuple[str, ...]:
     """Return the row of a parameter in a table of results, as texts.
 
     ``entry`` is what the JSON record of the fit states about the parameter ``name``. ``verdict`` is
-    the text of the last cell. Only the row of a direct compliance states a stiffness.
+    the text of the last cell. Only the row of a direct compliance states a stiffness. U is that of
+    ``entry_of_U``, the same record with an interval of 95 %.
     """
     interval = wording.interval_of(entry)
     statement = units.state(entry["mean"], entry["sd"], interval, entry["unit"])
+    interval_of_U = wording.interval_of(entry_of_U)
+    of_U = units.state(entry["mean"], entry["sd"], interval_of_U, entry["unit"])
     stiffness = ""
     if units.is_direct(name):
         stiffness = units.stiffness(entry["median"], interval)
-    return (display_name(name), *_statement_cells(statement), stiffness, verdict)
+    cells = _statement_cells(statement)._replace(expanded=of_U.expanded)
+    return (display_name(name), *cells, stiffness, verdict)
 
 
 def _statement_cells(statement: units.Statement) -> _ResultCells:

@@ -92,11 +92,15 @@ def results(findings: Findings) -> Iterator[Part]:
     """Yield the section on the estimated parameters and on other effects, such as ball form."""
     yield wording.model_words(findings.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
-    yield fit_tables.results_table(findings.result, findings.verdicts_of_fit, shares=False)
+    yield fit_tables.results_table(
+        findings.result, findings.verdicts_of_fit, shares=False, of_U=findings.result_of_U
+    )
     yield picture("forest", findings.posterior)
     if len(bound_of(findings.posterior_of_certificate).setting.tested_planes) == len(LINEAR):
         yield picture("compliance_ellipsoid", findings.posterior_of_certificate)
-    coefficients = fit_tables.coefficient_table(findings.result, findings.verdicts_of_fit)
+    coefficients = fit_tables.coefficient_table(
+        findings.result, findings.verdicts_of_fit, of_U=findings.result_of_U
+    )
     if coefficients.rows:
         yield Details(wording.PAGE["coefficients_hint"], (coefficients,))
     nuisances = fit_tables.nuisance_table(findings.result["nuisances"])

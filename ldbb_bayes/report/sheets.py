@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ldbb_bayes.analysis.conformity import Conformity
@@ -28,7 +29,7 @@ from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words, words_of
 from ldbb_bayes.report.wording import sum_in_words
 from ldbb_bayes.results import Table
-from ldbb_bayes.units import display_name, display_unit, state, two_digits
+from ldbb_bayes.units import U_PROBABILITY, display_name, display_unit, state, two_digits
 
 __all__ = ["sheet_line", "sheets", "signatures"]
 
@@ -65,7 +66,10 @@ def sheets(
     if force_N is None:
         bound = bound_of(findings.posterior_of_certificate)
         force_N = force_to_state(bound.campaign, bound.setting.reference_force_N)
-    numbers = SheetNumbers(findings, words, float(force_N))
+    with_brackets = SheetNumbers(findings, words, float(force_N))
+    numbers = with_brackets
+    if findings.prob != U_PROBABILITY:
+        numbers = SheetNumbers(replace(findings, prob=U_PROBABILITY), words, float(force_N))
     name = str(findings.result["campaign"]["name"])
     first = ReportSheet(
         "certificate",
@@ -77,7 +81,7 @@ def sheets(
         "results-sheet",
         words("sheet.second"),
         sheet_line(words, 2, 2 + further, name),
-        tuple(_second_sheet(numbers)),
+        tuple(_second_sheet(numbers, with_brackets)),
     )
     return first, second
 
@@ -180,10 +184,8 @@ def _averaged_models(findings: Findings, words: Words) -> str:
 # ---- sheet 2 of the test certificate: the results
 
 
-def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the content of sheet 2 of the test certificate, with all parameters and figures."""
-    words = numbers.words
-    findings = numbers.findings
+def _quantities_of_second_sheet(numbers: SheetNumbers) -> list[StatedQuantity]:
+    """Return the quantities that sheet 2 of the test certificate states, in their order."""
     compliances = []
     others = []
     for name, quantity in numbers.parameters.items():
@@ -191,18 +193,31 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
             compliances.append(quantity)
         else:
             others.append(quantity)
-    quantities = [
+    return [
         *compliances,
         *numbers.changes.values(),
         *others,
         *numbers.path.values(),
         *numbers.path_on_second_sheet.values(),
     ]
+
+
+def _second_sheet(numbers: SheetNumbers, with_brackets: SheetNumbers) -> Iterator[Block]:
+    """Yield the content of sheet 2 of the test certificate, with all parameters and figures.
+
+    The intervals in brackets are those of ``with_brackets``; U and all else is of ``numbers``.
+    """
+    words = numbers.words
+    findings = numbers.findings
     yield Fields(identity_fields(findings, words))
-    yield _table_with_intervals(numbers, quantities)
+    yield _table_with_intervals(
+        with_brackets,
+        _quantities_of_second_sheet(numbers),
+        _quantities_of_second_sheet(with_brackets),
+    )
     yield words(
         "notes.u",
-        percent=words.number(f"{100 * findings.prob:g}"),
+        percent=words.number(f"{100 * with_brackets.findings.prob:g}"),
         force=words.number(f"{numbers.force_N:.4g}"),
     )
     yield words("notes.words", names="; ".join(_meanings_of_partners(numbers)))
@@ -325,19 +340,24 @@ def _table_with_U(
     return _table(numbers, caption, ("quantity", "symbol", "value", "U", "unit", "remark"), rows)
 
 
-def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuantity]) -> Table:
+def _table_with_intervals(
+    numbers: SheetNumbers,
+    quantities: Sequence[StatedQuantity],
+    in_brackets: Sequence[StatedQuantity],
+) -> Table:
     """Return a table of quantities with credible intervals for the test certificate.
 
     There is one row for each quantity. The columns are value, U (k = 2), credible interval, unit
-    and remark.
+    and remark. U is that of ``quantities``. The credible intervals are those of ``in_brackets``,
+    the same quantities; their probability is the one in ``numbers``.
     """
     words = numbers.words
     rows = []
-    for quantity in quantities:
+    for quantity, other in zip(quantities, in_brackets, strict=True):
         statement = quantity.value_and_U()
         interval = "–"
         if not quantity.is_exactly_none:
-            ends = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit).ends
+            ends = state(quantity.estimate, quantity.sd, other.interval, quantity.unit).ends
             interval = words("interval", low=ends[0], high=ends[1])
         rows.append(
             (

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from campaigns import plan, simulated
 from reports import fitted
+from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.report.fit_tables import full_result, results_table
@@ -28,3 +29,20 @@ def test_results_state_the_force_where_compliances_change(
     posterior = fitted(model, simulated(plan()))
     verdicts = lb.analysis.judge_posterior(posterior)
     assert results_table(full_result(posterior, 0.95), verdicts).caption == caption
+
+
+@pytest.mark.parametrize("prob", [0.68, 0.9])
+def test_u_does_not_change_with_the_probability_of_intervals(prob: float) -> None:
+    posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
+    verdicts = lb.analysis.judge_posterior(posterior)
+    of_95 = full_result(posterior, 0.95)
+    table = results_table(full_result(posterior, prob), verdicts, of_U=of_95)
+    expected = results_table(of_95, verdicts)
+    column = table.heads.index("U (k = 2)")
+    assert [row[column] for row in table.rows] == [row[column] for row in expected.rows]
+    draws = posterior["posterior"]["E_XX1"].to_numpy() * 1e6
+    row = next(row for row in table.rows if row[0] == "E_XX1")
+    assert float(row[column]) == pytest.approx(2.0 * draws.std(), rel=0.05)
+    ends = row[column + 1].strip("[]").replace("−", "-").split(", ")
+    width = float(ends[1]) - float(ends[0])
+    assert width == pytest.approx(2.0 * norm.ppf(0.5 + 0.5 * prob) * draws.std(), rel=0.1)

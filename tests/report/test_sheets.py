@@ -247,6 +247,27 @@ def test_every_compliance_and_error_stands_on_sheet_2(english: Sheets) -> None:
     assert {"C_XXX", "C_YYY", "E_XX1", "E_YX2", "E_C(0Y)X"} <= symbols
 
 
+@pytest.mark.parametrize("prob", [0.5, 0.68, 0.99])
+def test_u_is_that_of_95_percent_whatever_the_intervals_in_brackets(
+    findings: Findings, english: Sheets, prob: float
+) -> None:
+    """With half of the probability in brackets, U = 2 u is three times half their width."""
+    first, second = sheets(replace(findings, prob=prob))
+    (table,) = tables_of(second)
+    assert f"{100 * prob:g} % interval" in table.heads
+    of_95 = [tables_of(sheet)[0] for sheet in english]
+    value, expanded = 2, 3
+    for found, expected in zip([tables_of(first)[0], table], of_95, strict=True):
+        for row, other in zip(found.rows, expected.rows, strict=True):
+            assert (row[value], row[expanded]) == (other[value], other[expanded])
+    row = next(row for row in table.rows if row[1] == "E_XX1")
+    draws = 1e6 * findings.posterior_of_certificate["posterior"]["E_XX1"].to_numpy()
+    assert float(row[expanded]) == pytest.approx(2.0 * draws.std(), rel=0.05)
+    ends = [float(end.replace("−", "-")) for end in row[4].strip("[]").split(", ")]
+    expected_ends = np.quantile(draws, [0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
+    assert ends == pytest.approx(expected_ends, abs=0.1 * draws.std())
+
+
 def test_the_force_at_which_stiffness_is_stated(findings: Findings) -> None:
     first, _ = sheets(findings, force_N=500.0)
     assert "500 N" in tables_of(first)[0].caption
@@ -694,7 +715,7 @@ def test_a_change_whose_interval_is_zero_on_sheets(language: str, if_any: Any, t
     words = words_of(language)
     assert remark(quantity, words).replace("\u00a0", " ") == text
     numbers: Any = SimpleNamespace(words=words, findings=SimpleNamespace(prob=0.95))
-    (row,) = _table_with_intervals(numbers, [quantity]).rows
+    (row,) = _table_with_intervals(numbers, [quantity], [quantity]).rows
     assert row[2:5] == ("0", "–", "–")
 
 
