@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "JudgedQuantities",
+    "confounded_at",
     "confounded_in",
     "judge_at_force",
     "judge_posterior",
@@ -291,8 +292,49 @@ def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
     The posterior may be an average over models.
     """
     variance, changes = _variance_with_changes(posterior)
+    return _confounded(variance, bound_of(posterior).names, changes)
+
+
+@one_blas_thread
+def confounded_at(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
+    """Return what `confounded_in` returns, for one model at one value of the hyper-parameters.
+
+    No posterior draws are needed, which saves time in a batch of campaigns.
+
+    Parameters
+    ----------
+    bound
+        Model of a campaign.
+    phi
+        Values of the h hyper-parameters, such as the standard deviation of the noise, shape (h,);
+        lengths in mm.
+    """
+    information = information_of(bound, phi)
+    changes = curve_changes(bound, information)
+    weights_of_changes = [change.weights for change in changes.values()]
+    weights = np.vstack([weights_of_parameters(information), *weights_of_changes])
+    variances = np.einsum("qm,qm->q", weights @ information.covariance(), weights)
+    model = ModelVariance(
+        probability=1.0,
+        bound=bound,
+        information=information,
+        weights=weights,
+        mean=np.zeros(len(weights)),
+        sd=np.sqrt(variances),
+    )
+    return _confounded(AveragedVariance((model,), len(bound.names)), bound.names, changes)
+
+
+def _confounded(
+    variance: AveragedVariance, names: Sequence[str], changes: Mapping[str, CurveChange]
+) -> dict[str, tuple[str, ...]]:
+    """Return the effects confounded with each parameter, and with each change with force.
+
+    ``variance`` holds the variances of all parameters, whose names are ``names``, and then those of
+    ``changes``. See `confounded_in` for the result.
+    """
     slopes_of_quantities: dict[str, Sequence[str]] = {}
-    for name in bound_of(posterior).names:
+    for name in names:
         slopes_of_quantities[name] = (name,)
     for name, change in changes.items():
         slopes_of_quantities[f"Δ{name}"] = change.slopes

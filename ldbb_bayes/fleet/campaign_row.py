@@ -17,8 +17,13 @@ import numpy as np
 from ldbb_bayes.analysis.compliance_meaning import stands_for
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.directional_stiffness import stiffness_of_fit
-from ldbb_bayes.analysis.posterior_verdicts import confounded_in
-from ldbb_bayes.analysis.tolerances import name_in_plane, quantities_of
+from ldbb_bayes.analysis.posterior_verdicts import confounded_at
+from ldbb_bayes.analysis.tolerances import (
+    Quantity,
+    name_in_plane,
+    quantities_of,
+    tolerances_in,
+)
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.campaign.placed_circles import placed_circles
@@ -158,7 +163,7 @@ def _read_campaign(settings: Settings, path: str) -> Campaign:
 
 
 def check_tolerances(settings: Settings, paths: Sequence[str]) -> None:
-    """Raise an `InputError` if a tolerance of a batch is of a quantity that no campaign has.
+    """Raise an `InputError` if a tolerance is of a quantity that no campaign has, or has no unit.
 
     A campaign of one plane, for example, has no compliance of another plane. Campaigns that cannot
     be read are passed over; each of them has a row with the reason.
@@ -170,18 +175,19 @@ def check_tolerances(settings: Settings, paths: Sequence[str]) -> None:
     """
     unknown = {inside_name(name) for name in settings.tolerances}
     model = model_from_toml(settings.model_toml)
-    known: set[str] = set()
+    known: dict[str, Quantity] = {}
     for path in paths:
         if not unknown:
-            return
+            break
         try:
             campaign = _read_campaign(replace(settings, tolerances={}), path)
-            known |= set(quantities_of(model.bind(campaign)))
+            known |= quantities_of(model.bind(campaign))
         except InputError:
             continue
-        unknown -= known
+        unknown -= set(known)
     if known:
         check_known("quantity with a tolerance", sorted(unknown), sorted(known))
+        tolerances_in(known, settings.tolerances)
 
 
 def _reason(error: Exception, job: Job) -> str:
@@ -249,7 +255,7 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     rule = StoppingRule(ess=settings.ess)
     fitted = fit_model(density, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
     bound = density.bound
-    confounded = confounded_in(fitted.tree())
+    confounded = confounded_at(bound, fitted.draws.phi.mean(axis=0))
     words = words_of_fit(fitted.fit, fitted.sampler, bound, confounded)
     columns: dict[str, Any] = {}
     breakdowns = []

@@ -53,6 +53,16 @@ def fitted(folders: list[str], tmp_path_factory: pytest.TempPathFactory) -> Batc
     )
 
 
+@pytest.mark.parametrize("text", ["60", "60 µm"])
+def test_a_tolerance_without_its_unit_is_refused_before_any_fit(
+    folders: list[str], tmp_path: Path, text: str
+) -> None:
+    limits = {"stiffness_Y": "15 N/µm", "C_XXX": text}
+    with pytest.raises(InputError, match="tolerance of C_XXX must be a number with its unit"):
+        lb.fleet.run_batch(folders, tmp_path / "out", tolerances=limits, **OPTIONS)
+    assert not (tmp_path / "out").exists()
+
+
 def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
     rows = fitted.rows()
     assert rows["campaign"].tolist() == folders
