@@ -135,6 +135,7 @@ UNITS_TO_WRITE = _units_to_write()
 # Spaces at which no line may end: between a number and its unit, and beside ±.
 _SPACE_BESIDE_UNIT = re.compile(
     r"(?<=\d) (?=(?:%|N|µm|mm|nm|µrad|nrad)(?![^\W\d_])|±)|(?<=±) (?=\d)"
+    r"|(?<=[A-Z]) (?=± \d)|(?<=\(N) (?=mm?\))"
 )
 # Characters for the exponents of powers of ten: superscripts of the minus sign and digits.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -643,7 +644,7 @@ def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str)
 
 
 def keep_with_units(text: str) -> str:
-    """Return a text in which no line can end between a number and its unit, or beside ±.
+    """Return a text in which no line can end before or within a unit, or beside ±.
 
     The spaces there become no-break spaces.
     """

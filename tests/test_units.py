@@ -164,6 +164,9 @@ def test_typeset(text: str, expected: str) -> None:
 def test_numbers_stay_with_their_units() -> None:
     text = units.keep_with_units("U = 3.1 nm/N at 100 N, 0.5 ± 1.3 µm of 12 Nights")
     assert text == "U = 3.1\u00a0nm/N at 100\u00a0N, 0.5\u00a0±\u00a01.3\u00a0µm of 12 Nights"
+    text = units.keep_with_units("ΔC_CXY ± 9.2 nrad/N; ΔC_CCY ± 0.13 µrad/(N m) (assumed)")
+    assert "ΔC_CXY\u00a0±\u00a09.2\u00a0nrad/N; ΔC_CCY\u00a0±\u00a0" in text
+    assert "0.13\u00a0µrad/(N\u00a0m) (assumed)" in text
 
 
 @pytest.mark.parametrize(("value", "text"), [(999.4, "999"), (999.7, "1000"), (1234.5, "1234")])
