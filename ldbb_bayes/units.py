@@ -135,7 +135,7 @@ UNITS_TO_WRITE = _units_to_write()
 # Spaces at which no line may end: between a number and its unit, and beside ±.
 _SPACE_BESIDE_UNIT = re.compile(
     r"(?<=\d) (?=(?:%|N|µm|mm|nm|µrad|nrad)(?![^\W\d_])|±)|(?<=±) (?=\d)"
-    r"|(?<=[A-Z]) (?=± \d)|(?<=\(N) (?=mm?\))"
+    r"|(?<=[A-Z]) (?=±\s\d)|(?<=\(N) (?=mm?\))"
 )
 # Characters for the exponents of powers of ten: superscripts of the minus sign and digits.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -167,6 +167,7 @@ def test_numbers_stay_with_their_units() -> None:
     text = units.keep_with_units("ΔC_CXY ± 9.2 nrad/N; ΔC_CCY ± 0.13 µrad/(N m) (assumed)")
     assert "ΔC_CXY\u00a0±\u00a09.2\u00a0nrad/N; ΔC_CCY\u00a0±\u00a0" in text
     assert "0.13\u00a0µrad/(N\u00a0m) (assumed)" in text
+    assert units.keep_with_units("C_CXY ±\u00a09") == "C_CXY\u00a0±\u00a09"
 
 
 @pytest.mark.parametrize(("value", "text"), [(999.4, "999"), (999.7, "1000"), (1234.5, "1234")])
