@@ -38,10 +38,11 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     The position of the centre along an axis is a Fourier coefficient of order 1, fitted by least
     squares together with the orders 0 and 2. The shift that the parameters ``beta``, shape (p,),
     explain is first subtracted. Then a p-value is computed for each plane and each of its two axes,
-    by Student's t-test of the slope of the position over force. Only planes with at least four tests and at least three different forces are checked. An
-    axis is reported if its smallest p-value in any plane, multiplied by the number of all p-values
-    (Bonferroni), is below 1 %. The result is a dict; its keys are the reported axes, and its values
-    are their smallest p-values. ``bound`` is the model of the campaign.
+    by Student's t-test of the slope of the position over force. Only planes with at least four
+    tests and at least three different forces are checked. An axis is reported if its smallest
+    p-value in any plane, multiplied by the number of all p-values (Bonferroni), is below 1 %. The
+    result is a dict; its keys are the reported axes, and its values are their smallest p-values.
+    ``bound`` is the model of the campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = []

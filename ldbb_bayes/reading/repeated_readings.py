@@ -11,7 +11,7 @@ from ldbb_bayes.reading.recording import Recording
 __all__ = ["note_repeated_readings"]
 
 # Fewer different readings may be the same in two circles by chance.
-_FEWEST_DIFFERENT = 9
+_FEWEST_DIFFERENT = 10
 
 
 def note_repeated_readings(recordings: Sequence[Recording]) -> None:

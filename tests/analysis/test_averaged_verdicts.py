@@ -14,7 +14,7 @@ from campaigns import plan, simulated
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.analysis.posterior_verdicts import confounded_in, judge_quantities
+from ldbb_bayes.analysis.posterior_verdicts import confounded_at, confounded_in, judge_quantities
 from ldbb_bayes.analysis.variance_sources import MODEL_CHOICE, AveragedVariance, _variances_of
 from ldbb_bayes.analysis.verdicts import (
     ParameterIdentifiability,
@@ -273,6 +273,9 @@ def test_the_note_of_a_fit_names_what_is_confounded_by_the_verdicts(
         if change.verdict == Verdict.CONFOUNDED:
             expected[f"Δ{name}"] = tuple(change.partner_shares)
     assert confounded_in(posterior) == expected
+    if not average:
+        (model,) = averaged_models(posterior)
+        assert confounded_at(model.bound, model.phi.mean(axis=0)) == expected
     (note,) = [
         text
         for text in lb.report.describe_fit(posterior)["warnings"]
