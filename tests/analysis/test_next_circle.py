@@ -253,7 +253,7 @@ def test_an_aim_is_reached_by_the_decision_of_the_sheets() -> None:
     )
     signed = replace(forecast, sd=0.2, probability=1.0, decision=Decision.CONFORMS)
     aim = UncertaintyAim(np.array([1.0]), target=0.6, inflation=1.0, is_reached=False)
-    state = ToleranceState(forecast, aim).with_sheets(signed)
+    state = ToleranceState(forecast, mean=0.0, sd=0.8, aim=aim).with_sheets(signed)
     assert state.aim.is_reached
     left = np.array([[[0.25]]])
     found = state.so_far(left, left, left)
