@@ -193,6 +193,30 @@ def test_a_goal_that_the_pilot_meets_needs_nothing():
     assert "U now is not above what is wanted" in " ".join(text_of(found).split())
 
 
+@pytest.fixture(scope="module")
+def hardly_met():
+    """Design for a goal in percent that U now meets at the estimate, but not on most machines."""
+    now = lb.analysis.next_circle(MODEL, PILOT, goals={"C_XXX": "30 %"}).goals["C_XXX"]
+    goals = {"C_XXX": f"{100.5 * now.U / now.value:.2f} %"}
+    return goals, lb.design(MODEL, PILOT, goals=goals, directions=("CW",))
+
+
+def test_a_goal_that_hangs_on_the_true_value_is_not_met_already(hardly_met):
+    stated = hardly_met[1].goals["C_XXX"]
+    assert stated.limit_U > stated.U
+    assert not stated.met_by_pilot
+    assert not hardly_met[1].all_met
+
+
+def test_design_and_next_state_one_probability_that_a_goal_is_met(hardly_met):
+    goals, found = hardly_met
+    step = lb.analysis.next_circle(MODEL, PILOT, goals=goals)
+    stated = found.goals["C_XXX"]
+    assert 0.4 < stated.probability < 0.7
+    assert stated.probability == step.goals["C_XXX"].probability
+    assert f"enough on {100.0 * stated.probability:.0f} % of" in " ".join(text_of(found).split())
+
+
 def test_a_campaign_that_takes_too_long_is_not_offered():
     found = lb.design(
         MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, costs=Costs(hours=0.3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Goal, goals_in
@@ -42,6 +43,14 @@ def test_a_percentage_is_relative_to_the_value(text):
 def test_the_limit_of_u_is_half_of_that_of_the_expanded_uncertainty():
     goal = Goal("C_XXX", "mm/N", absolute=2e-6)
     np.testing.assert_array_equal(goal.limit_u([1e-5, 1e-4]), [1e-6, 1e-6])
+
+
+def test_a_goal_in_percent_is_met_with_the_share_of_values_that_are_large_enough():
+    """U = 4 nm/N is 10 % of 40 nm/N: of a normal N(40, 4²) one half lies above."""
+    goal = Goal("C_XXX", "mm/N", share=0.1)
+    draws = norm.ppf((np.arange(1000) + 0.5) / 1000, 40e-6, 4e-6)
+    assert goal.probability_met(draws, 2e-6) == 0.5
+    assert goal.probability_met(draws, 1.5e-6) == pytest.approx(norm.cdf(2.5), abs=1e-3)
 
 
 def test_a_goal_is_met_at_its_limit_and_not_above():

@@ -28,8 +28,8 @@ SENTENCES = [
     "Averaged over constant and linear compliance and what else may explain a change with force, as"
     " the sheets of report state it, it is after"
     " the cheapest campaign C_XXX 5.1 nm/N, C_YYY 4.9 nm/N, C_XYX 0.9 nm/N (medians).",
-    "Met already by 'a pilot' (U now is not above what is wanted; next states how probable that"
-    " is), so that nothing is needed: C_XXX and E_XX1.",
+    "Met already by 'a pilot' (U now is not above what is wanted on 90 % or more of the machines"
+    " that it leaves likely), so that nothing is needed: C_XXX and E_XX1.",
     "Run 9 circles in 47 min, with balls of grade G10 and bar ± 1 µm certified: price 347.",
     "The other goals are met on 98 % of the machines that the prior allows (90 % were asked for).",
     "Out of reach, for the reasons below: C_XXX and E_XX1.",
@@ -48,6 +48,8 @@ SENTENCES = [
     "No certificate that is known here would help by a tenth. Ask for 6.8 nm/N or more to see which"
     " circles come near.",
     "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate.",
+    "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate; U now is enough on 55 % of the"
+    " machines that the pilot leaves likely.",
     "C_XXX: wanted is 10 % of 67 nm/N, the median of its size under the prior.",
     "U now counts what the planned circles can show and the circles run so far cannot, such as"
     " hysteresis if both directions are run; fit of the circles run so far alone states: C_XXX"

@@ -19,7 +19,7 @@ from scipy.special import ndtr, ndtri
 from ldbb_bayes.analysis.conformity import Conformity, Decision, assess_conformity, quantity_draws
 from ldbb_bayes.analysis.design.aims import UncertaintyAim
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal
-from ldbb_bayes.analysis.design.present_estimates import present_estimates
+from ldbb_bayes.analysis.design.present_estimates import PRESENT_DRAWS, present_estimates
 from ldbb_bayes.analysis.tolerances import Tolerance
 from ldbb_bayes.inference.coefficients import evenly_spaced
 from ldbb_bayes.inference.nodes import Nodes
@@ -42,8 +42,6 @@ __all__ = [
 # Number of values of the hyper-parameters, such as the standard deviation of the noise, at which
 # possible next circles are compared.
 _NODES = 16
-# Number of posterior draws of the parameters.
-_DRAWS = 1024
 # Smallest distance of an estimate from a tolerance limit, in present standard uncertainties, that
 # is used for the choice of the next circle. A smaller distance is replaced by this number.
 # Otherwise, an estimate exactly at the limit would demand an uncertainty of zero, which no campaign
@@ -139,7 +137,7 @@ def known_from(nodes: Nodes, seed: int) -> Known:
     """
     rng = np.random.default_rng(seed)
     estimates = present_estimates(nodes)
-    draws, phi_of_draws = nodes.draw(_DRAWS, rng)
+    draws, phi_of_draws = nodes.draw(PRESENT_DRAWS, rng)
     free = nodes.integral.resample(_NODES, rng)
     phi = nodes.bound.hyper_prior.phi(free)
     return Known(nodes.bound, estimates.mean, estimates.sd, draws, phi_of_draws, phi)
@@ -196,7 +194,7 @@ class GoalState:
         ``confidence`` the minimum probability at which a goal counts as reached.
         """
         stated = replace(self, U_of_fit=expanded)
-        is_reached = bool(stated.is_met().mean() >= confidence)
+        is_reached = self.goal.probability_met(self.draws, stated.sd_of_fit) >= confidence
         return replace(stated, aim=replace(self.aim, is_reached=is_reached))
 
     def is_met(self) -> Array:

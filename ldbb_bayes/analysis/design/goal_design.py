@@ -42,6 +42,7 @@ from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_o
 from ldbb_bayes.analysis.design.possible_certificates import require_possible
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
+    PRESENT_DRAWS,
     present_estimates,
     sds_of_fit,
 )
@@ -51,7 +52,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_probability, require
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.results import Records, Result
+from ldbb_bayes.results import Array, Records, Result
 
 __all__ = [
     "CustomaryPlan",
@@ -96,8 +97,8 @@ class StatedGoal(Result):
     #: run. It comes from the readings of the campaign that the design starts from, or from the
     #: prior if there are no readings.
     U: float
-    #: whether the goal for the parameter's uncertainty is already met before any further circle is
-    #: run
+    #: whether the goal for the parameter's uncertainty is already met, with the probability that
+    #: the user asks for, before any further circle is run
     met_by_pilot: bool
     #: expanded uncertainty (k = 2) that a fit of the circles run so far states. It differs from
     #: ``U`` if the model includes effects that only the planned circles can show, such as
@@ -108,6 +109,10 @@ class StatedGoal(Result):
     #: linear compliance, as the sheets of a report state it. None if compliance is constant in the
     #: model, and if there are no readings.
     averaged_U: float | None = None
+    #: probability that ``U`` already meets the goal for the parameter's uncertainty. A goal in
+    #: percent is of the parameter's true value, which is not known exactly. None if there are no
+    #: readings.
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -338,7 +343,7 @@ def design_for_goals(
         augment=augment,
         seed=seed,
     )
-    known = _stated_goals(space, goals, pilot)
+    known = _stated_goals(space, goals, pilot, probability)
     needed = {name: goal for name, goal in goals.items() if not known[name].met_by_pilot}
     return _search_campaigns(space, known, needed, costs, offers, probability, _Steps(progress))
 
@@ -377,40 +382,47 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
 
 
 def _stated_goals(
-    space: Space, goals: Mapping[str, Goal], pilot: Campaign
+    space: Space, goals: Mapping[str, Goal], pilot: Campaign, probability: float
 ) -> dict[str, StatedGoal]:
     """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
 
     ``pilot`` is the campaign or plan that the design starts from, as the user gave it. ``space``
     holds it with tests that may be run later. If the pilot has readings, the estimate and its
-    uncertainty are the posterior mean and standard deviation given these readings. If the pilot is
-    a plan without readings, both come from the prior, and the goal does not count as met. The
-    estimate is then the median of the parameter's absolute value, because the mean may be zero. The
-    result states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in
-    the unit of the parameter. The result is a dict; its keys are the names of the goals'
-    parameters.
+    uncertainty are the posterior mean and standard deviation given these readings. The goal counts
+    as met if the uncertainty meets it on the fraction ``probability`` of the machines that these
+    readings leave likely, as a campaign would have to. If the pilot is a plan without readings,
+    both come from the prior, and the goal does not count as met. The estimate is then the median of
+    the parameter's absolute value, because the mean may be zero. The result states the expanded
+    uncertainty U (k = 2) and the largest U that the goal allows, both in the unit of the parameter.
+    The result is a dict; its keys are the names of the goals' parameters.
     """
     bound = space.bound
     sds: dict[str, float] = {}
     averaged: dict[str, float] = {}
+    draws: Array | None = None
     if pilot.is_plan:
         value = np.median(np.abs(states_of(space.model, space.pilot).beta), axis=0)
         sd = np.asarray(bound.prior_sd)
     else:
         nodes = Evidences(space.pilot, tolerance=EVIDENCE_TOLERANCE).of(space.model)[0]
         value, sd = present_estimates(nodes)
+        draws, _ = nodes.draw(PRESENT_DRAWS, np.random.default_rng(space.seed))
         sds, averaged = sds_of_fit(space.model, pilot, nodes)
     stated = {}
     for name, goal in goals.items():
         k = bound.names.index(name)
+        probability_met = None
+        if draws is not None:
+            probability_met = goal.probability_met(draws[:, k], float(sd[k]))
         stated[name] = StatedGoal(
             goal,
             limit_U=float(goal.limit_U(value[k])),
             value=float(value[k]),
             U=COVERAGE_FACTOR * float(sd[k]),
-            met_by_pilot=bool(goal.is_met(value[k], sd[k])) and not pilot.is_plan,
+            met_by_pilot=probability_met is not None and probability_met >= probability,
             U_of_fit=_expanded(sds.get(name)),
             averaged_U=_expanded(averaged.get(name)),
+            probability=probability_met,
         )
     return stated
 

@@ -106,6 +106,26 @@ class Goal(Result):
         """
         return np.asarray(np.asarray(u) <= self.limit_u(value))
 
+    def probability_met(self, draws: Array, u: float) -> float:
+        """Return the probability that a standard uncertainty u meets the goal.
+
+        A goal in percent is of the parameter's true value, which is not known exactly. A goal with
+        a fixed limit is met with the probability 0 or 1.
+
+        Parameters
+        ----------
+        draws
+            Equally likely values of the parameter in the unit ``unit``, shape (n,).
+        u
+            Standard uncertainty in the same unit.
+
+        Returns
+        -------
+        float
+            Share of the values with which the goal is met.
+        """
+        return float(self.is_met(draws, u).mean())
+
 
 def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dict[str, Goal]:
     """Read and check goals, and return them with the names of the parameters as keys.

@@ -22,6 +22,7 @@ from ldbb_bayes.results import Array
 
 __all__ = [
     "EVIDENCE_TOLERANCE",
+    "PRESENT_DRAWS",
     "FittedSds",
     "PresentEstimates",
     "averaged_sds_now",
@@ -33,6 +34,8 @@ __all__ = [
 # Largest numerical error allowed for the log evidence of a model [nat]. The error is small compared
 # with the log Bayes factor of 3 nat that a decision with 95 % probability needs.
 EVIDENCE_TOLERANCE = 0.2
+# Number of posterior draws of the parameters: for the probability that a goal in percent is met.
+PRESENT_DRAWS = 1024
 # Largest number of values of the hyper-parameters, such as the standard deviation of the noise,
 # over which posterior means and standard deviations are averaged.
 _COMPONENTS = 1024

@@ -113,13 +113,14 @@ def goal_notes(
 ) -> tuple[str, ...]:
     """Return sentences on the numbers of goals for uncertainties.
 
-    They state of which value a goal in percent is, the U of a fit of the circles run so far where
-    it differs from the U now, and U averaged over constant and linear compliance. ``shares`` are
-    the goals as fractions of the parameters, or None, and ``units`` are the internal units of the
-    parameters. ``averaged_then`` is the averaged U to expect after the cheapest campaign, if it is
-    known. The keys are the names of the parameters. ``measured`` states whether there are readings.
-    ``of_next`` states whether the goals are those of the next circle, whose table shows the U of a
-    fit as the U now; the sentence then states the other U.
+    They state of which value a goal in percent is, how probable it is that U now meets it, the U
+    of a fit of the circles run so far where it differs from the U now, and U averaged over constant
+    and linear compliance. ``shares`` are the goals as fractions of the parameters, or None, and
+    ``units`` are the internal units of the parameters. ``averaged_then`` is the averaged U to
+    expect after the cheapest campaign, if it is known. The keys are the names of the parameters.
+    ``measured`` states whether there are readings. ``of_next`` states whether the goals are those
+    of the next circle, whose table shows the U of a fit as the U now, and the probability that U
+    now is enough; the sentences then state the other U alone.
     """
     percentages = []
     other_U = []
@@ -129,11 +130,15 @@ def goal_notes(
         share = shares[name]
         if share is not None:
             value, _ = value_and_uncertainty(goal.value * factor, goal.U * factor)
+            probability = ""
+            if goal.probability is not None and not of_next:
+                probability = f"{100.0 * goal.probability:.0f} %"
             percentages.append(
                 {
                     "name": display_name(name),
                     "percent": f"{100.0 * share:g}",
                     "value": f"{value} {unit}",
+                    "probability": probability,
                 }
             )
         if goal.U_of_fit is not None:
