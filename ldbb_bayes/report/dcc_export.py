@@ -11,9 +11,10 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -22,6 +23,7 @@ from ldbb_bayes.analysis.directional_stiffness import PlaneStiffness, PrincipalS
 from ldbb_bayes.analysis.posterior_verdicts import judge_posterior
 from ldbb_bayes.analysis.stated_quantities import AxialDirection, StatedValue
 from ldbb_bayes.analysis.tolerances import name_in_plane
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.force_curves import force_curves
@@ -30,8 +32,10 @@ from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.fit_tables import describe_fit
 from ldbb_bayes.report.html_templates import template_of
+from ldbb_bayes.report.message_translation import in_language
 from ldbb_bayes.report.stated_circle import circle_phrase
-from ldbb_bayes.report.translation import words_of
+from ldbb_bayes.report.stiffness_numbers import principal_direction
+from ldbb_bayes.report.translation import Words, words_of
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name, is_slope, needs_interval
 
@@ -46,6 +50,27 @@ _DSI = {
 }
 # Number of hexadecimal digits of the digest in the identifier of a certificate file.
 _DIGEST_LENGTH = 32
+
+
+class _Remark(NamedTuple):
+    """A text for the reader in the two languages of the file; it may be empty."""
+
+    en: str
+    de: str | None  # None if a part of the English text has no translation
+
+    @classmethod
+    def of(cls, english: str, campaign: Campaign) -> _Remark:
+        """Return an English text with its translation, in which names of tests are kept."""
+        names = [str(test.name) for test in campaign.tests]
+        return cls(english, in_language(english, "de", names))
+
+    @classmethod
+    def by(cls, text_in: Callable[[Words], str]) -> _Remark:
+        """Return a text of the sheets. The function ``text_in`` makes it in one language."""
+        return cls(text_in(words_of("en")), text_in(words_of("de")))
+
+
+_NO_REMARK = _Remark("", None)
 
 
 def dsi_unit(*units: str) -> str:
@@ -132,7 +157,7 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
         version=result["provenance"]["versions"]["ldbb-bayes"],
         fitted=result["provenance"]["started"][:10],
         identifier=f"ldbb_bayes-{digest[:_DIGEST_LENGTH]}",
-        verdict=describe_fit(posterior)["verdict"],
+        verdict=_Remark.of(describe_fit(posterior)["verdict"], campaign),
         parameters=parameters,
         quantities=[
             *compliances,
@@ -192,14 +217,15 @@ def _parameter_entries(
     where U is twice the standard deviation. The entry ``interval`` is None: the credible intervals
     of all parameters, from ``low`` to ``high``, are stated together.
     """
+    campaign = campaign_of(posterior)
     verdict_by_name = judge_posterior(posterior)
     parameters = []
     for (name, entry), parameter_draws in zip(entries.items(), draws, strict=True):
         low, high = entry[interval]
         deviation = np.abs(parameter_draws - entry["mean"])
-        verdict = ""
+        remark = _NO_REMARK
         if name in verdict_by_name:
-            verdict = wording.verdict_words(verdict_by_name[name])
+            remark = _Remark.of(wording.verdict_words(verdict_by_name[name]), campaign)
         parameters.append(
             {
                 "value": entry["mean"],
@@ -212,7 +238,7 @@ def _parameter_entries(
                 "unit": dsi_unit(entry["unit"]),
                 "within": float(np.mean(deviation <= 2.0 * entry["sd"])),
                 "interval": None,
-                "verdict": verdict,
+                "remark": remark,
             }
         )
     return parameters
@@ -228,6 +254,7 @@ def _change_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
+    remark = _Remark.by(lambda words: words.number(difference))
     levels = (0.5 - 0.5 * prob, 0.5 + 0.5 * prob)
     entries = []
     for name, draws in curves.compliances.items():
@@ -248,7 +275,7 @@ def _change_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]
                 "unit": dsi_unit(draws.unit),
                 "within": float(np.mean(np.abs(draws.change - mean) <= 2.0 * sd)),
                 "interval": interval,
-                "verdict": difference,
+                "remark": remark,
             }
         )
     return entries
@@ -262,7 +289,7 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     the ends of the credible interval. The quantities are computed at the model's reference force. A
     quantity is left out if it cannot be stated as a value ± U: a stiffness or ratio of which only a
     lower limit is known, or a direction that the readings do not determine. If circles of a plane
-    differ in radius or centre, the entry ``verdict`` names the one that the quantities are of.
+    differ in radius or centre, the entry ``remark`` names the one that the quantities are of.
     ``prob`` is the probability of credible intervals.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
@@ -273,9 +300,9 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     campaign = campaign_of(posterior)
     entries = []
     for plane in result.planes:
-        of_circle = circle_phrase(campaign, plane.plane, words_of("en")).removeprefix(", ")
+        of_circle = _remark_on_circle(campaign, plane.plane)
         for entry in _entries_of_plane(plane):
-            entry["verdict"] = "; ".join(filter(None, (entry["verdict"], of_circle)))
+            entry["remark"] = _joined(entry["remark"], of_circle)
             entry["name"] = name_in_plane(entry["name"], plane.plane, planes)
             if entry["kind"] != "difference":
                 entry["shown"] = name_in_plane(entry["shown"], plane.plane, planes)
@@ -283,6 +310,18 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     for principal in result.principal:
         entries += _principal_entries(principal)
     return entries
+
+
+def _remark_on_circle(campaign: Campaign, plane: str) -> _Remark:
+    """Return the remark of which circle the stiffnesses in a plane are, if its circles differ."""
+    return _Remark.by(lambda words: circle_phrase(campaign, plane, words).removeprefix(", "))
+
+
+def _joined(first: _Remark, second: _Remark) -> _Remark:
+    """Return two remarks as one, in which a semicolon separates what is not empty."""
+    pairs = zip(first, second, strict=True)
+    english, german = ("; ".join(filter(None, texts)) for texts in pairs)
+    return _Remark(english, german)
 
 
 def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
@@ -336,7 +375,7 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
         "unit": dsi_unit(value.unit),
         "within": within,
         "interval": interval,
-        "verdict": "",
+        "remark": _NO_REMARK,
     }
 
 
@@ -347,8 +386,8 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
     stated as an angle from the machine axis ``axis`` [°]. ``name`` identifies the angle for
     programs, and ``shown`` is the symbol of the angle for people. The entry ``within`` is the share
     of the random draws from the posterior in which the direction differs from the mean direction by
-    at most the expanded uncertainty U (k = 2). The entry ``verdict`` is a remark for the reader.
-    The dictionary is empty if the readings do not determine the direction.
+    at most the expanded uncertainty U (k = 2). The entry ``remark`` is a text for the reader. The
+    dictionary is empty if the readings do not determine the direction.
     """
     if not direction.is_determined:
         return {}
@@ -361,14 +400,14 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
         "unit": dsi_unit("deg"),
         "within": direction.within_U,
         "interval": None,
-        "verdict": f"from axis {axis}; a direction and its opposite are the same",
+        "remark": _Remark.by(lambda words: words("remarks.axial", axis=axis)),
     }
 
 
 def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
     """Return a list of what the certificate file states about principal stiffnesses in space.
 
-    The list has one dictionary for each principal stiffness. The entry ``verdict`` of each
+    The list has one dictionary for each principal stiffness. The entry ``remark`` of each
     dictionary states the principal axis in words, if the readings determine this axis. A stiffness
     is left out if only a lower limit of it is known.
     """
@@ -376,8 +415,7 @@ def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
     for k, axis in enumerate(principal.axes, start=1):
         entry = _value_entry(f"k_{k}", f"k_{k}", "principal", axis.stiffness)
         if entry and axis.is_determined:
-            x, y, z = axis.direction
-            entry["verdict"] = f"along ({x:.2f}, {y:.2f}, {z:.2f}) ± {axis.cone_deg:.0f}°"
+            entry["remark"] = _Remark.by(partial(principal_direction, axis))
         if entry:
             entries.append(entry)
     return entries

@@ -19,10 +19,14 @@ from ldbb_bayes.units import (
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness, PlaneStiffness
+    from ldbb_bayes.analysis.directional_stiffness import (
+        DirectionalStiffness,
+        PlaneStiffness,
+        PrincipalAxis,
+    )
     from ldbb_bayes.analysis.stated_quantities import AxialDirection, StatedValue
 
-__all__ = ["stiffness_quantities"]
+__all__ = ["principal_direction", "stiffness_quantities"]
 
 _N_PER_UM = 1e-3  # factor from N/mm to N/µm
 
@@ -60,18 +64,36 @@ def stiffness_quantities(
             stated[name_in_plane(name, plane.plane, planes)] = quantity
     for principal in result.principal:
         for k, axis in enumerate(principal.axes, start=1):
-            components = ", ".join(round_like(part, 2) for part in axis.direction)
             note = words("remarks.no_direction")
             if axis.is_determined:
-                note = words(
-                    "remarks.along",
-                    components=words.number(components.replace("-", "−")),
-                    cone=f"{axis.cone_deg:.0f}",
-                )
+                note = principal_direction(axis, words)
             symbol = f"k_{k}"
             title = words("quantities.principal", number=str(k))
             stated[symbol] = _stated_stiffness(title, symbol, axis.stiffness, note, words)
     return stated
+
+
+def principal_direction(axis: PrincipalAxis, words: Words) -> str:
+    """Return a text with the direction of a principal axis in space, and with its uncertainty.
+
+    Parameters
+    ----------
+    axis
+        Principal axis whose direction the readings determine.
+    words
+        Texts of the test certificate, in its language.
+
+    Returns
+    -------
+    str
+        The three components of the direction, and the half angle of the cone around it.
+    """
+    components = ", ".join(round_like(part, 2) for part in axis.direction)
+    return words(
+        "remarks.along",
+        components=words.number(components.replace("-", "−")),
+        cone=f"{axis.cone_deg:.0f}",
+    )
 
 
 def _quantities_of_plane(

@@ -24,6 +24,8 @@ import ldbb_bayes as lb
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import dcc_export
 from ldbb_bayes.report.dcc_export import dsi_unit
+from ldbb_bayes.report.message_translation import in_language
+from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.units import display_name, is_slope
 
 SI = "{https://ptb.de/si}"
@@ -96,6 +98,55 @@ def test_what_is_not_determined_is_left_out(posterior: xr.DataTree) -> None:
     unknown = replace(plane, softest=direction, greatest=greatest)
     names = [entry["name"] for entry in dcc_export._entries_of_plane(unknown)]
     assert names == ["k_min", "k_ratio", "stiffest_direction", "principal_axis", "difference"]
+
+
+def contents(element: ElementTree.Element) -> dict[str | None, str]:
+    """Texts of an element by their languages."""
+    texts = element.iter("{https://ptb.de/dcc}content")
+    return {content.get("lang"): content.text or "" for content in texts}
+
+
+def test_remarks_are_in_german_too(posterior: xr.DataTree, tmp_path: Path) -> None:
+    """In the words of the sheets, with a decimal comma; of every text that has a language."""
+    root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml"))
+    kinds = ("description", "declaration")
+    remarks = [contents(e) for kind in kinds for e in root.iter(f"{{https://ptb.de/dcc}}{kind}")]
+    assert len(remarks) > 15
+    for remark in remarks:
+        assert list(remark) == ["en", "de"], remark
+    words_of_sheets = words_of("de")
+    shown = [remark["de"] for remark in remarks]
+    confounded = words_of_sheets("remarks.confounded", partners="")
+    assert any(text.startswith(confounded) for text in shown)
+    (axial,) = {text for text in shown if "Gegenrichtung" in text}
+    assert axial == words_of_sheets("remarks.axial", axis="X")
+    assert any(re.search(r"Konvergiert; das Modell .*kleinstes p = 0,\d+", text) for text in shown)
+
+
+@pytest.mark.parametrize(
+    ("english", "german"),
+    [
+        (
+            "Converged; the model does not expect readings like these (order 3 of the slow run,"
+            " white noise of f36 and 3 more): without the slow run a parameter moves by 1.5 u and"
+            " intervals would be up to 12 % wider; no parameter is sensitive to its prior.",
+            "Konvergiert; das Modell erwartet solche Messwerte nicht (Ordnung 3 von the slow run,"
+            " weißes Rauschen von f36 und 3 weitere): ohne the slow run verschiebt sich ein"
+            " Parameter um 1,5 u und Intervalle wären bis zu 12 % breiter; kein Parameter hängt"
+            " von seinem Vorwissen ab.",
+        ),
+        (
+            "Converged; the unit of the readings is in doubt: do not use the numbers; 2 of 19"
+            " parameters are sensitive to their prior (E_XX1 and 1 coefficient of the change with"
+            " force).",
+            "Konvergiert; die Einheit der Messwerte ist zweifelhaft: die Zahlen nicht verwenden;"
+            " 2 von 19 Parametern hängen von ihrem Vorwissen ab (E_XX1 und 1 Koeffizient der"
+            " Änderung mit der Kraft).",
+        ),
+    ],
+)
+def test_what_a_fit_is_said_to_be_is_translated(english: str, german: str) -> None:
+    assert in_language(english, "de", ["the slow run", "f36"]) == german
 
 
 def test_a_skewed_stiffness_has_its_interval_in_place_of_u(
