@@ -15,7 +15,7 @@ from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, goals_in
 from ldbb_bayes.app.fields import RESULT, linear_model, typed_value
 from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, goals_typed
 from ldbb_bayes.app.page_words import LANGUAGES, words_of_page
-from ldbb_bayes.app.planning import circle_rows, effort_row, pilot_row
+from ldbb_bayes.app.planning import COST_SLIDERS, circle_rows, effort_row, pilot_row
 from ldbb_bayes.app.understanding import refusal
 from ldbb_bayes.cli.design_options import COST_OPTIONS, DESIGN_OPTIONS
 from ldbb_bayes.cli.goal_designs import files_of_goal_design, find_for_goals
@@ -52,6 +52,7 @@ class SearchField(NamedTuple):
     name: str  #: Name of the command-line option, such as ``minutes_per_circle``.
     default: str  #: Default of the command-line option as text; empty if there is none.
     is_number: bool  #: Whether the value of the command-line option is a number.
+    is_slider: bool = False  #: Whether a slider of the planned tests sets the option.
 
 
 def _search_fields() -> tuple[SearchField, ...]:
@@ -64,7 +65,9 @@ def _search_fields() -> tuple[SearchField, ...]:
     fields = []
     for name in COST_OPTIONS:
         value = getattr(costs, name)
-        fields.append(SearchField(name, "" if value is None else f"{value:g}", is_number=True))
+        default = "" if value is None else f"{value:g}"
+        is_slider = name in COST_SLIDERS
+        fields.append(SearchField(name, default, is_number=True, is_slider=is_slider))
     fields.append(SearchField(_CERTIFICATES, "", is_number=False))
     fields.append(SearchField(_PROBABILITY, f"{USUAL_PROBABILITY:g}", is_number=True))
     return tuple(fields)

@@ -34,7 +34,7 @@ from ldbb_bayes.report.wording import is_noticeable
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_unit, two_digits
 
-__all__ = ["PLAN", "circle_rows", "effort_row", "forecast", "pilot_row", "plan"]
+__all__ = ["COST_SLIDERS", "PLAN", "circle_rows", "effort_row", "forecast", "pilot_row", "plan"]
 
 PLAN = "plan"  # subfolder of a session (one browser tab) for the plan of the next tests
 _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
@@ -69,11 +69,13 @@ class _Slider(NamedTuple):
 
 
 _USUAL_COSTS = Costs()
-_COSTS = {
-    "minutes": _Slider(_USUAL_COSTS.minutes_per_circle, 1, 600),
-    "setup_minutes": _Slider(_USUAL_COSTS.minutes_per_setup, 0, 600),
-    "turn_minutes": _Slider(_USUAL_COSTS.minutes_per_clocking, 0, 600),
-    "hourly": _Slider(0, 0, 1e5),
+# Sliders for what circles cost, with the names that the command ``design`` gives these options. The
+# search for the cheapest campaign takes its costs from them, too.
+COST_SLIDERS = {
+    "minutes_per_circle": _Slider(_USUAL_COSTS.minutes_per_circle, 0.5, 600),
+    "minutes_per_setup": _Slider(_USUAL_COSTS.minutes_per_setup, 0, 600),
+    "minutes_per_clocking": _Slider(_USUAL_COSTS.minutes_per_clocking, 0, 600),
+    "price_per_hour": _Slider(_USUAL_COSTS.price_per_hour, 1, 1e5),
 }
 
 
@@ -182,7 +184,7 @@ def _test_settings(settings: Mapping[str, Any]) -> str:
     Results of computations are cached under this text. The sliders for time and cost, and the
     fields for goals, are left out.
     """
-    not_of_tests = ("fine", *_COSTS)
+    not_of_tests = ("fine", *COST_SLIDERS)
     stated = {}
     for name, value in sorted(settings.items()):
         if name not in not_of_tests and not name.startswith(GOAL_PREFIX):
@@ -453,17 +455,12 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     InputError
         If there is no fit yet, or the value of a slider is out of range.
     """
-    costs = _slider_values(settings, _COSTS)
+    costs = _slider_values(settings, COST_SLIDERS)
     report = _report_of(folder)
     settings_json = _test_settings(settings)
     planned = _planned_tests(report, settings_json)
     expected = _expected_uncertainties(report, settings_json, fine=bool(settings.get("fine", True)))
-    times = Costs(
-        minutes_per_circle=costs["minutes"],
-        minutes_per_setup=costs["setup_minutes"],
-        minutes_per_clocking=costs["turn_minutes"],
-    )
-    minutes = minutes_of(times, planned.plan.tests)
+    minutes = minutes_of(Costs(**costs), planned.plan.tests)
     stated: dict[str, Any] = {
         **planned.sliders,
         **costs,
@@ -481,7 +478,7 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         "best": bool(settings.get("best")),
         **effort_row(planned.plan),
         "minutes": round(minutes),
-        "cost": round(minutes / 60.0 * costs["hourly"]),
+        "cost": round(minutes / 60.0 * costs["price_per_hour"]),
         "pilot": pilot_row(pilot),
         **circle_rows(planned.plan),
     }

@@ -524,10 +524,10 @@ def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
         "work": 2,
         "turn": 45,
         "radius": 100,
-        "minutes": 6,
-        "turn_minutes": 5,
-        "setup_minutes": 20,
-        "hourly": 60,
+        "minutes_per_circle": 6,
+        "minutes_per_clocking": 5,
+        "minutes_per_setup": 20,
+        "price_per_hour": 60,
     }
     planned = worker.answer(planning.plan, str(fitted), asked)
     kinds = {("0", "100"), ("0", "150"), ("45", "100"), ("45", "150")}

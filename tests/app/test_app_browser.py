@@ -142,7 +142,7 @@ def check_sliders(page: Any) -> None:
         slider.focus()
         keys = {"circles": "End", "turn": "End", "high": "ArrowLeft"}
         page.keyboard.press(keys.get(name, "ArrowRight"))
-        if name not in ("turn", "turn_minutes", "setup_minutes", "hourly"):
+        if name not in ("turn", "minutes_per_clocking", "minutes_per_setup"):
             until(lambda forecast=forecast: page.inner_html("#forecast") != forecast)
     page.click("#best")
     page.wait_for_selector("#forecast p:has-text('The forces were chosen')")

@@ -4,7 +4,9 @@ the command, and what cannot be used is refused."""
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,6 +15,9 @@ from campaigns import Invoke
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign
 from ldbb_bayes.app import cheapest, fields, worker
+from ldbb_bayes.app.planning import COST_SLIDERS
+from ldbb_bayes.app.templates import Templates
+from ldbb_bayes.cli.design_options import COST_OPTIONS
 from ldbb_bayes.report.message_translation import in_language
 from ldbb_bayes.report.passage_translation import untranslated_texts
 from ldbb_bayes.results import parts_of
@@ -26,6 +31,13 @@ ASKED = {
 }
 # A goal that no number of circles reaches.
 UNREACHED = {"goal_E_XX1": "1e-6 ppm"}
+
+
+def planning_defaults() -> dict[str, float]:
+    """Return where the sliders stand at first."""
+    costs = {name: slider.default for name, slider in COST_SLIDERS.items()}
+    names = ("circles", "levels", "low", "high", "work", "tool", "turn", "radius")
+    return {**dict.fromkeys(names, 1.0), **costs}
 
 
 def searched(folder: Path, asked: dict[str, Any], steps: list[int] | None = None) -> dict[str, Any]:
@@ -172,6 +184,35 @@ def test_the_costs_on_the_page_begin_with_those_of_the_command() -> None:
         name: getattr(costs, name) for name in defaults
     }
     assert len(defaults) == 4
+
+
+def test_what_circles_cost_is_asked_once(fitted: Path) -> None:
+    """By sliders, which begin with the costs of the command; the search has no fields for it."""
+    found = {
+        "asked": planning_defaults() | {"goals": {}, "directions": "", "augment": False},
+        "pilot": {"low": 36.0, "high": 742.0},
+        "rows": [],
+        "tests": [],
+        "settle": None,
+        "best": False,
+        "cost": 0,
+        "minutes": 60,
+        "circles": 6,
+        "setups": 1,
+        "turns": 0,
+    }
+    session: Any = SimpleNamespace(
+        fitted=1, edition=1, searched={}, search=SimpleNamespace(outcome={}, running=False)
+    )
+    page = Templates().show("plan.html.j2", "en", session=session, found=found, passages=())
+    names = re.findall(r'<(?:input|select)[^>]* name="(\w+)"', page)
+    for name in COST_OPTIONS:
+        assert names.count(name) == 1, name
+    of_search = page[page.index('<form id="costs"') :]
+    assert "minutes" not in re.findall(r'name="([a-z]+)', of_search)
+    for name in ("minutes_per_circle", "minutes_per_setup", "minutes_per_clocking"):
+        (value,) = re.findall(rf'name="{name}"[^>]* value="([\d.]+)" data-cost', page)
+        assert float(value) == getattr(Costs(), name)
 
 
 def test_the_search_takes_the_probability_that_is_typed(

@@ -145,10 +145,10 @@ async function showSearch() {
   (place.querySelector("[role=alert]") ?? at("cheapest-found") ?? at("stop") ?? at("search"))?.focus();
 }
 
-// What was typed as goals and costs; the sliders are not part of it, but whether the tests already run count is.
+// What was typed as goals and costs; of the sliders, what circles cost, and whether the tests already run count.
 async function search() {
   const asked = Object.fromEntries(new FormData(at("costs")));
-  for (const own of at("sliders").elements) if (own.name.startsWith("goal_")) asked[own.name] = own.value;
+  for (const own of at("sliders").elements) if (own.name.startsWith("goal_") || "cost" in own.dataset) asked[own.name] = own.value;
   asked.augment = at("plan-augment").checked;
   for (const own of document.querySelectorAll(".goals [aria-invalid]")) {
     own.removeAttribute("aria-invalid");
