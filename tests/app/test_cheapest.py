@@ -239,6 +239,7 @@ WRONG: list[tuple[dict[str, str], str, str]] = [
     ({"goal_C_XXX": "-5 %"}, "goal_C_XXX", "must be an uncertainty above 0"),
     ({"goal_E_XX1": "5 %"}, "goal_E_XX1", "must be an uncertainty with its unit"),
     ({"goal_E_XX1": "5 nm/N"}, "goal_E_XX1", "Write it in µm/m"),
+    ({"goal_C_XXX": "1e99 nm/N"}, "goal_C_XXX", "must be at most 1000 times U without"),
     ({"minutes_per_circle": "x"}, "minutes_per_circle", "must be a number"),
     ({"minutes_per_circle": "0"}, "minutes_per_circle", "must be above 0"),
     ({"minutes_per_setup": "-1"}, "minutes_per_setup", "must be a number of at least 0"),

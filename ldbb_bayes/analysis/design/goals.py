@@ -28,6 +28,9 @@ COVERAGE_FACTOR = 2.0
 # Share of the possible machines on which all goals for uncertainties are to be met, if the user
 # states no other share.
 USUAL_PROBABILITY = 0.9
+# A goal for U that exceeds U without any reading by more than this factor is refused as an error. A
+# larger goal would be met by every campaign.
+_MOST_TIMES_U_WITHOUT_READINGS = 1000.0
 # Regular expression for a goal (limit of an uncertainty) in percent of the parameter's value, such
 # as "5 %".
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
@@ -195,6 +198,7 @@ def _read_goal(parameter: Parameter, entry: object) -> Goal:
         )
     elif isinstance(entry, str):
         goal = _goal_from_text(subject, name, unit, group, entry)
+        _require_size_of_uncertainty(subject, goal, parameter, entry)
     elif isinstance(entry, int | float) and not isinstance(entry, bool):
         goal = Goal(name, unit, absolute=float(entry))
         require(
@@ -209,6 +213,21 @@ def _read_goal(parameter: Parameter, entry: object) -> Goal:
         )
     _check_size(subject, group, goal, entry)
     return goal
+
+
+def _require_size_of_uncertainty(subject: str, goal: Goal, parameter: Parameter, text: str) -> None:
+    """Raise an `InputError` if a goal is so large that its number or its unit must be wrong.
+
+    ``subject`` names the goal of the parameter, and ``text`` is the goal as the user stated it.
+    """
+    if goal.absolute is None:
+        return
+    largest = _MOST_TIMES_U_WITHOUT_READINGS * COVERAGE_FACTOR * parameter.prior_sd
+    require(
+        not goal.absolute > largest,
+        f"{subject} must be at most {_MOST_TIMES_U_WITHOUT_READINGS:g} times U without any reading,"
+        f" got {text}. Correct the number or its unit.",
+    )
 
 
 def _goal_from_text(subject: str, name: str, unit: str, group: str, text: str) -> Goal:
