@@ -42,7 +42,7 @@ STAND_INS = {
     "content": "reading",
     "LARGEST": "5",
     "_LONGEST": "6",
-    "_FEWEST": "7",
+    "FEWEST": "7",
     "_BLOCK": "9",
     "n_": "8",
     "width": "2",
