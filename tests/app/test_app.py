@@ -517,6 +517,18 @@ def count_changes(values: list[tuple[str, ...]]) -> int:
     return sum(value != following for value, following in pairwise(values))
 
 
+def test_no_table_of_what_to_expect_is_wider_than_a_screen() -> None:
+    """Of three planes there are 30 parameters: 15 fit into 1088 pixels side by side."""
+    row = {"before": "0.48", "unit": "µrad/(N m)"}
+    today = [row | {"name": f"C_{k}"} for k in range(31)]
+    found = {"effects": {}, "contradicted": [], "today": today}
+    page = templates.Templates().show("worth.html.j2", "en", found=found)
+    columns = [table.count("<th ") for table in page.split("<table")[1:]]
+    assert columns == [15, 15, 1]
+    assert page.count("<td ") == 31
+    assert page.count("<caption>") == 1
+
+
 @pytest.mark.slow
 def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     asked = {
