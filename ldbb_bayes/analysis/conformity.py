@@ -121,8 +121,9 @@ class Conformity(Result):
     confidence: float
     #: decision on conformity of the quantity with its tolerance, by the rules of ISO 14253-1
     decision: Decision
-    #: lower end of the equal-tailed 95 % credible interval of the quantity that has the tolerance
-    ci_low: float
+    #: lower end of the equal-tailed 95 % credible interval of the quantity that has the tolerance;
+    #: None if the quantity is a stiffness that is infinite in the whole interval
+    ci_low: float | None
     #: upper end of the equal-tailed 95 % credible interval of the quantity that has the tolerance;
     #: None if it has no upper end, because the quantity is a stiffness and may be infinite
     ci_high: float | None
@@ -247,7 +248,8 @@ class _Distribution(NamedTuple):
     mean: float | None  #: posterior mean of the quantity; None if it is not known
     #: posterior standard deviation of the quantity; None if it is not known
     sd: float | None
-    low: float  #: lower end of the quantity's 95 % credible interval
+    #: lower end of the quantity's 95 % credible interval; None if the whole interval is infinite
+    low: float | None
     #: upper end of the quantity's 95 % credible interval; None if it has no upper end
     high: float | None
 
@@ -460,8 +462,9 @@ def stiffness_conformity(
     physically impossible, and counts as infinite stiffness. For a compliance with mean m and
     standard deviation s, the result states 1/m as value and mean of the stiffness, and s/m² as its
     standard deviation. If the 95 % interval of the compliance contains zero or lies below it, these
-    approximations mean nothing, and value, mean, standard deviation and guard band are None. The
-    decision does not depend on them.
+    approximations mean nothing, and value, mean, standard deviation and guard band are None. So is
+    the upper end of the stiffness, and if the whole interval lies below zero, the lower end too.
+    The decision does not depend on them.
 
     ``unit`` is the unit of the stiffness and of the limits of ``tolerance``. ``compliance_mean``
     and ``compliance_sd`` are the mean and the standard deviation of the compliance, in the inverse
@@ -478,7 +481,9 @@ def stiffness_conformity(
         compliance_mean, compliance_sd, (lowest_compliance, highest_compliance)
     )
     half_width = float(ndtri(_LEVELS[1])) * compliance_sd
-    ci_low = 1.0 / (compliance_mean + half_width)
+    ci_low = None
+    if compliance_mean + half_width > 0.0:
+        ci_low = 1.0 / (compliance_mean + half_width)
     distribution = _Distribution(mean=None, sd=None, low=ci_low, high=None)
     if compliance_mean > half_width:
         distribution = _Distribution(

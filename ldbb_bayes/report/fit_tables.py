@@ -358,14 +358,14 @@ def _value_and_U(decision: Mapping[str, Any]) -> tuple[str, str]:
 
     Where value ± U would not describe the quantity, the distances from the value to the ends of the
     95 % interval are stated in place of U, such as "+19 / −9". Of a stiffness that may be infinite,
-    the lower end is stated alone, such as "≥ 11.2". It is negative if even the largest compliance
-    of the interval is, which counts as infinite stiffness.
+    the lower end is stated alone, such as "≥ 11.2". A stiffness that is infinite in the whole
+    interval has none.
     """
     low = decision["ci_low"]
     high = decision["ci_high"]
     factor, _ = display_unit(decision["unit"])
     if high is None:
-        if low <= 0.0:
+        if low is None:
             return "∞", ""
         return f"≥ {three_digits(low * factor)}", ""
     value = decision["value"]

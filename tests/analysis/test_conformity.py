@@ -186,6 +186,14 @@ def test_a_stiffness_without_an_upper_end() -> None:
     assert [record[key] for key in ("value", "mean", "sd", "guard_band")] == [None] * 4
 
 
+def test_a_stiffness_that_is_infinite_in_its_whole_interval_has_no_ends() -> None:
+    """Compliance −60 ± 49 nm/N, all of it below zero: 1/C is no negative stiffness."""
+    tolerance = lb.analysis.Tolerance(lower=10e3)
+    record = stiffness_conformity("N/mm", -60e-6, 25e-6, tolerance).as_dict()
+    assert (record["ci_low"], record["ci_high"]) == (None, None)
+    assert record["probability"] == pytest.approx(stats.norm.cdf((100e-6 + 60e-6) / 25e-6))
+
+
 @pytest.mark.parametrize(
     ("compliance_mean", "shown"), [(40e-6, "≥ 11.2"), (1e-9, "≥ 20.4"), (-60e-6, "∞")]
 )
