@@ -273,8 +273,8 @@ def _note_words(
     """
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
-        said = f"{entry.source} says {entry.zero} {entry.sense}".strip()
-        recording.note("angle", value, said, "--angle-sign, --angle-offset-deg")
+        reason = f"{entry.source} says {entry.zero} {entry.sense}".strip()
+        recording.note("angle", value, reason, "--angle-sign, --angle-offset-deg")
 
 
 def _agreed_statement(recording: Recording, subject: str, stated: list[str]) -> str:

@@ -56,12 +56,13 @@ def check_none_is_derived(place: str, headers: Sequence[str]) -> None:
     InputError
         If columns of the same load differ in words for computed numbers.
     """
-    for of_load in _headers_by_load(headers):
-        derived = {header: derived_words(_name_of(header)) for header in of_load}
+    for headers_of_load in _headers_by_load(headers):
+        derived = {header: derived_words(_name_of(header)) for header in headers_of_load}
         if len(set(derived.values())) > 1:
             raise _no_circle(place, headers, derived)
-        unknown = {header: _unknown_words(_name_of(header)) for header in of_load}
-        if len(set(unknown.values())) > 1 and frozenset() in unknown.values():
+        unknown = {header: _unknown_words(_name_of(header)) for header in headers_of_load}
+        has_plain_header = frozenset() in unknown.values()
+        if has_plain_header and len(set(unknown.values())) > 1:
             raise _no_circle(place, headers, unknown)
 
 
@@ -88,14 +89,14 @@ def _no_circle(
     for header, words in words_of_load.items():
         examples.setdefault(words, header)
     plain = examples.pop(fewest)
-    others = " and ".join(repr(header[:LONGEST_NAME]) for header in examples.values())
+    no_circles = " and ".join(repr(header[:LONGEST_NAME]) for header in examples.values())
     circles = []
     for header in headers:
         words = words_of_load.get(header, derived_words(_name_of(header)))
         if words == fewest:
             circles.append(header)
     return InputError(
-        f"{place}: each column of readings must be a circle of its own, got {others} beside"
+        f"{place}: each column of readings must be a circle of its own, got {no_circles} beside"
         f" {plain[:LONGEST_NAME]!r}. Name the columns that are circles, for example"
         f" {_options(circles)}."
     )

@@ -482,8 +482,10 @@ def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
             continue
         unit = key.partition("_")[2]
         for statement in statements:
-            said = f"says {statement.value:g} {unit} outside the list of tests"
-            reason = CitedLine(f"line {statement.line} {said}", statement.line)
+            sentence = (
+                f"line {statement.line} says {statement.value:g} {unit} outside the list of tests"
+            )
+            reason = CitedLine(sentence, statement.line)
             log.add("", key, "taken for no test", reason, option_for(key))
 
 

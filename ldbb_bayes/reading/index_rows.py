@@ -168,46 +168,48 @@ def _without_directions(
     if len(levels) < 2 or any(len(row.cells) != len(names) for row in below):
         return sheet
     groups = list(zip(*levels[:-1], strict=True))
-    kept = list(range(n_index))
+    remaining_columns = list(range(n_index))
     for column in range(n_index, len(names)):
         directions = {direction_named(row.cells[column]) for row in below}
         if len(directions) > 1 or not directions <= _DIRECTIONS:
-            kept.append(column)
+            remaining_columns.append(column)
             continue
-        for other in range(n_index, len(names)):
-            if groups[other] == groups[column]:
-                names[other] = f"{min(directions)} {names[other]}"
-    if len(kept) == len(names):
+        for same_group in range(n_index, len(names)):
+            if groups[same_group] == groups[column]:
+                names[same_group] = f"{min(directions)} {names[same_group]}"
+    if len(remaining_columns) == len(names):
         return sheet
-    return _with_columns(sheet, header, names, kept)
+    return _with_columns(sheet, header, names, remaining_columns)
 
 
-def _with_columns(sheet: Sheet, header: int, names: Sequence[str], kept: Sequence[int]) -> Sheet:
+def _with_columns(sheet: Sheet, header: int, names: Sequence[str], columns: Sequence[int]) -> Sheet:
     """Return a sheet with some of the columns of its table.
 
     ``header`` is the index of the header among the rows, ``names`` are the headers of all columns,
-    and ``kept`` are the indices of the columns that remain.
+    and ``columns`` are the indices of the columns that remain.
     """
     rows = list(sheet.rows[:header])
     for row in [Row(sheet.rows[header].line, list(names)), *sheet.rows[header + 1 :]]:
-        rows.append(Row(row.line, [row.cells[column] for column in kept]))
+        rows.append(Row(row.line, [row.cells[column] for column in columns]))
     return replace(
         sheet,
         rows=rows,
-        cell_units=_units_of_columns(sheet.cell_units, kept),
-        format_units=_units_of_columns(sheet.format_units, kept),
+        cell_units=_units_of_columns(sheet.cell_units, columns),
+        format_units=_units_of_columns(sheet.format_units, columns),
     )
 
 
 def _units_of_columns(
-    units: Mapping[tuple[int, int], str], kept: Sequence[int]
+    units: Mapping[tuple[int, int], str], columns: Sequence[int]
 ) -> dict[tuple[int, int], str]:
     """Return a dict with the units of cells, after some columns of the table were removed.
 
     Each key is a pair: the line number and the column index of a cell. ``units`` is the dict before
-    the removal, and ``kept`` are the indices of the columns that remain. In the result, the columns
-    have new indices, because the removed columns are no longer counted.
+    the removal, and ``columns`` are the indices of the columns that remain. In the result, the
+    columns have new indices, because the removed columns are no longer counted.
     """
-    return {
-        (line, kept.index(column)): unit for (line, column), unit in units.items() if column in kept
-    }
+    remaining = {}
+    for (line, column), unit in units.items():
+        if column in columns:
+            remaining[line, columns.index(column)] = unit
+    return remaining

@@ -45,9 +45,16 @@ def is_json(text: str) -> bool:
     """
     if _BEGINNING.match("".join(text[:200].split())) is None:
         return False
-    first, _, following = text.strip().partition("\n")
-    is_whole_line = first.count("{") == first.count("}") and first.count("[") == first.count("]")
-    return not (is_whole_line and following.strip() and following.strip()[0] not in _MARKS)
+    first_line, _, following = text.strip().partition("\n")
+    following = following.strip()
+    if not following or not _closes_its_brackets(first_line):
+        return True
+    return following[0] in _MARKS
+
+
+def _closes_its_brackets(line: str) -> bool:
+    """Return whether a line has as many closing as opening brackets of each kind."""
+    return line.count("{") == line.count("}") and line.count("[") == line.count("]")
 
 
 def sheets_of_json(sheet: Sheet, text: str) -> list[Sheet]:

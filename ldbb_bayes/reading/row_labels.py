@@ -84,7 +84,9 @@ def _names_tests_once(labels: Sequence[str]) -> bool:
     several names, and enough rows for this number of tests. ``labels`` are the cells of the column.
     """
     names = [label for label in labels if label]
-    if len(set(names)) < max(2, len(names)) or len(labels) < FEWEST_READINGS * len(names):
+    has_several_names = len(names) > 1 and len(set(names)) == len(names)
+    has_enough_rows = len(labels) >= FEWEST_READINGS * len(names)
+    if not has_several_names or not has_enough_rows:
         return False
-    followed = [not below for label, below in pairwise(labels) if label]
-    return bool(labels[0]) and all(followed)
+    cells_below_names = [below for label, below in pairwise(labels) if label]
+    return bool(labels[0]) and not any(cells_below_names)

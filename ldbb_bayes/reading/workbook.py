@@ -177,21 +177,21 @@ def _names_matching(
     """
     patterns = {text for text in wanted if text not in names and ("*" in text or "?" in text)}
     check_known(f"{path}: sheet", [text for text in wanted if text not in patterns], names)
-    matching: dict[str, None] = {}
+    selected: dict[str, None] = {}
     for text in wanted:
         if text not in patterns:
-            matching[text] = None
+            selected[text] = None
             continue
         pattern = text.replace("[", "[[]")
-        found = [name for name in visible if fnmatchcase(name, pattern)]
+        matching = [name for name in visible if fnmatchcase(name, pattern)]
         listed = ", ".join(repr(name) for name in visible)[:LONGEST_NAME]
         require(
-            found,
+            matching,
             f"{path}: sheets must match {text}, got none: it has {listed}. Name the sheets, or"
             " correct the pattern.",
         )
-        matching |= dict.fromkeys(found)
-    return list(matching)
+        selected |= dict.fromkeys(matching)
+    return list(selected)
 
 
 def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
