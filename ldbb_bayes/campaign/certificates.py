@@ -356,8 +356,8 @@ class CalibrationCertificate(Shown):
         and a ratio to ``largest``, the largest force.
         """
         forces = self._forces()
-        beside = [force for force in forces if force.holders == deviations[0].holders]
-        for references in (beside, forces):
+        forces_beside = [force for force in forces if force.holders == deviations[0].holders]
+        for references in (forces_beside, forces):
             if len(references) == len(deviations):
                 return list(zip(deviations, references, strict=True))
         pairs = []
@@ -499,8 +499,8 @@ def _error_of_length(
     nominals = lengths.get("nominal", [])
     is_length = quantity.role == "length" or abs(value) > _LARGEST_LENGTH_ERROR_UM
     if is_length and nominals:
-        beside = [nominal for nominal in nominals if nominal.holders == quantity.holders]
-        nominal, _ = _only_quantity(beside or nominals).numbers(_METRES_PER_MICROMETRE)
+        nominals_beside = [one for one in nominals if one.holders == quantity.holders]
+        nominal, _ = _only_quantity(nominals_beside or nominals).numbers(_METRES_PER_MICROMETRE)
         value -= nominal
     require(
         abs(value) <= _LARGEST_LENGTH_ERROR_UM,
@@ -528,11 +528,19 @@ def _is_of_length(
     for match in _LENGTH_IN_NAME.finditer(texts):
         if _is_close(float(match[1].replace(",", ".")), length_mm):
             return True
+    lengths_beside_mm = _nominal_lengths_beside_mm(quantity, nominals)
+    return any(_is_close(nominal_mm, length_mm) for nominal_mm in lengths_beside_mm)
+
+
+def _nominal_lengths_beside_mm(
+    quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity]
+) -> list[float]:
+    """Return the nominal lengths [mm] in the XML element that contains a certified quantity."""
+    lengths_mm = []
     for nominal in nominals:
-        is_beside = nominal.holders == quantity.holders and nominal.dimension == "m"
-        if is_beside and _is_close(1e3 * nominal.magnitude(), length_mm):
-            return True
-    return False
+        if nominal.holders == quantity.holders and nominal.dimension == "m":
+            lengths_mm.append(1e3 * nominal.magnitude())
+    return lengths_mm
 
 
 def _check_nominal_length(
@@ -543,14 +551,10 @@ def _check_nominal_length(
     This is so if the XML element that contains the ``quantity`` also contains certified nominal
     lengths, and none of them equals ``length_mm``. ``nominals`` are all nominal lengths.
     """
-    beside = [
-        nominal
-        for nominal in nominals
-        if nominal.holders == quantity.holders and nominal.dimension == "m"
-    ]
-    if not beside or _is_of_length(quantity, nominals, length_mm):
+    lengths_beside_mm = _nominal_lengths_beside_mm(quantity, nominals)
+    if not lengths_beside_mm or _is_of_length(quantity, nominals, length_mm):
         return
-    lengths_mm = " and ".join(f"{1e3 * nominal.magnitude():g}" for nominal in beside)
+    lengths_mm = " and ".join(f"{nominal_mm:g}" for nominal_mm in lengths_beside_mm)
     raise InputError(
         f"the DCC must be of a bar of radius_mm = {length_mm:g}, got {lengths_mm} mm beside"
         f" {quantity.title!r}. Give the DCC of the bar that was used, or its numbers by hand."
