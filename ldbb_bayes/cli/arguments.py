@@ -405,15 +405,16 @@ def _model_of_batch(campaigns: Sequence[str]) -> Path | None:
     if the contents differ, a note on stderr says that the files are not used. ``campaigns`` are
     paths and lists of campaigns, as typed by the user.
     """
-    beside = [model_beside(Path(path)) for path in gather(campaigns)]
-    files = [file for file in beside if file is not None]
+    folders = [Path(path) for path in gather(campaigns)]
+    files = [file for file in map(model_beside, folders) if file is not None]
     if not files:
         return None
-    if len(files) == len(beside) and len({file.read_bytes() for file in files}) == 1:
+    all_have_one = len(files) == len(folders)
+    if all_have_one and len({file.read_bytes() for file in files}) == 1:
         return files[0]
     typer.echo(
         f"The campaigns of a batch have one model, here that of --preset default: {len(files)} of"
-        f" {len(beside)} have a {MODEL_NAME} beside them, such as {files[0]}, which are not used."
+        f" {len(folders)} have a {MODEL_NAME} beside them, such as {files[0]}, which are not used."
         " For one of them give --model.",
         err=True,
     )

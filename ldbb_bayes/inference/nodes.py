@@ -603,8 +603,9 @@ class HyperPosterior:
         if self._near is not None:
             similar.append(self._scores.scores(self._near))
         prior = self.bound.hyper_prior
-        points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
-        return similar + self._search.starts(self._scores.scores(prior.starts(points)))
+        sobol = qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed))
+        spread_over_prior = self._scores.scores(prior.starts(sobol.random(_STARTS)))
+        return similar + self._search.starts(spread_over_prior)
 
     @cached_property
     def _corners(self) -> list[Mode]:

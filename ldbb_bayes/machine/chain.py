@@ -137,6 +137,13 @@ class Joint:
         return 1.0 if self.branch == "tool" else -1.0
 
 
+def _is_position(point_mm: Sequence[float]) -> bool:
+    """Return whether a point has three finite coordinates, none of them too large."""
+    if len(point_mm) != 3 or not np.all(np.isfinite(point_mm)):
+        return False
+    return bool(np.abs(point_mm).max() <= LARGEST_MM)
+
+
 @dataclass(frozen=True)
 class Machine(Shown):
     """A machine tool as a serial chain of axes, and the planes in which it is tested.
@@ -198,13 +205,8 @@ class Machine(Shown):
             f"frames_mm must name linear axes of {self.topology!r}, got {axis!r}."
             " Remove it: other joints count as rigid.",
         )
-        usable = (
-            len(frame) == 3
-            and bool(np.all(np.isfinite(frame)))
-            and bool(np.abs(frame).max() <= LARGEST_MM)
-        )
         require(
-            usable,
+            _is_position(frame),
             f"frames_mm[{axis!r}] must be three finite numbers (x, y, z) below {LARGEST_MM:g} mm,"
             f" got {frame!r}. Correct it.",
         )

@@ -1279,10 +1279,10 @@ def _check_is_object(term: object) -> None:
                 f" {term!r}.{suggestion(term, Term.kinds)} Write for example"
                 " lb.terms.BarLength(...), with its settings in the brackets, if any."
             )
-        given = repr(term)
+        term_text = repr(term)
         term_class = class_by_name[term]
     elif isinstance(term, type) and issubclass(term, Term):
-        given = f"the class {term.__name__}"
+        term_text = f"the class {term.__name__}"
         term_class = term
     else:
         return
@@ -1290,7 +1290,7 @@ def _check_is_object(term: object) -> None:
     if term_class.__module__.startswith("ldbb_bayes."):
         name = f"lb.terms.{name}"
     raise InputError(
-        f"a term must be an object, got {given}. Write {name}(...), with its settings in the"
+        f"a term must be an object, got {term_text}. Write {name}(...), with its settings in the"
         " brackets, if any."
     )
 

@@ -196,9 +196,9 @@ class CampaignFamily:
         """
         clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
         radii = {test.radius_mm for test in tests}
-        return len(clockings) >= len(self.space.clockings_deg) and len(radii) >= len(
-            self.space.radii_mm
-        )
+        uses_all_clockings = len(clockings) >= len(self.space.clockings_deg)
+        uses_all_radii = len(radii) >= len(self.space.radii_mm)
+        return uses_all_clockings and uses_all_radii
 
     def minutes(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
         """Return the machine time of ``tests`` [min], computed from the times in ``costs``."""

@@ -571,10 +571,10 @@ def _objective(bound: BoundModel, space: Space, known: Known) -> Objective:
 
 def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
     """Return the posterior probability that all uncertainty goals are already met."""
-    met = np.ones(len(known.draws), bool)
+    all_are_met = np.ones(len(known.draws), bool)
     for state in states.values():
-        met &= state.is_met()
-    return float(met.mean())
+        all_are_met &= state.is_met()
+    return float(all_are_met.mean())
 
 
 def _covariances_after_very_many(objective: Objective) -> Array:

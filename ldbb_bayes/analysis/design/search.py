@@ -348,13 +348,14 @@ class Search:
         """
         if self._is_feasible(counts):
             return counts
-        others = _with_tests(counts, int(np.argmax(counts)), -1)
-        candidates = self._completing_candidates(others)
+        without_one = _with_tests(counts, int(np.argmax(counts)), -1)
+        candidates = self._completing_candidates(without_one)
         if not candidates:
-            tests = int(others.sum())
-            others = _with_tests(np.zeros_like(counts), int(np.argmin(self.forces_N)), tests)
-            candidates = self._completing_candidates(others)
-        return _with_tests(others, rng.choice(candidates))
+            tests = int(without_one.sum())
+            lowest_force = int(np.argmin(self.forces_N))
+            without_one = _with_tests(np.zeros_like(counts), lowest_force, tests)
+            candidates = self._completing_candidates(without_one)
+        return _with_tests(without_one, rng.choice(candidates))
 
     def _completing_candidates(self, counts: Array) -> list[int]:
         """Return the indices of candidates that can give a design enough different forces.

@@ -335,8 +335,10 @@ def _draw_rings(axes: Any, trace_data: _TraceData, plane: str) -> None:
     # Panels of several planes are small, and have fewer rings.
     rings = 4.0 if len(trace_data.bound.setting.tested_planes) == 1 else 3.0
     step = _round_step(trace_data.span / rings)
-    multiples = np.arange(np.ceil(trace_data.low / step), np.floor(trace_data.high / step) + 1)
-    rings_um = multiples * step + 0.0
+    innermost = np.ceil(trace_data.low / step)
+    outermost = np.floor(trace_data.high / step)
+    # A ring at −0.0 is written as 0.
+    rings_um = np.arange(innermost, outermost + 1) * step + 0.0
     axes.set_rgrids((zero + rings_um).tolist(), [""] * len(rings_um))
     for ring in rings_um:
         text = f"{ring:g}".replace("-", "−")
