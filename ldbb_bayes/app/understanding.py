@@ -261,13 +261,13 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
         # The first word of the name of an attribute of `Instrument` names the part of the
         # instrument: ``bar_U_um`` belongs to the bar.
         certificate_field = assumed.certificate
-        part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
-        if part in ("work", "tool"):
-            entry = _ball_entry(campaign, assumed, part)
-            part = "balls"
+        part_name = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
+        if part_name in ("work", "tool"):
+            entry = _ball_entry(campaign, assumed, part_name)
+            entries = entries_by_part.setdefault("balls", [])
         else:
-            entry = _instrument_entry(campaign, assumed, part)
-        entries = entries_by_part.setdefault(part, [])
+            entry = _instrument_entry(campaign, assumed, part_name)
+            entries = entries_by_part.setdefault(part_name, [])
         if entry not in entries:
             entries.append(entry)
     return entries_by_part

@@ -176,11 +176,11 @@ def _may_be_convention(text: _Text) -> bool:
 
     A text on a correction of readings, such as a preset of the gauge, counts too.
     """
-    is_stated = is_about_angles(text.text) or is_about_sign(text.text)
-    is_stated = is_stated or states_correction(text.text)
-    has_direction = NAMES_DIRECTION.search(text.text) is not None or bool(senses_in(text.text))
-    is_of_mount = bool(unread_mount([(text.line, text.text)]))
-    return is_stated or has_direction or is_of_mount or bool(unit_mentioned(text.text))
+    if is_about_angles(text.text) or is_about_sign(text.text) or states_correction(text.text):
+        return True
+    if NAMES_DIRECTION.search(text.text) is not None or senses_in(text.text):
+        return True
+    return bool(unread_mount([(text.line, text.text)]) or unit_mentioned(text.text))
 
 
 def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutside]:
@@ -198,6 +198,7 @@ def _texts_outside(recording: Recording, last_line: int) -> Iterator[_TextOutsid
     for line, text in sheet.texts(row for row in sheet.rows if row.line > last_line):
         yield _TextOutside(line, text, bool(directions_stated([(line, text)])))
     for entry in recording.texts_beside:
-        beside = (entry.place, entry.text)
-        is_used = beside in recording.lines_beside and bool(directions_stated([beside]))
+        placed_text = (entry.place, entry.text)
+        is_of_test = placed_text in recording.lines_beside
+        is_used = is_of_test and bool(directions_stated([placed_text]))
         yield _TextOutside(entry.place, entry.text, is_used)

@@ -89,7 +89,7 @@ def _is_quoted(segment: str, text: str, quoted: Collection[str]) -> bool:
     return segment.strip() in quoted or (is_line_quoted and load_in_name([segment]) is not None)
 
 
-def _is_label_of_next(pieces: list[str], k: int, text: str) -> bool:
+def _is_label_of_next(pieces: Sequence[str], k: int, text: str) -> bool:
     """Return whether a piece of a line is the label of the next piece.
 
     A label ends with a colon, or it is a cell of one or two words at the beginning of a line with
@@ -123,6 +123,16 @@ def _as_they_stand(text: str, parts: Sequence[str]) -> str:
     return joined
 
 
+def _is_needed(parts: Sequence[str], k: int, segment: str) -> bool:
+    """Return whether part k of a segment is used: without it, the segment would state less."""
+    part = parts[k]
+    remainder = " - ".join([*parts[:k], *parts[k + 1 :]])
+    if is_about_sign(part) or _stated_facts(segment) != _stated_facts(remainder):
+        return True
+    # A label such as "Start time" tells what the time behind it is of.
+    return stamps_in(segment) != stamps_in(remainder) or _is_label_of_next(parts, k, segment)
+
+
 def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
     """Return the unused parts of a segment if other parts of it were used.
 
@@ -135,12 +145,10 @@ def _unused_parts(segment: str, quoted: Collection[str]) -> list[str]:
     parts = next(finer_divisions(segment))
     unused = []
     for k, part in enumerate(parts):
-        others = " - ".join(parts[:k] + parts[k + 1 :])
-        is_needed = _stated_facts(segment) != _stated_facts(others) or is_about_sign(part)
-        # A label such as "Start time" tells what the time behind it is of.
-        is_needed = is_needed or stamps_in(segment) != stamps_in(others)
-        is_needed = is_needed or _is_label_of_next(parts, k, segment)
-        if len(parts) > 1 and _may_matter(part) and not (is_needed or part.strip() in quoted):
+        is_quoted = part.strip() in quoted
+        if len(parts) == 1 or is_quoted or not _may_matter(part):
+            continue
+        if not _is_needed(parts, k, segment):
             unused.append(part.strip())
     if not unused or _EQUATION.search(segment) is None:
         return unused
