@@ -157,7 +157,7 @@ class _Sample:
         The polynomial is fitted to one value at each node. The leverage of a node is the change of
         the polynomial at the node if the value at this node increases by one.
         """
-        leverage = (self._decomposition.left**2).sum(axis=1)
+        leverage = (self._decomposition.orthonormal**2).sum(axis=1)
         return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))
 
     def fit(self, values: Array) -> Array:
@@ -167,7 +167,7 @@ class _Sample:
         node, shape (m,). The result is limited to an interval three times as wide as the range of
         ``values``, so that the polynomial is not extrapolated too far.
         """
-        projected = self._decomposition.left.T @ (values * np.sqrt(self.weight))
+        projected = self._decomposition.orthonormal.T @ (values * np.sqrt(self.weight))
         fitted = self.polynomials @ (self._decomposition.coefficients @ projected)
         margin = np.ptp(values)
         return np.asarray(np.clip(fitted, values.min() - margin, values.max() + margin))
@@ -181,7 +181,7 @@ class _Decomposition(NamedTuple):
     """
 
     #: matrix U with orthonormal columns, which span the columns of X, shape (m, rank)
-    left: Array
+    orthonormal: Array
     #: matrix C, shape (terms, rank): the polynomial's coefficients that belong to each column of U
     coefficients: Array
 
@@ -198,11 +198,13 @@ def _decompose(matrix: Array) -> _Decomposition:
         root = np.linalg.cholesky(matrix.T @ matrix)
         pivots = np.diagonal(root)
         if pivots.min() > _NEARLY_DEPENDENT * pivots.max():
-            left = solve_triangular(root, matrix.T, lower=True).T
-            return _Decomposition(left, solve_triangular(root, np.eye(len(root)), lower=True).T)
-    left, singular, right = np.linalg.svd(matrix, full_matrices=False)
+            orthonormal = solve_triangular(root, matrix.T, lower=True).T
+            coefficients = solve_triangular(root, np.eye(len(root)), lower=True).T
+            return _Decomposition(orthonormal, coefficients)
+    u, singular, v_transposed = np.linalg.svd(matrix, full_matrices=False)
     is_nonzero = singular > _DEPENDENT * singular[0]
-    return _Decomposition(left[:, is_nonzero], right[is_nonzero].T / singular[is_nonzero])
+    coefficients = v_transposed[is_nonzero].T / singular[is_nonzero]
+    return _Decomposition(u[:, is_nonzero], coefficients)
 
 
 class _MeanRatio(NamedTuple):

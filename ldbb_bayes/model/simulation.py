@@ -144,13 +144,12 @@ def draw_nuisances(
             if not isinstance(columns, Columns):
                 readings_mm = readings_mm + columns.draw(phi, truth.tests, rng)
                 continue
-            drawn = columns.draw_coefficients(phi, truth.tests, rng)
+            coefficients = columns.draw_coefficients(phi, truth.tests, rng)
             if not columns.private:
-                drawn = _with_known(drawn, columns.names, known)
-            readings_mm = readings_mm + columns.effect_of(drawn)
-            if not columns.private:
-                effects |= dict(zip(columns.names, drawn[0].tolist(), strict=True))
+                coefficients = _with_known(coefficients, columns.names, known)
+                effects |= dict(zip(columns.names, coefficients[0].tolist(), strict=True))
                 units |= {name: term.unit_of(name).inside for name in columns.names}
+            readings_mm = readings_mm + columns.effect_of(coefficients)
     check_known("effect", known, list(effects))
     return DrawnNuisances(readings_mm, effects, units)
 
@@ -168,15 +167,15 @@ def _check_known_effects(known: Mapping[str, float]) -> None:
         )
 
 
-def _with_known(drawn: Array, names: Sequence[str], known: Mapping[str, float]) -> Array:
+def _with_known(coefficients: Array, names: Sequence[str], known: Mapping[str, float]) -> Array:
     """Return drawn coefficients, shape (tests, v), with those in ``known`` replaced.
 
     ``names`` are the names of the v coefficients, which all tests have in common.
     """
-    values = drawn.copy()
-    for place, name in enumerate(names):
+    values = coefficients.copy()
+    for column, name in enumerate(names):
         if name in known:
-            values[:, place] = known[name]
+            values[:, column] = known[name]
     return values
 
 

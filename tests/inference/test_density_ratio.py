@@ -180,8 +180,10 @@ def test_a_polynomial_is_fitted_by_least_squares(dependent: float) -> None:
         matrix[:, 5] = matrix[:, 2] + dependent * matrix[:, 5]
     values = rng.standard_normal(40)
     found = _decompose(matrix)
-    np.testing.assert_allclose(found.left.T @ found.left, np.eye(found.left.shape[1]), atol=1e-9)
-    fitted = matrix @ (found.coefficients @ (found.left.T @ values))
+    np.testing.assert_allclose(
+        found.orthonormal.T @ found.orthonormal, np.eye(found.orthonormal.shape[1]), atol=1e-9
+    )
+    fitted = matrix @ (found.coefficients @ (found.orthonormal.T @ values))
     solution = np.linalg.lstsq(matrix, values, rcond=1e-10)[0]
     np.testing.assert_allclose(fitted, matrix @ solution, atol=1e-6)
 
