@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import check_known, placed, require
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.parameter_kinds import hint_on_kind
 from ldbb_bayes.results import Shown
 from ldbb_bayes.units import inside_name, is_direct, to_inside
@@ -19,6 +20,7 @@ __all__ = [
     "STIFFNESS_QUANTITIES",
     "Quantity",
     "Tolerance",
+    "check_stated_tolerances",
     "name_in_plane",
     "quantities",
     "quantities_of",
@@ -206,6 +208,25 @@ def tolerances_in(
             )
         tolerances[name] = tolerance
     return tolerances
+
+
+def check_stated_tolerances(campaign: Campaign, model: HybridModel) -> None:
+    """Raise an `InputError` if a tolerance that a campaign states cannot be used.
+
+    Parameters
+    ----------
+    campaign : the campaign as its campaign.toml states it.
+    model : model with which the campaign will be fitted.
+
+    Raises
+    ------
+    InputError
+        If a limit cannot be read, or the model has no such quantity.
+    """
+    if not campaign.tolerances:
+        return
+    with placed("campaign.toml, [tolerance]"):
+        tolerances_in(quantities_of(model.bind(campaign)), campaign.tolerances)
 
 
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:

@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
+from ldbb_bayes.analysis.tolerances import (
+    check_stated_tolerances,
+    quantities_of,
+    tolerances_in,
+)
 from ldbb_bayes.campaign.folder import MODEL_NAME
 from ldbb_bayes.cli.output import write_files
-from ldbb_bayes.errors import placed
 from ldbb_bayes.inference.posterior import record_of
 from ldbb_bayes.units import inside_name
 
@@ -57,12 +60,10 @@ def with_tolerances(
     InputError
         If a limit cannot be read, or the model has no such quantity.
     """
-    if not campaign.tolerances and not tolerances:
+    check_stated_tolerances(campaign, model)
+    if not tolerances:
         return campaign
-    known = quantities_of(model.bind(campaign))
-    with placed("campaign.toml, [tolerance]"):
-        tolerances_in(known, campaign.tolerances)
-    tolerances_in(known, tolerances)
+    tolerances_in(quantities_of(model.bind(campaign)), tolerances)
     stated = {inside_name(name): limit for name, limit in tolerances.items()}
     return replace(campaign, tolerances={**campaign.tolerances, **stated})
 

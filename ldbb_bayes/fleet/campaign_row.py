@@ -20,6 +20,7 @@ from ldbb_bayes.analysis.directional_stiffness import stiffness_of_fit
 from ldbb_bayes.analysis.posterior_verdicts import confounded_at
 from ldbb_bayes.analysis.tolerances import (
     Quantity,
+    check_stated_tolerances,
     name_in_plane,
     quantities_of,
     tolerances_in,
@@ -124,8 +125,11 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     origin: dict[str, Any] = {}
     try:
         with warnings.catch_warnings(action="ignore"):
-            campaign = _read_campaign(settings, job.absolute_path)
+            stated = _read_campaign(settings, job.absolute_path)
+            tolerances = {**stated.tolerances, **settings.tolerances}
+            campaign = replace(stated, tolerances=tolerances)
             origin = _origin_columns(campaign)
+            check_stated_tolerances(stated, settings.model)
             fit = _fit_columns(settings, campaign)
     except Exception as error:  # noqa: BLE001 - one campaign must not end the others
         return failed_row(settings, job, _reason(error, job)) | origin
@@ -153,13 +157,12 @@ def _read_campaign(settings: Settings, path: str) -> Campaign:
     """Read a campaign, and replace what its files state with what the settings of the batch state.
 
     ``path`` is the file path of the campaign. The settings state certified properties of the
-    instrument, tolerances and, for a tidy CSV file, also the fields of `Campaign` that such a file
-    cannot state.
+    instrument and, for a tidy CSV file, also the fields of `Campaign` that such a file cannot
+    state.
     """
     is_table = not os.path.isdir(path) and not path.lower().endswith(".toml")
     fields = settings.table if is_table else {}
-    campaign = read_campaign(path, certificates=settings.certificates, **fields)
-    return replace(campaign, tolerances={**campaign.tolerances, **settings.tolerances})
+    return read_campaign(path, certificates=settings.certificates, **fields)
 
 
 def check_tolerances(settings: Settings, paths: Sequence[str]) -> None:
@@ -180,7 +183,7 @@ def check_tolerances(settings: Settings, paths: Sequence[str]) -> None:
         if not unknown:
             break
         try:
-            campaign = _read_campaign(replace(settings, tolerances={}), path)
+            campaign = _read_campaign(settings, path)
             known |= quantities_of(model.bind(campaign))
         except InputError:
             continue

@@ -63,6 +63,21 @@ def test_a_tolerance_without_its_unit_is_refused_before_any_fit(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_campaign_whose_own_tolerance_has_no_unit_is_refused_in_its_row(
+    folders: list[str], tmp_path: Path
+) -> None:
+    folder = tmp_path / "stated"
+    campaign = lb.read_campaign(folders[0])
+    lb.write_campaign(replace(campaign, tolerances={"C_XXX": "60"}), folder)
+    row = lb.fleet.run_batch([str(folder)], tmp_path / "out", **OPTIONS).rows().iloc[0]
+    assert row["status"] == "failed"
+    assert row["reason"] == (
+        "campaign.toml, [tolerance]: tolerance of C_XXX must be a number with its unit, got '60'."
+        " Write it in nm/N, like 0.5 nm/N."
+    )
+    assert row["name"] == campaign.name
+
+
 def test_rows_are_what_a_fit_says(folders: list[str], fitted: Batch) -> None:
     rows = fitted.rows()
     assert rows["campaign"].tolist() == folders
