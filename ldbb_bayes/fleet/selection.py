@@ -52,6 +52,8 @@ class CaveatKind(StrEnum):
     EXTRAPOLATED = "extrapolated"
     NO_DATES = "no-dates"
     TWO_CAMPAIGNS = "two-campaigns"
+    TOLERANCES_NOT_FOLLOWED = "tolerances-not-followed"
+    TOLERANCES_WITHOUT_TREND = "tolerances-without-trend"
     SPREADS_NOT_TRUSTED = "spreads-not-trusted"
     ONE_INSTRUMENT = "one-instrument"
     CONTRADICTED_INSTRUMENT = "contradicted-instrument"

@@ -51,7 +51,7 @@ from ldbb_bayes.fleet.stiffness_series import (
     stiffness_series,
     stiffness_table,
 )
-from ldbb_bayes.fleet.trend_conformity import conformities_of_campaigns
+from ldbb_bayes.fleet.trend_conformity import caveats_of_tolerances, conformities_of_campaigns
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread
@@ -425,6 +425,9 @@ def find_trend(
     change_probability = 1.0 - float(probabilities[:, -1].sum())
     false_alarm = (1.0 - threshold) / threshold * probability / (1.0 - probability)
     newest_tolerances = used_rows["tolerances"].iloc[order[-1]]
+    caveats += _caveats_of_series(statistics)
+    if not tolerances:
+        caveats += caveats_of_tolerances(statistics, newest_tolerances)
     return Trend(
         machine=campaigns.machine,
         reference_force_N=statistics.reference_force_N,
@@ -442,7 +445,7 @@ def find_trend(
         campaigns=visits,
         parameters=changes,
         most_probable=ranked(changes, lambda name: changes[name].probability)[0],
-        caveats=(*caveats, *_caveats_of_series(statistics)),
+        caveats=tuple(caveats),
         estimates=_estimates_table(statistics, visits, chart, step_probabilities, prob),
         conformity=conformities_of_campaigns(
             statistics, names, series, chart, tolerances, newest_tolerances

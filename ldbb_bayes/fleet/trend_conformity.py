@@ -23,15 +23,18 @@ from ldbb_bayes.analysis.tolerances import Quantity, Tolerance, quantities, tole
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.fleet.control_limits import ChartPoints
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
+from ldbb_bayes.fleet.selection import Caveat, CaveatKind
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.parameter_kinds import is_possible
 from ldbb_bayes.units import inside_name, is_direct, is_slope
 
-__all__ = ["conformities_of_campaigns"]
+__all__ = ["caveats_of_tolerances", "conformities_of_campaigns"]
 
 # The readings of a campaign say nothing about a parameter if the precision of its likelihood, in
 # units of the reference standard deviation, is below this number.
 _NO_INFORMATION = 1e-6
+# Beginning of the name of a stiffness along an axis, such as stiffness_X.
+_STIFFNESS = "stiffness_"
 
 
 def conformities_of_campaigns(
@@ -59,21 +62,22 @@ def conformities_of_campaigns(
     chart : estimates from each campaign.
     tolerances : tolerances of quantities; the keys are the names of the quantities. If there are
         none, ``newest_tolerances`` are used.
-    newest_tolerances : tolerances in the record of the newest campaign, as JSON text. Tolerances of
-        quantities that are not followed over time are ignored.
+    newest_tolerances : tolerances in the record of the newest campaign, as JSON text. Those of
+        quantities that are not followed over time have no decision; `caveats_of_tolerances` says
+        so.
     """
-    followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
+    followed = _followed_quantities(statistics)
     wanted: Mapping[str, str | Tolerance] = tolerances or {}
     _check_followed(wanted, followed)
     if not wanted:
-        stated = json.loads(newest_tolerances or "{}")
+        stated = _stated_tolerances(newest_tolerances)
         wanted = {name: text for name, text in stated.items() if name in followed}
     conformities = {}
     for name, tolerance in tolerances_in(followed, wanted).items():
         j = _parameter_of(name, statistics.parameters)
         mean = chart.estimate[:, j] * statistics.prior_sd[j]
         sd = np.hypot(chart.sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
-        is_stiffness = name.startswith("stiffness_")
+        is_stiffness = name.startswith(_STIFFNESS)
         decide = stiffness_conformity if is_stiffness else normal_conformity
         force_N = None
         if statistics.parameters[j].startswith("C_"):
@@ -88,6 +92,54 @@ def conformities_of_campaigns(
     return conformities
 
 
+def caveats_of_tolerances(statistics: FleetStatistics, newest_tolerances: Any) -> list[Caveat]:
+    """Return caveats on tolerances of the newest campaign on which the trend makes no decision.
+
+    One caveat names the quantities that the trend could follow, and the parameters to choose for
+    this. Another names the quantities that no trend follows, such as the circular deviation G.
+
+    Parameters
+    ----------
+    statistics : likelihoods of the campaigns.
+    newest_tolerances : tolerances in the record of the newest campaign, as JSON text.
+    """
+    followed = _followed_quantities(statistics)
+    parameters = list(statistics.parameters)
+    could_follow = []
+    never_followed = []
+    for name in _stated_tolerances(newest_tolerances):
+        if name in followed:
+            continue
+        parameter = _parameter_to_follow(name)
+        if parameter is None:
+            never_followed.append(name)
+            continue
+        could_follow.append(name)
+        if parameter not in parameters:
+            parameters.append(parameter)
+    caveats = []
+    if could_follow:
+        kind = CaveatKind.TOLERANCES_NOT_FOLLOWED
+        caveats.append(Caveat(kind, tuple(could_follow), text=",".join(parameters)))
+    if never_followed:
+        caveats.append(Caveat(CaveatKind.TOLERANCES_WITHOUT_TREND, tuple(never_followed)))
+    return caveats
+
+
+def _followed_quantities(statistics: FleetStatistics) -> dict[str, Quantity]:
+    """Return the quantities on which a trend can decide; the keys are their names."""
+    return quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
+
+
+def _stated_tolerances(newest_tolerances: Any) -> dict[str, str]:
+    """Return the tolerances in the record of a campaign, which is JSON text or missing.
+
+    The keys are the names of the quantities.
+    """
+    stated = json.loads(newest_tolerances or "{}")
+    return {inside_name(name): text for name, text in stated.items()}
+
+
 def _check_followed(wanted: Mapping[str, Any], followed: Mapping[str, Quantity]) -> None:
     """Raise an `InputError` for the tolerance of a parameter that the trend does not follow.
 
@@ -97,13 +149,27 @@ def _check_followed(wanted: Mapping[str, Any], followed: Mapping[str, Quantity])
     """
     for stated_name in wanted if isinstance(wanted, Mapping) else ():
         name = inside_name(stated_name)
-        if name in followed or is_slope(name) or not is_possible(name):
+        parameter = _parameter_to_follow(name)
+        if name in followed or parameter is None:
             continue
-        parameters = ",".join([*(one for one in followed if is_possible(one)), name])
+        parameters = ",".join([*(one for one in followed if is_possible(one)), parameter])
         raise InputError(
             f"tolerance must be of a parameter that the trend follows, got {name!r}, which it does"
             f" not. Follow it too: --parameters {parameters} (parameters=[…] in Python)."
         )
+
+
+def _parameter_to_follow(quantity: str) -> str | None:
+    """Return the parameter that a trend has to follow to decide on a quantity.
+
+    It is the quantity itself, or the compliance of a stiffness along an axis. The result is None if
+    no trend decides on the quantity, as on a change of compliance with force.
+    """
+    axis = quantity.removeprefix(_STIFFNESS)
+    parameter = quantity if axis == quantity else f"C_{3 * axis}"
+    if is_slope(parameter) or not is_possible(parameter):
+        return None
+    return parameter
 
 
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:

@@ -535,6 +535,22 @@ def test_which_machine(rows: pd.DataFrame) -> None:
     assert list(lb.fleet.find_trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
+def test_tolerances_of_the_newest_campaign_without_a_decision_are_named(
+    rows: pd.DataFrame,
+) -> None:
+    limits = '{"C_XXX": "60 nm/N", "stiffness_Y": "18 N/µm", "E_C(0Y)X": "40 µrad", "G": "20 µm"}'
+    stated = rows.assign(tolerances=limits)
+    trend = lb.fleet.find_trend(stated, parameters=["C_XXX"])
+    *_, not_followed, without_trend = doubts(trend)
+    assert list(trend.conformity) == ["C_XXX"]
+    assert not_followed.startswith("No decision on stiffness_Y, E_C(0Y)X, whose tolerance")
+    assert "--parameters C_XXX,C_YYY,E_C0YX " in not_followed
+    assert without_trend.startswith("No decision on G, whose tolerance")
+    followed = lb.fleet.find_trend(stated, parameters=["C_XXX", "C_YYY", "E_C0YX"])
+    assert list(followed.conformity) == ["C_XXX", "stiffness_Y", "E_C0YX"]
+    assert len(doubts(followed)) == len(doubts(trend)) - 1
+
+
 def test_a_campaign_that_failed_is_not_said_to_name_no_machine(rows: pd.DataFrame) -> None:
     more = pd.concat([rows, rows[-1:].assign(campaign="broken", name=None)], ignore_index=True)
     more.loc[len(more) - 1, ["status", "machine_id"]] = ["failed", None]
