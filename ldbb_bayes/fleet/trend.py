@@ -348,7 +348,7 @@ def find_trend(
         the force are the same in all campaigns and do not average out.
     tolerances : mapping of str to str or Tolerance, optional
         Tolerances of parameters and stiffnesses, see `assess_conformity`; the keys are the names of
-        the quantities. Default: the tolerances that the newest campaign states.
+        the quantities. They replace those that the newest campaign states of these quantities.
     change_scale : float
         Prior standard deviation of a change, in units of the parameter's reference standard
         deviation. For C_XXX, the default corresponds to 2e-5 mm/N.
@@ -426,8 +426,7 @@ def find_trend(
     false_alarm = (1.0 - threshold) / threshold * probability / (1.0 - probability)
     newest_tolerances = used_rows["tolerances"].iloc[order[-1]]
     caveats += _caveats_of_series(statistics)
-    if not tolerances:
-        caveats += caveats_of_tolerances(statistics, newest_tolerances)
+    caveats += caveats_of_tolerances(statistics, newest_tolerances)
     return Trend(
         machine=campaigns.machine,
         reference_force_N=statistics.reference_force_N,

@@ -60,20 +60,21 @@ def conformities_of_campaigns(
     series : likelihoods of the campaigns, in order of time. Of a parameter on which the readings of
         a campaign say nothing, no decision is made.
     chart : estimates from each campaign.
-    tolerances : tolerances of quantities; the keys are the names of the quantities. If there are
-        none, ``newest_tolerances`` are used.
+    tolerances : tolerances of quantities; the keys are the names of the quantities. They replace
+        those of the same quantities in ``newest_tolerances``.
     newest_tolerances : tolerances in the record of the newest campaign, as JSON text. Those of
         quantities that are not followed over time have no decision; `caveats_of_tolerances` says
         so.
     """
     followed = _followed_quantities(statistics)
-    wanted: Mapping[str, str | Tolerance] = tolerances or {}
-    _check_followed(wanted, followed)
-    if not wanted:
-        stated = _stated_tolerances(newest_tolerances)
-        wanted = {name: text for name, text in stated.items() if name in followed}
+    chosen: Mapping[str, str | Tolerance] = tolerances or {}
+    _check_followed(chosen, followed)
+    limits = tolerances_in(followed, chosen)
+    for name, text in _stated_tolerances(newest_tolerances).items():
+        if name in followed and name not in limits:
+            limits |= tolerances_in(followed, {name: text})
     conformities = {}
-    for name, tolerance in tolerances_in(followed, wanted).items():
+    for name, tolerance in limits.items():
         j = _parameter_of(name, statistics.parameters)
         mean = chart.estimate[:, j] * statistics.prior_sd[j]
         sd = np.hypot(chart.sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
@@ -140,14 +141,14 @@ def _stated_tolerances(newest_tolerances: Any) -> dict[str, str]:
     return {inside_name(name): text for name, text in stated.items()}
 
 
-def _check_followed(wanted: Mapping[str, Any], followed: Mapping[str, Quantity]) -> None:
+def _check_followed(chosen: Mapping[str, Any], followed: Mapping[str, Quantity]) -> None:
     """Raise an `InputError` for the tolerance of a parameter that the trend does not follow.
 
-    The keys of ``wanted`` are names of quantities as the user stated them, and those of
+    The keys of ``chosen`` are names of quantities as the user stated them, and those of
     ``followed`` the names of all quantities that the trend follows. A name that no trend can follow
     is left to the check of all names.
     """
-    for stated_name in wanted if isinstance(wanted, Mapping) else ():
+    for stated_name in chosen if isinstance(chosen, Mapping) else ():
         name = inside_name(stated_name)
         parameter = _parameter_to_follow(name)
         if name in followed or parameter is None:

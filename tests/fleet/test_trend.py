@@ -535,6 +535,13 @@ def test_which_machine(rows: pd.DataFrame) -> None:
     assert list(lb.fleet.find_trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
 
 
+def test_tolerances_go_before_those_of_the_newest_campaign(rows: pd.DataFrame) -> None:
+    stated = rows.assign(tolerances='{"C_XXX": "60 nm/N", "C_YYY": "50 nm/N"}')
+    conformity = lb.fleet.find_trend(stated, tolerances={"C_XXX": "70 nm/N"}).conformity
+    limits = {name: {one.upper for one in of.values()} for name, of in conformity.items()}
+    assert limits == {"C_XXX": {7e-5}, "C_YYY": {5e-5}}
+
+
 def test_tolerances_of_the_newest_campaign_without_a_decision_are_named(
     rows: pd.DataFrame,
 ) -> None:
