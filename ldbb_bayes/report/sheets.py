@@ -349,14 +349,15 @@ def _table_with_intervals(
 
     There is one row for each quantity. The columns are value, U (k = 2), credible interval, unit
     and remark. U is that of ``quantities``. The credible intervals are those of ``in_brackets``,
-    the same quantities; their probability is the one in ``numbers``.
+    the same quantities; their probability is the one in ``numbers``. A dash takes the place of an
+    interval that is the single value zero, as in the tables at the terminal and in the annex.
     """
     words = numbers.words
     rows = []
     for quantity, other in zip(quantities, in_brackets, strict=True):
         statement = quantity.value_and_U()
         interval = "–"
-        if not quantity.is_exactly_none:
+        if not other.is_exactly_none:
             ends = state(quantity.estimate, quantity.sd, other.interval, quantity.unit).ends
             interval = words("interval", low=ends[0], high=ends[1])
         rows.append(

@@ -717,6 +717,13 @@ def test_a_change_whose_interval_is_zero_on_sheets(language: str, if_any: Any, t
     numbers: Any = SimpleNamespace(words=words, findings=SimpleNamespace(prob=0.95))
     (row,) = _table_with_intervals(numbers, [quantity], [quantity]).rows
     assert row[2:5] == ("0", "–", "–")
+    of_95 = replace(quantity, interval=(-4e-7, 3e-7))
+    (row,) = _table_with_intervals(numbers, [of_95], [quantity]).rows
+    assert row[3] != "–"
+    assert row[4] == "–"
+    (row,) = _table_with_intervals(numbers, [quantity], [of_95]).rows
+    assert row[2:4] == ("0", "–")
+    assert row[4] == words.number(words("interval", low="−0.40", high="0.30"))
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
