@@ -418,16 +418,18 @@ def _printed_parts(
     heading = "Linear compliance:"
     if analyses.averaged is not None:
         heading = wording.averaged_over(record_of(analyses.averaged)["averaged"]["probability"])
+    table = fit_tables.results_table(
+        result | {"parameters": parameters},
+        judge_at_force(stated, force_N),
+        force_N=force_N,
+        of_U=of_U,
+    )
     parts: list[Any] = [
         *assumed_parts(campaign, source.imported),
         *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
-        fit_tables.results_table(
-            result | {"parameters": parameters},
-            judge_at_force(stated, force_N),
-            force_N=force_N,
-            of_U=of_U,
-        ),
+        table,
+        *fit_tables.explanation_of_U(table),
     ]
     concerns = fit_of(stated).concerns
     near_zero = tuple(concern for concern in concerns if concern.kind == ConcernKind.NEAR_ZERO)

@@ -118,7 +118,7 @@ def demo(
     states which parts of the readings were not measured.
     """
     from ldbb_bayes.cli.fit_results import write_result
-    from ldbb_bayes.report.fit_tables import full_result, results_table
+    from ldbb_bayes.report.fit_tables import explanation_of_U, full_result, results_table
 
     check_target(out, force=force, ours=_DEMO_FILES)
     source = lb.embedded_campaign()
@@ -142,7 +142,8 @@ def demo(
     parts: list[Any] = []
     for name, posterior in posteriors.items():
         parts.append(f"{name.capitalize()} compliance")
-        parts.append(results_table(results[name], lb.analysis.judge_posterior(posterior)))
+        table = results_table(results[name], lb.analysis.judge_posterior(posterior))
+        parts += [table, *explanation_of_U(table)]
     parts += [
         wording.comparison_sentences(comparison)[0],
         document.state,

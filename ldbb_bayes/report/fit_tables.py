@@ -45,6 +45,7 @@ __all__ = [
     "coefficient_table",
     "conformity_table",
     "describe_fit",
+    "explanation_of_U",
     "full_result",
     "further_remarks",
     "nuisance_table",
@@ -59,6 +60,8 @@ __all__ = [
 # large for a circle that does not agree with the others. The table of a fit's parameters shows λ
 # only if its posterior median is at least this value.
 _ODD_CIRCLE = 2.5
+# Heading of the column with the expanded uncertainty in a table of results.
+_HEAD_OF_U = "U (k = 2)"
 # Largest number of nuisance coefficients that a fit lists on the screen without --details.
 _MOST_NUISANCES_ON_SCREEN = 12
 # A decision on conformity is close if the probability is less than this number of its numerical
@@ -779,13 +782,32 @@ def _results_table(caption: str, rows: list[tuple[str, ...]], result: Mapping[st
         "parameter",
         "value",
         "u",
-        "U (k = 2)",
+        _HEAD_OF_U,
         f"{wording.percent_of(result)} interval",
         "unit",
         "stiffness (N/µm)",
         "verdict",
     )
     return Table.of(caption, heads, rows, text=("unit", "verdict"))
+
+
+def explanation_of_U(table: Table) -> tuple[str, ...]:
+    """Return a sentence on uncertainties of the form +a / −b, if a table of results has any.
+
+    Parameters
+    ----------
+    table
+        Table of results, see `results_table`.
+
+    Returns
+    -------
+    tuple
+        The sentence, or nothing.
+    """
+    column = table.heads.index(_HEAD_OF_U)
+    if any("/" in row[column] for row in table.rows):
+        return (wording.PAGE["unequal_U"],)
+    return ()
 
 
 def nuisance_table(

@@ -10,7 +10,8 @@ from reports import fitted
 from scipy.stats import norm
 
 import ldbb_bayes as lb
-from ldbb_bayes.report.fit_tables import full_result, results_table
+from ldbb_bayes.report.fit_tables import explanation_of_U, full_result, results_table
+from ldbb_bayes.results import Table
 
 
 @pytest.mark.parametrize(
@@ -46,3 +47,13 @@ def test_u_does_not_change_with_the_probability_of_intervals(prob: float) -> Non
     ends = row[column + 1].strip("[]").replace("−", "-").split(", ")
     width = float(ends[1]) - float(ends[0])
     assert width == pytest.approx(2.0 * norm.ppf(0.5 + 0.5 * prob) * draws.std(), rel=0.1)
+
+
+@pytest.mark.parametrize(("expanded", "sentences"), [("6.5", 0), ("+7.9 / −0.7", 1)])
+def test_unequal_distances_in_place_of_u_are_explained_where_they_occur(
+    expanded: str, sentences: int
+) -> None:
+    table = Table.of("", ("parameter", "U (k = 2)", "unit"), [("C_XXX", expanded, "nm/N")])
+    explained = explanation_of_U(table)
+    assert len(explained) == sentences
+    assert all("+a / −b" in sentence for sentence in explained)
