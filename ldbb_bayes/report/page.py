@@ -327,7 +327,8 @@ def write_report(
     same_machine : bool
         Whether the other campaigns were run on the same machine; see `compare_posteriors`.
     prob : float
-        Probability of the credible intervals.
+        Probability of the credible intervals in brackets. U (k = 2) is of 95 %, and so are figures
+        that say no other.
     tests : int, optional
         Number of circles to recommend. Default: as many as the campaign has.
     comparison : Comparison, optional

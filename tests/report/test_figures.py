@@ -195,6 +195,13 @@ def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
     assert len(above) >= len(swings) - 2
 
 
+def test_bands_of_figures_say_that_they_are_of_95_percent(posterior: xr.DataTree) -> None:
+    """Whatever the probability of the intervals in brackets of a report is."""
+    for name in set(FIGURES) - {"traces", "residuals", "corner"}:
+        texts = " ".join(text.get_text() for text in visible_texts(FIGURES[name](posterior)))
+        assert "95 %" in texts, name
+
+
 def test_another_language(posterior: xr.DataTree) -> None:
     """All words of the sheets' figures can be said otherwise."""
     words_by_key = {key: f"<{key}>" for key in WORDS}
