@@ -235,6 +235,18 @@ def test_a_decision_is_that_of_the_sheets_where_both_directions_may_be_run(
     assert states["C_XXX"].now.sd == pytest.approx(signed.sd, rel=0.05)
 
 
+def test_odds_are_those_of_a_report_where_both_directions_may_be_run(recovered: Campaign) -> None:
+    """Hysteresis of both directions, which only further circles can show, moved them."""
+    step = next_circle(MODEL, recovered, directions=("CW", "CCW"), forces_N=(36.0, 742.0))
+    alone = next_circle(MODEL, recovered, forces_N=(36.0, 742.0))
+    assert step.model is not None
+    assert alone.model is not None
+    models = {"constant": MODEL.with_degree(0), "linear": MODEL}
+    stated = compare_explanations(models, Evidences(recovered, tolerance=0.2)).averaged
+    assert step.model.log_bayes_factor == pytest.approx(stated.log_bayes_factor, abs=1e-3)
+    assert step.model.log_bayes_factor == pytest.approx(alone.model.log_bayes_factor, abs=1e-12)
+
+
 def test_an_aim_is_reached_by_the_decision_of_the_sheets() -> None:
     forecast = Conformity(
         unit="1",

@@ -317,15 +317,15 @@ def next_circle(
     of_tolerances = _states_of_tolerances(
         tolerances, space, known, evidences, circles.before, confidence
     )
+    evidences_of_sheets = _evidences_of_sheets(evidences, model, campaign, known)
     of_tolerances = _decided_on_sheets(
-        of_tolerances, tolerances, space, known, campaign, confidence
+        of_tolerances, tolerances, space, known, evidences_of_sheets, confidence
     )
-    odds = _ModelOdds.of(model, known, evidences, confidence)
+    odds = _ModelOdds.of(model, known, evidences_of_sheets, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
     odds_to_decide = odds if model_is_aim else None
     aims = _aims_of(of_goals, of_tolerances, odds_to_decide)
 
-    distance_now = float(total_distance(aims, circles.before))
     covariances = circles.after()
     distances = total_distance(aims, covariances)
     order = largest_positions(-distances, len(distances))
@@ -350,7 +350,9 @@ def next_circle(
         other_kinds=_kinds_not_allowed(space),
         concerns=tuple(contradicted_priors(known.bound, known.phi_of_draws, known.draws)),
         direction=space.tests[order[0]].direction,
-        table=_best_circles(space, order[:_LISTED], distance_now, distances),
+        table=_best_circles(
+            space, order[:_LISTED], float(total_distance(aims, circles.before)), distances
+        ),
         chosen=_Chosen(space, space.tests[order[0]]),
         unreached_goals=to_go.unreached(of_goals),
         unreached_tolerances=to_go.unreached(of_tolerances),
@@ -419,22 +421,37 @@ def _states_of_tolerances(
     return tolerance_states(posterior, tolerances, known, before, confidence)
 
 
+def _evidences_of_sheets(
+    evidences: Evidences, model: HybridModel, campaign: Campaign, known: Known
+) -> Evidences:
+    """Return the evidences from which the sheets of a report decide.
+
+    They are of the circles run so far, without effects that only further circles can show, such as
+    hysteresis if these may run in both directions. ``campaign`` holds the circles run so far alone,
+    and ``known`` is the posterior given these, with all effects. ``evidences``, which have all
+    effects too, are returned if there are no such effects.
+    """
+    if has_effects_of_fit(model, campaign, known.bound):
+        return evidences
+    return Evidences(campaign, tolerance=EVIDENCE_TOLERANCE)
+
+
 def _decided_on_sheets(
     states: dict[str, ToleranceState],
     tolerances: Mapping[str, str | Tolerance],
     space: Space,
     known: Known,
-    campaign: Campaign,
+    evidences: Evidences,
     confidence: float,
 ) -> dict[str, ToleranceState]:
     """Return the states of all tolerances with the decisions that the sheets of a report state.
 
-    ``campaign`` holds the circles run so far alone. The other arguments are as in
-    `_states_of_tolerances`, whose result ``states`` are.
+    ``evidences`` are those from which the sheets decide (`_evidences_of_sheets`). The other
+    arguments are as in `_states_of_tolerances`, whose result ``states`` are.
     """
+    campaign = evidences.campaign
     if not states or has_effects_of_fit(space.model, campaign, known.bound):
         return states
-    evidences = Evidences(campaign, tolerance=EVIDENCE_TOLERANCE)
     posterior = _posterior_on_sheets(space.model, campaign, evidences, space.seed)
     return decided_from(posterior, tolerances, states, confidence)
 
@@ -685,8 +702,8 @@ class _ModelOdds:
 
         The odds are averaged over alternative explanations of an apparent change of compliance with
         force. ``known`` is the posterior given the circles run so far. ``evidences`` computes the
-        evidences of the two models. ``confidence`` is the minimum probability at which a decision
-        is made.
+        evidences of the two models, as a report does (`_evidences_of_sheets`). ``confidence`` is
+        the minimum probability at which a decision is made.
         """
         parameters = known.bound.parameters
         columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]
