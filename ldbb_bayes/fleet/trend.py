@@ -232,7 +232,8 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     table = Table.of(f"{machine}{len(trend.campaigns)} campaigns, {force}", heads, rows)
     percent = f"{100.0 * trend.assumptions['ci']:g} %"
     legend = (
-        f"± U = 2u; [low, high]: {percent} interval, where ± U does not describe it. U, common:"
+        "Level now: from all campaigns together, at the newest of them."
+        f" ± U = 2u; [low, high]: {percent} interval, where ± U does not describe it. U, common:"
         " what instrument and machine add to all campaigns alike."
     )
     passages: list[Table | str] = [table, legend, ""]
@@ -245,8 +246,9 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
         newest_campaign = trend.campaigns[-1].campaign
         passages.append(conformity_table(newest_decisions))
         passages.append(
-            f"Of the newest campaign, {newest_campaign}, with what the others say of the errors and"
-            " effects that all have in common."
+            f"Value of the newest campaign alone, {newest_campaign}, with what the others say of"
+            " the errors and effects that all have in common. The level now, of all campaigns, may"
+            " differ from it."
         )
         passages.append("")
     if trend.stiffness:

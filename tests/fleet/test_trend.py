@@ -29,6 +29,7 @@ from ldbb_bayes.fleet.deviations import deviating
 from ldbb_bayes.fleet.selection import CaveatKind
 from ldbb_bayes.fleet.trend import Trend
 from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.report.text import parts_of
 
 Array = NDArray[np.float64]
 P = 3
@@ -533,6 +534,18 @@ def test_which_machine(rows: pd.DataFrame) -> None:
         "Left out, because they name no machine: c01.",
     )
     assert list(lb.fleet.find_trend(rows, parameters="C_XXX").parameters) == ["C_XXX"]
+
+
+def test_the_level_now_and_the_value_that_is_decided_are_told_apart(rows: pd.DataFrame) -> None:
+    """The level is a mean over campaigns; the decision has the estimate of the newest alone."""
+    trend = lb.fleet.find_trend(rows, tolerances={"C_YYY": "60 nm/N"})
+    newest = trend.estimates.query("parameter == 'C_YYY'")["estimate"].to_numpy()[-1]
+    (*_, decision) = trend.conformity["C_YYY"].values()
+    assert decision.mean == pytest.approx(newest)
+    assert trend.parameters["C_YYY"].level_now.mean != pytest.approx(newest)
+    sentences = " ".join(part for part in parts_of(trend) if isinstance(part, str))
+    assert "Level now: from all campaigns together" in sentences
+    assert f"Value of the newest campaign alone, {names_of(trend)[-1]}," in sentences
 
 
 def test_tolerances_go_before_those_of_the_newest_campaign(rows: pd.DataFrame) -> None:
