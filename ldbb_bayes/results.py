@@ -14,18 +14,27 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias, Typ
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    PlainSerializer,
+    TypeAdapter,
+    ValidationError,
+)
 from pydantic_core import to_json
 
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import bytes_of
 from ldbb_bayes.tables import Table, readable, table_of, terminal_width, wrapped
-from ldbb_bayes.units import typeset
+from ldbb_bayes.units import inside_name, typeset
 
 __all__ = [
     "Array",
     "ByName",
+    "ByParameter",
     "ByRow",
+    "EitherSpelling",
     "Finite",
     "Number",
     "Numbers",
@@ -306,7 +315,28 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
     return _ADAPTERS[kind]
 
 
-class ByName(Shown, dict[str, T]):
+class EitherSpelling(dict[str, T]):
+    """Dictionary whose keys are names of parameters, and which finds them as they are printed, too.
+
+    Examples
+    --------
+    >>> lb.identify(lb.HybridModel.first(0), campaign).parameters["E_C(0Y)X"].verdict.value
+    'prior-limited'
+    """
+
+    def __missing__(self, name: str) -> T:
+        """Return the entry of E_C0YX for E_C(0Y)X; raise a `KeyError` if there is none."""
+        key = inside_name(str(name))
+        if key not in self:
+            raise KeyError(name)
+        return self[key]
+
+
+ByParameter = Annotated[dict[str, T], AfterValidator(EitherSpelling)]
+"""Type of a field for a dictionary of parameters, which finds them in either spelling."""
+
+
+class ByName(Shown, EitherSpelling[T]):
     """Dictionary of results of one class, whose keys are the names of the results.
 
     The dictionary is displayed as one table.

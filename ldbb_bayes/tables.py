@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.units import display_unit, round_like, round_uncertainty, typeset
+from ldbb_bayes.units import display_name, display_unit, round_like, round_uncertainty, typeset
 
 __all__ = [
     "ReadableFrame",
@@ -578,12 +578,14 @@ def _heads_with_units(frame: pd.DataFrame) -> list[str]:
 
 
 def _row_label(label: Hashable) -> Hashable:
-    """Return the name of a data frame's row.
+    """Return the name of a data frame's row as it is displayed, such as E_C(0Y)X for E_C0YX.
 
     If the name has several parts, slashes separate them.
     """
     if isinstance(label, tuple):
-        return " / ".join(map(str, label))
+        return " / ".join(display_name(str(part)) for part in label)
+    if isinstance(label, str):
+        return display_name(label)
     return label
 
 

@@ -259,6 +259,26 @@ def test_the_repr_of_results_by_name_has_their_names() -> None:
     assert (len(many), many[-2:]) == (80, "…>")
 
 
+def test_parameters_are_found_as_they_are_printed(campaign: lb.Campaign) -> None:
+    found = lb.identify(lb.HybridModel.first(0), campaign)
+    again = lb.analysis.Identifiability.from_dict(found.as_dict())
+    for result in (found, again):
+        assert result.parameters["E_C(0Y)X"] is result.parameters["E_C0YX"]
+        assert "E_C(0Y)X" not in list(result.parameters)
+        with pytest.raises(KeyError, match="E_C0XX"):
+            result.parameters["E_C0XX"]
+    results = ByName[int](E_C0YX=1)
+    assert results["E_C(0Y)X"] == 1
+
+
+def test_rows_of_tables_are_shown_as_parameters_are_printed() -> None:
+    frame = readable(pd.DataFrame({"unit": ["rad"], "mean": [1e-6]}, index=["E_C0YX"]), "")
+    assert frame.loc["E_C0YX", "unit"] == "rad"
+    for text in (str(frame), frame._repr_html_(), frame.details()):
+        assert "E_C(0Y)X" in text
+        assert "E_C0YX" not in text
+
+
 def test_no_results_are_shown_as_none() -> None:
     assert (repr(ByName()), str(ByName())) == ("<no results>", "No results.")
 

@@ -67,7 +67,7 @@ from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.results import Array, ByRow, Result
+from ldbb_bayes.results import Array, ByParameter, ByRow, EitherSpelling, Result
 
 __all__ = ["Identifiability", "identify"]
 
@@ -99,7 +99,7 @@ class Identifiability(Result):
 
     #: how well the readings determine each parameter (identified, prior-limited or confounded); the
     #: keys are names of parameters
-    parameters: dict[str, ParameterIdentifiability]
+    parameters: ByParameter[ParameterIdentifiability]
     #: how well the change of each compliance over the tested forces is known; the keys are names of
     #: compliances
     changes: dict[str, ChangeIdentifiability]
@@ -140,7 +140,7 @@ class Identifiability(Result):
     #: linear compliance, as the sheets of a report state them; for a plan, those to expect. They
     #: account for the condition that no compliance is negative. The keys are names of parameters.
     #: Empty if compliance is not linear in the model, or if priors are flat.
-    averaged_sd: dict[str, float] = field(default_factory=dict)
+    averaged_sd: ByParameter[float] = field(default_factory=dict)
     #: whether the hyper-parameters of a plan are those that the readings of its pilot leave likely;
     #: false for a plan without a measured pilot, and for a campaign with readings
     scales_from_pilot: bool = False
@@ -227,11 +227,12 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     sd_by_parameter = {name: entry.sd for name, entry in parameters.items()}
     confounded = [name for name, entry in parameters.items() if entry.partners]
     pairs = paired_remedies(tried, remedy_by_name, sd_by_parameter, confounded)
+    with_remedies = {
+        name: replace(entry, remedy=remedy_by_name[name], paired_remedy=pairs.get(name))
+        for name, entry in parameters.items()
+    }
     return Identifiability(
-        parameters={
-            name: replace(entry, remedy=remedy_by_name[name], paired_remedy=pairs.get(name))
-            for name, entry in parameters.items()
-        },
+        parameters=EitherSpelling(with_remedies),
         changes={
             name: replace(entry, remedy=remedy_by_name[f"change of {name}"])
             for name, entry in changes_judged.items()
@@ -245,7 +246,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         certificates=certificates,
         hyper_um=bound.hyper_prior.named(mean_phi),
         measured=not campaign.is_plan,
-        averaged_sd=tests.averaged_sd,
+        averaged_sd=EitherSpelling(tests.averaged_sd),
         scales_from_pilot=_has_measured_pilot(campaign),
         contradicted_certificates=tests.contradicted,
         truncated=model.prior.truncated,

@@ -63,9 +63,10 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
         are filled for proper priors only; for parameters they state the prior without the condition
         that no compliance is negative. ``attrs["fit"]`` says how well the model fits; it contains
         warnings, and states whether the numbers can be used (``state``). When the table is printed,
-        units are easy to read, such as nm/N. The printed table holds the change of each compliance
-        C(F) over the tested forces in place of the coefficients of this change, such as C_XXX_1.
-        The method ``details`` of the table prints these coefficients.
+        units are easy to read, such as nm/N, and the row E_C0YX is shown as E_C(0Y)X. The printed
+        table holds the change of each compliance C(F) over the tested forces in place of the
+        coefficients of this change, such as C_XXX_1. The method ``details`` of the table prints
+        these coefficients.
 
     Raises
     ------
