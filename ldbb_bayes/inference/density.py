@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.inference.mcmc import WeightedPoints
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
@@ -286,9 +286,16 @@ class LogDensity(Shown):
         """Return points as an array of floats, after a check of its shape.
 
         The shape must be (d,) for one point of d coordinates, or (n, d) for n points. Raise an
-        `InputError` for any other shape; its message calls the points by the name ``argument``.
+        `InputError` for any other shape, and for what is no number; its message calls the points by
+        the name ``argument``.
         """
-        points = np.asarray(x, dtype=float)
+        try:
+            points = np.asarray(x, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{argument} must be an array of numbers, got {type(x).__name__}. Order it as in"
+                " names."
+            ) from None
         d = len(self.names)
         fits = points.ndim in (1, 2) and points.shape[-1] == d
         require(

@@ -34,8 +34,9 @@ from ldbb_bayes.units import display_unit, inside_name, setting_to_inside
 __all__ = ["Prior"]
 
 # A prior mean of a parameter is refused if its absolute value exceeds the default prior sd times
-# this number, because the unit is then probably wrong.
-_LARGEST_MEAN_PER_SD = 1000.0
+# this number, because the unit is then probably wrong. A compliance of a usual machine, about half
+# of this sd, is found if it is written in µm/N in place of nm/N.
+_LARGEST_MEAN_PER_SD = 100.0
 
 
 @dataclass(frozen=True)
@@ -339,7 +340,7 @@ def _check_mean(name: str, mean: float) -> None:
     """Raise an `InputError` if the prior mean of a named parameter is not permitted.
 
     ``name`` is the name of the parameter and ``mean`` the prior mean, in internal units (mm, N,
-    rad). A prior mean is refused if it is not finite, if its absolute value exceeds 1000 default
+    rad). A prior mean is refused if it is not finite, if its absolute value exceeds 100 default
     prior sds, or if the parameter is a slope.
     """
     require(
@@ -353,9 +354,10 @@ def _check_mean(name: str, mean: float) -> None:
     )
     kind = kind_of(name) or ParameterKind("", "")
     largest = _LARGEST_MEAN_PER_SD * getattr(Prior, kind.sd_field, np.inf)
-    shown_unit = display_unit(kind.unit)[1]
+    factor, shown_unit = display_unit(kind.unit)
     require(
         abs(mean) <= largest,
-        f"prior mean of {name} must be within ±{largest:g}, got {mean:g}."
-        f" Numbers are in mm, N and rad; write the unit: '{mean:g} {shown_unit}'.",
+        f"prior mean of {name} must be within ±{largest * factor:g} {shown_unit}, got"
+        f" {mean * factor:g} {shown_unit}. Correct its unit; numbers without one are in mm, N and"
+        " rad.",
     )

@@ -4,6 +4,7 @@ emcee and dynesty on it."""
 from __future__ import annotations
 
 import pickle
+from typing import Any
 
 import emcee
 import numpy as np
@@ -125,6 +126,12 @@ def test_a_density_is_pickled_and_named(
 def test_a_wrong_shape_is_refused(density: lb.inference.LogDensity) -> None:
     message = r"x must have shape \(28,\) or \(n, 28\), got \(3,\)\. Order it as in names"
     refuses(message, density.log_prob, np.zeros(3))
+
+
+@pytest.mark.parametrize("x", ["a", {"C_XXX": 5e-5}, [[0.0], [0.0, 1.0]]])
+def test_points_that_are_no_numbers_are_refused(density: lb.inference.LogDensity, x: Any) -> None:
+    message = "x must be an array of numbers, got .*. Order it as in names"
+    refuses(message, density.log_prob, x)
 
 
 @pytest.mark.parametrize("u", [1.5, -1e-9, np.nan])
