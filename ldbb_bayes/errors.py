@@ -196,7 +196,15 @@ def suggestion(name: str, known: Iterable[str]) -> str:
         something else.
     """
     candidate = nearest(name, known)
-    if SequenceMatcher(None, candidate.lower(), name.lower()).ratio() < _LEAST_SIMILARITY:
+    similar = candidate.lower()
+    stated = name.lower()
+    beginning = stated[:2]
+    if beginning.endswith("_") and similar.startswith(beginning):
+        # All compliances begin with C_, and all geometric errors with E_. This says nothing of
+        # whether one of them is meant by another.
+        similar = similar.removeprefix(beginning)
+        stated = stated.removeprefix(beginning)
+    if SequenceMatcher(None, similar, stated).ratio() < _LEAST_SIMILARITY:
         return ""
     return f" Did you mean {candidate!r}?"
 

@@ -11,6 +11,7 @@ import xarray as xr
 from campaigns import refuses
 
 import ldbb_bayes as lb
+from ldbb_bayes.errors import suggestion
 
 MODEL = lb.HybridModel.first(0)
 
@@ -153,6 +154,21 @@ def test_readings_are_numbers() -> None:
 
 def test_force_levels_are_numbers(recovered: lb.Campaign) -> None:
     refuses("forces_N must be a list of numbers", lb.design, MODEL, recovered, forces_N="abc")
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [
+        ("C_QQQ", ""),
+        ("E_Q", ""),
+        ("C_XXXX", " Did you mean 'C_XXX'?"),
+        ("C_XCC", " Did you mean 'C_CCY'?"),
+        ("cxxx", " Did you mean 'C_XXX'?"),
+    ],
+)
+def test_nothing_is_suggested_where_only_the_kind_is_the_same(name: str, answer: str) -> None:
+    """All compliances begin with C_, and all geometric errors with E_."""
+    assert suggestion(name, ["C_XXX", "C_CCY", "E_XX1", "E_C0YX"]) == answer
 
 
 def test_a_misspelt_name_gets_the_nearest() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from ldbb_bayes.errors import InputError, nearest
+from ldbb_bayes.errors import InputError, suggestion
 from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, READINGS_DIGESTS
 from ldbb_bayes.inference.checks import CheckKind
 from ldbb_bayes.inference.fit import ConcernKind
@@ -29,6 +29,8 @@ _MISFIT_KINDS: frozenset[str] = frozenset(
 # Kinds of checks of a campaign's fit. A failed check of one of these kinds means that the noise of
 # the campaign's readings is not white, although the model assumes white noise.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
+# Largest number of campaigns and machines that an error message on an unknown one names.
+_MOST_NAMES = 8
 
 
 class CaveatKind(StrEnum):
@@ -41,6 +43,7 @@ class CaveatKind(StrEnum):
     EXCLUDED = "excluded"
     BEFORE = "before"
     FAILED = "failed"
+    FAILED_MACHINE_UNKNOWN = "failed-machine-unknown"
     NO_STATISTICS = "no-statistics"
     GIVEN_AGAIN = "given-again"
     UNEXPECTED = "unexpected"
@@ -259,9 +262,10 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
         if not known_names.isin([name]).any(axis=None):
             entries = known_names.drop(columns="path").to_numpy().ravel()
             candidates = sorted({entry for entry in entries if isinstance(entry, str)})
+            names = f" It has {', '.join(candidates[:_MOST_NAMES])}."
             raise InputError(
-                f"what is left out must be a campaign or machine of the batch, got {name!r}. Did"
-                f" you mean {nearest(str(name), candidates)!r}?"
+                f"what is left out must be a campaign or machine of the batch, got {name!r}."
+                f"{suggestion(str(name), candidates) or names}"
             )
     return _excludable_names(rows).isin(excluded).any(axis=1)
 

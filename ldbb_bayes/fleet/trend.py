@@ -507,7 +507,7 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
     caveats = []
     is_fitted = rows["status"] == "done"
     for kind, is_left_out in (
-        (CaveatKind.FAILED, ~has_id & ~is_fitted),
+        (CaveatKind.FAILED_MACHINE_UNKNOWN, ~has_id & ~is_fitted),
         (CaveatKind.WITHOUT_MACHINE, ~has_id & is_fitted),
     ):
         if is_left_out.any():

@@ -574,9 +574,11 @@ def test_tolerances_of_the_newest_campaign_without_a_decision_are_named(
 def test_a_campaign_that_failed_is_not_said_to_name_no_machine(rows: pd.DataFrame) -> None:
     more = pd.concat([rows, rows[-1:].assign(campaign="broken", name=None)], ignore_index=True)
     more.loc[len(more) - 1, ["status", "machine_id"]] = ["failed", None]
-    caveats = {caveat.kind: caveat.names for caveat in lb.fleet.find_trend(more).caveats}
-    assert caveats[CaveatKind.FAILED] == ("broken",)
-    assert CaveatKind.WITHOUT_MACHINE not in caveats
+    trend = lb.fleet.find_trend(more)
+    caveats = {caveat.kind: caveat.names for caveat in trend.caveats}
+    assert caveats[CaveatKind.FAILED_MACHINE_UNKNOWN] == ("broken",)
+    assert not {CaveatKind.WITHOUT_MACHINE, CaveatKind.FAILED} & set(caveats)
+    assert "of which machine they are is not known: broken." in " ".join(doubts(trend))
 
 
 def test_the_force_of_compliances_is_stated(rows: pd.DataFrame) -> None:
