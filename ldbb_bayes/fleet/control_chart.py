@@ -59,9 +59,11 @@ def draw_control_chart(trend: Trend) -> Figure:
     """
     columns = min(len(trend.parameters), _COLUMNS)
     figure, all_axes = panels(len(trend.parameters), columns, _PANEL_HEIGHT, _MARGIN, sharex=True)
+    # A panel without another beneath it has dates, and so has the one beside it.
+    first_row_with_dates = (len(all_axes) - columns) // columns
     for k, (axes, name) in enumerate(zip(all_axes, trend.parameters, strict=True)):
         _draw_panel(axes, trend, name)
-        if k + columns >= len(all_axes):
+        if k // columns >= first_row_with_dates:
             _name_campaigns(axes, trend)
     handle_by_label: dict[str, Any] = {}
     for axes in all_axes:

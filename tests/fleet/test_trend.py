@@ -639,6 +639,21 @@ def test_the_figure(case: str) -> None:
     assert "(nm/N)" in visible[0].get_ylabel()
 
 
+@pytest.mark.parametrize(
+    ("count", "with_dates"),
+    [(2, {0, 1}), (3, {0, 1, 2}), (4, {2, 3}), (5, {2, 3, 4})],
+)
+def test_both_panels_of_a_row_have_dates_or_none(
+    rows: pd.DataFrame, count: int, with_dates: set[int]
+) -> None:
+    names = ["C_XXX", "C_YYY", "C_CCY", "C_XYX", "C_CXY"][:count]
+    figure = lb.fleet.draw_control_chart(lb.fleet.find_trend(rows, parameters=names))
+    visible = [axes for axes in figure.axes if axes.get_visible()]
+    named = {k for k, axes in enumerate(visible) if axes.get_xlabel().startswith("campaign")}
+    assert named == with_dates
+    check_texts(figure)
+
+
 @pytest.mark.parametrize("estimate", [50.0, -50.0, 0.0])
 def test_a_panel_of_one_value_has_a_vertical_range(estimate: float) -> None:
     ends = np.full((2, 3), estimate)
