@@ -40,7 +40,9 @@ def __getattr__(name: str) -> Any:
             return getattr(_import_public_name(room_name), renamed)
         name = renamed
     if name not in _public and not name.startswith("_"):
-        raise AttributeError(_unknown_name_message(name))
+        # Without an object in which it could look for similar names, Python adds no question of its
+        # own to that of the message when it prints the error.
+        raise AttributeError(_unknown_name_message(name), name=name, obj=None)
     return _import_public_name(name)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -176,3 +178,11 @@ def test_a_misspelt_name_gets_the_nearest() -> None:
         lb.read_campaing  # noqa: B018
     with pytest.raises(AttributeError, match="has no attribute 'xyz'"):
         lb.xyz  # noqa: B018
+
+
+def test_the_nearest_name_is_asked_for_once() -> None:
+    """Python adds a question of its own where it prints an error on an attribute of a module."""
+    command = [sys.executable, "-c", "import ldbb_bayes as lb; lb.read_campaing"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.stderr.count("Did you mean") == 1
+    assert ended.stderr.endswith("Did you mean 'read_campaign'?\n")
