@@ -392,6 +392,10 @@ def test_what_is_refused(rows: pd.DataFrame) -> None:
             {"exclude": ["m2"]},
             "must be a campaign or machine of the batch, got 'm2'. Did you mean 'M2'",
         ),
+        (
+            {"exclude": ["qqq"]},
+            "must be a campaign or machine of the batch, got 'qqq'. It has ",
+        ),
         ({"since": "March"}, "since must be a date or time in ISO 8601, got 'March'"),
         ({"since": ""}, "since must be a date or time in ISO 8601, got ''"),
         (
