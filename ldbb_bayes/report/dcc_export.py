@@ -37,7 +37,7 @@ from ldbb_bayes.report.stated_circle import circle_phrase
 from ldbb_bayes.report.stiffness_numbers import principal_direction
 from ldbb_bayes.report.translation import Words, words_of
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_name, is_slope, needs_interval
+from ldbb_bayes.units import U_PROBABILITY, display_name, is_slope, needs_interval
 
 __all__ = ["dsi_unit", "write_dcc"]
 
@@ -109,9 +109,9 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     and the covariance. They are in internal units (mm, N, rad). It also holds the change of each
     compliance over the tested forces. Slopes, which are coefficients of this change, appear only in
     the covariance matrix. The stiffness by direction at the reference force is included if the
-    readings determine it; where value ± U would not describe a stiffness or a change, its credible
-    interval takes the place of U. The file states that it is unsigned and is not a calibration
-    certificate.
+    readings determine it; where value ± U would not describe a stiffness or a change, its 95 %
+    interval takes the place of U, as on the sheets. The file states that it is unsigned and is not
+    a calibration certificate.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     path : path
         File to write.
     prob : float
-        Probability of the credible intervals.
+        Probability of the credible intervals and of the ellipsoid of all parameters together.
 
     Returns
     -------
@@ -161,14 +161,15 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
         parameters=parameters,
         quantities=[
             *compliances,
-            *_change_entries(posterior, prob),
-            *_stiffness_entries(posterior, prob),
+            *_change_entries(posterior),
+            *_stiffness_entries(posterior),
             *geometric_errors,
         ],
         covariance=_covariance_columns(covariance, [entry["unit"] for entry in entries.values()]),
         factor=_coverage_factor(draws, covariance, prob),
         models=len(result.get("averaged", {}).get("models", ())),
         prob=prob,
+        prob_in_place_of_U=U_PROBABILITY,
     )
     write_whole(Path(path), text.encode())
     return Path(path)
@@ -244,18 +245,18 @@ def _parameter_entries(
     return parameters
 
 
-def _change_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
+def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
     """Return dictionaries for the certificate file, one for the change of each compliance.
 
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
     tested. The dictionaries have the keys of those of `_parameter_entries`, but lack the keys
-    ``low`` and ``high`` (the ends of the credible interval). The entry ``interval`` is the credible
-    interval of probability ``prob`` where value ± U would not describe the change.
+    ``low`` and ``high`` (the ends of the credible interval). The entry ``interval`` is the 95 %
+    interval where value ± U would not describe the change.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
     remark = _Remark.by(lambda words: words.number(difference))
-    levels = (0.5 - 0.5 * prob, 0.5 + 0.5 * prob)
+    levels = (0.5 - 0.5 * U_PROBABILITY, 0.5 + 0.5 * U_PROBABILITY)
     entries = []
     for name, draws in curves.compliances.items():
         mean = float(draws.change.mean())
@@ -281,7 +282,7 @@ def _change_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]
     return entries
 
 
-def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
+def _stiffness_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
     """Return a list of what the certificate file states about the stiffness by direction.
 
     The list has one dictionary for each quantity, such as the least stiffness in a plane. The
@@ -290,12 +291,11 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
     quantity is left out if it cannot be stated as a value ± U: a stiffness or ratio of which only a
     lower limit is known, or a direction that the readings do not determine. If circles of a plane
     differ in radius or centre, the entry ``remark`` names the one that the quantities are of.
-    ``prob`` is the probability of credible intervals.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
         return []
-    result = stiffness(posterior, [reference_N], prob=prob)
+    result = stiffness(posterior, [reference_N], prob=U_PROBABILITY)
     planes = [plane.plane for plane in result.planes]
     campaign = campaign_of(posterior)
     entries = []

@@ -108,7 +108,7 @@ def _blocks(
     )
     is_of_slope = other.differences.index.map(is_slope).to_numpy(dtype=bool)
     differences = other.differences[~is_of_slope]
-    quantities = _quantities(findings, differences, words)
+    quantities = _quantities(findings, other.differences_of_U[~is_of_slope], words)
     if not is_unusable:
         yield Items(
             words("sheet.plain"), tuple(_changes(differences, quantities, findings.prob, words))
@@ -134,7 +134,8 @@ def _quantities(
 ) -> dict[str, StatedQuantity]:
     """Return the differences of the parameters as quantities that the sheet states.
 
-    The keys are the names of the parameters. ``differences`` has one row for each of them.
+    The keys are the names of the parameters. ``differences`` has one row for each of them, with
+    intervals of 95 %, from which U (k = 2) is stated.
     """
     reference_force_N = float(findings.result["model"]["reference_force_N"])
     of_first = SheetNumbers(findings, words, reference_force_N).parameters
@@ -196,7 +197,8 @@ def _table(
 ) -> Table:
     """Return a table of the parameters in both campaigns and of their differences, with U.
 
-    Both values have the decimals of the difference, which are those of U.
+    Both values have the decimals of the difference, which are those of U. The intervals in brackets
+    are those of ``differences``; their probability is ``prob``.
     """
     rows = []
     for name, row in differences.iterrows():
@@ -204,7 +206,8 @@ def _table(
         factor, unit = display_unit(quantity.unit)
         decimals = stated_decimals(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
         statement = quantity.value_and_U()
-        ends = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit).ends
+        in_brackets = (float(row["ci_low"]), float(row["ci_high"]))
+        ends = state(quantity.estimate, quantity.sd, in_brackets, quantity.unit).ends
         rows.append(
             (
                 quantity.words,

@@ -240,12 +240,23 @@ class FurtherCampaign:
         Results of the fit of the further campaign, as the command ``fit --json`` prints them.
     differences
         Differences of the parameters between the two campaigns, see `compare_posteriors`.
+    differences_with_95
+        The same differences with intervals of 95 %, from which U (k = 2) is stated. None if the
+        intervals of ``differences`` are of 95 %.
     """
 
     name: str
     campaign: Campaign
     result: Mapping[str, Any]
     differences: pd.DataFrame
+    differences_with_95: pd.DataFrame | None = None
+
+    @property
+    def differences_of_U(self) -> pd.DataFrame:
+        """Differences of the parameters with intervals of 95 %, from which U is stated."""
+        if self.differences_with_95 is None:
+            return self.differences
+        return self.differences_with_95
 
 
 def findings_of_fit(

@@ -19,7 +19,7 @@ from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.inference.summary import summarize
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.findings import Findings, FurtherCampaign
-from ldbb_bayes.units import display_unit, is_skewed
+from ldbb_bayes.units import U_PROBABILITY, display_unit, needs_interval
 
 __all__ = ["TABLE_FILES", "tables"]
 
@@ -219,16 +219,19 @@ def _averaged_table(findings: Findings) -> pd.DataFrame:
 
     These estimates are averages over several models. The table has no slopes (coefficients of the
     change of compliance with force). A slope is exactly zero in some of the models. Its mean and U
-    would therefore not describe its distribution.
+    would therefore not describe its distribution. The column ``skewed`` states whether U does not
+    describe a parameter, judged by its 95 % interval, as on the certificate.
     """
     averaged = findings.posterior_of_certificate
     summary = summarize(averaged, prob=findings.prob)
     summary = summary.drop(columns=["ess_bulk", "ess_tail", "rhat"])
     parameters = bound_of(averaged).parameters
     summary = summary.loc[[parameter.name for parameter in parameters if parameter.degree == 0]]
+    with_95 = summarize(averaged, prob=U_PROBABILITY).loc[summary.index]
     skewed = []
-    for _, row in summary.iterrows():
-        skewed.append(is_skewed(row["mean"], (row["ci_low"], row["ci_high"])))
+    for _, row in with_95.iterrows():
+        interval = (row["ci_low"], row["ci_high"])
+        skewed.append(needs_interval(row["mean"], row["sd"], interval))
     verdicts = [wording.verdict_words(findings.verdicts[name]) for name in summary.index]
     return _with_reading_units(
         summary.assign(U_k2=2.0 * summary["sd"], skewed=skewed, verdict=verdicts)

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,7 @@ from ldbb_bayes.report.sections import SECTIONS, Section, beside
 from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Shown, json_text
+from ldbb_bayes.units import U_PROBABILITY
 
 __all__ = [
     "BESIDE",
@@ -387,15 +389,24 @@ def write_report(
         _check_no_annex_wanted(beside_it, annex=annex)
     others = []
     for name, other in (beside_it or {}).items():
-        difference = compare_posteriors(
+        compare = partial(
+            compare_posteriors,
             posterior,
             other,
             same_instrument=same_instrument,
             same_machine=same_machine,
-            prob=prob,
         )
+        differences_with_95 = None
+        if prob != U_PROBABILITY:
+            differences_with_95 = compare(prob=U_PROBABILITY)
         others.append(
-            FurtherCampaign(name, campaign_of(other), result_json(other, prob=prob), difference)
+            FurtherCampaign(
+                name,
+                campaign_of(other),
+                result_json(other, prob=prob),
+                compare(prob=prob),
+                differences_with_95,
+            )
         )
     findings = findings_of_fit(
         posterior,

@@ -414,7 +414,10 @@ def beside(
     name = str(first["campaign"]["name"])
     yield wording.common_words(first["model"]["reference_force_N"], shared)
     yield tuple(
-        wording.change_sentence(name, other.name, other.differences, prob) for other in others
+        wording.change_sentence(
+            name, other.name, other.differences, prob, of_U=other.differences_of_U
+        )
+        for other in others
     )
     percent = f"{100 * prob:g} %"
     for other in others:
@@ -439,7 +442,9 @@ def _differences_table(
     for parameter, row in differences.iterrows():
         interval = (row["ci_low"], row["ci_high"])
         difference = state(row["difference"], row["sd"], interval, row["unit"])
-        decimals = stated_decimals(row["difference"], row["sd"], interval, row["unit"])
+        of_U = other.differences_of_U.loc[str(parameter)]
+        interval_of_U = (of_U["ci_low"], of_U["ci_high"])
+        decimals = stated_decimals(row["difference"], row["sd"], interval_of_U, row["unit"])
         factor, _ = display_unit(row["unit"])
         rows.append(
             (

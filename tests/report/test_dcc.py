@@ -178,9 +178,21 @@ def test_a_skewed_change_has_its_interval_in_place_of_u(
     root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml", prob=0.9))
     (stated,) = [element for element in root.iter() if element.get("id") == "C_CCY_change"]
     ends = words(stated, "intervalMin") + words(stated, "intervalMax")
-    np.testing.assert_allclose(np.array(ends, float), np.quantile(change, (0.05, 0.95)), rtol=1e-6)
-    assert words(stated, "coverageProbability") == ["0.9"]
+    expected = np.quantile(change, (0.025, 0.975))
+    np.testing.assert_allclose(np.array(ends, float), expected, rtol=1e-6)
+    assert words(stated, "coverageProbability") == ["0.95"]
     assert not words(stated, "valueExpandedMU")
+
+
+def test_the_probability_of_intervals_does_not_decide_where_U_is_stated(
+    posterior: xr.DataTree, tmp_path: Path
+) -> None:
+    """Half of an interval of 68 % is one u: that U is twice as large does not make it useless."""
+    root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml", prob=0.68))
+    for name in ("C_XXX_change", "k_min", "difference"):
+        (quantity,) = [element for element in root.iter() if element.get("id") == name]
+        assert len(words(quantity, "valueExpandedMU")) == 1, name
+    assert words(root, "coverageProbabilityXMLList") == ["0.68", "0.68"]
 
 
 def test_stiffnesses_name_the_circle_that_they_are_of(tmp_path: Path) -> None:
@@ -237,19 +249,27 @@ def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path
         for name, entry in expected.items()
         if not is_slope(name)
     }
-    for name, change in lb.analysis.change_with_force(posterior, prob=0.9).items():
-        stated_values[f"Δ{name}"] = (change.change.mean, change.change.sd, change.unit)
+    factors = dict.fromkeys(stated_values, 2.0)
+    for name, change in lb.analysis.change_with_force(posterior).items():
+        summary = change.change
+        stated_values[f"Δ{name}"] = (summary.mean, summary.sd, change.unit)
+        # Of a skewed change, u and the 95 % interval are stated and no U.
+        low, high = summary.ci_low, summary.ci_high
+        is_skewed = abs(0.5 * (low + high) - summary.mean) > 0.1 * (high - low)
+        factors[f"Δ{name}"] = 1.0 if is_skewed else 2.0
     stated_values |= stiffness_of(posterior)
     assert set(quantities) == {display_name(name) for name in stated_values}
     for name, (mean, sd, unit) in stated_values.items():
         quantity = quantities[display_name(name)]
+        k = factors.get(name, 2.0)
         assert (quantity.value, quantity.U, quantity.k, quantity.unit) == (
             mean,
-            2.0 * sd,
-            2.0,
+            k * sd,
+            k,
             dsi_unit(unit),
         ), name
-        assert quantity.coverage == pytest.approx(0.954, abs=0.02)
+        if k == 2.0:
+            assert quantity.coverage == pytest.approx(0.954, abs=0.02)
     ends = [list(map(float, words(root, f"interval{end}XMLList"))) for end in ("Min", "Max")]
     assert list(zip(*ends, strict=True)) == [tuple(entry["ci90"]) for entry in expected.values()]
     dataset = posterior["posterior"].dataset

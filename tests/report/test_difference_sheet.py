@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from campaigns import plan, simulated
 from reports import NOT_COMPARED, fitted, undrawn
+from scipy.stats import norm
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.common_effects import Shared
@@ -98,6 +99,33 @@ def test_both_values_and_the_difference_have_the_decimals_of_U(
     screen_row = next(row for row in on_screen.rows if row[0] == "E_YX2")
     assert sheet_row[2:6] == ("−10", "−10", "−10", "140")
     assert screen_row[1:4] == ("-10", "-10", "-10")
+
+
+@pytest.mark.parametrize("prob", [0.68, 0.9])
+def test_u_is_that_of_95_percent_whatever_the_intervals_in_brackets(
+    before: Findings, after: FurtherCampaign, prob: float
+) -> None:
+    """Of a difference of 40 ± 2 nm/N (one u, normal), U is 4 nm/N and brackets follow --ci."""
+    of_95 = after.differences.copy()
+    of_95.attrs["conflict"] = None
+    of_95["probability_of_increase"] = 0.5
+    normal = norm(40e-6, 2e-6)
+    columns = ["difference", "sd", "ci_low", "ci_high", "probability_of_increase"]
+    of_95.loc["C_XXX", columns] = (40e-6, 2e-6, *normal.interval(0.95), 1.0)
+    with_brackets = of_95.copy()
+    with_brackets.loc["C_XXX", ["ci_low", "ci_high"]] = normal.interval(prob)
+    other = replace(after, differences=with_brackets, differences_with_95=of_95)
+    blocks = sheet_of(replace(before, prob=prob), other).blocks
+    (table,) = (block for block in blocks if isinstance(block, Table))
+    (changes,) = (block for block in blocks if isinstance(block, Items))
+    row = next(row for row in table.rows if row[1] == "C_XXX")
+    low, high = (1e6 * end for end in normal.interval(prob))
+    assert row[4:7] == ("40.0", "4.0", f"[{low:.1f}, {high:.1f}]")
+    assert "by 40.0 ± 4.0 nm/N" in changes.items[0].replace("\u00a0", " ")
+    parts = list(sections.beside(before.result, [other], SAME_INSTRUMENT, prob=prob))
+    assert "C_XXX 40.0 ± 4.0 nm/N" in str(parts[1])
+    on_screen = next(part for part in parts if isinstance(part, Table))
+    assert next(row for row in on_screen.rows if row[0] == "C_XXX")[3] == "40.0"
 
 
 @pytest.mark.parametrize(

@@ -332,6 +332,30 @@ def test_paper(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("prob", [0.68, 0.95])
+def test_skewed_is_told_from_95_percent_whatever_the_intervals(prob: float) -> None:
+    """68 % of an exponential distribution lie about its mean, 95 % do not."""
+    campaign = simulated(plan())
+    model = lb.HybridModel.first(1).without("discrepancy", "setup-shift")
+    averaged = lb.average({"constant": model.with_degree(0), "linear": model}, campaign, draws=400)
+    draws = averaged["posterior"].dataset["C_XYX"]
+    ranks = (np.arange(draws.size) + 0.5) / draws.size
+    exponential = (-1e-6 * np.log1p(-ranks)).reshape(draws.shape)
+    averaged["posterior"] = averaged["posterior"].dataset.assign(C_XYX=(draws.dims, exponential))
+    findings = findings_of_fit(
+        fitted(model, campaign),
+        prob=prob,
+        comparison=NOT_COMPARED,
+        recommended=NOT_COMPARED,
+        averaged=averaged,
+    )
+    rows = tables(findings)["averaged"]
+    assert (rows.loc["C_XYX", "skewed"], rows.loc["E_XX1", "skewed"]) == (True, False)
+    ends = -1e-6 * np.log([0.5 + 0.5 * prob, 0.5 - 0.5 * prob])
+    assert rows.loc["C_XYX", ["ci_low", "ci_high"]].to_list() == pytest.approx(ends, abs=2e-7)
+
+
+@pytest.mark.slow
 def test_numbers_of_an_average() -> None:
     campaign = simulated(plan())
     model = lb.HybridModel.first(1).without("discrepancy", "setup-shift")

@@ -119,7 +119,14 @@ def difference_reservations(attributes: Mapping[Any, Any]) -> tuple[str, ...]:
     return (PAGE["other_model"].format(parts=joined(parts)),)
 
 
-def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
+def change_sentence(
+    first: str,
+    other: str,
+    table: pd.DataFrame,
+    prob: float,
+    *,
+    of_U: pd.DataFrame | None = None,
+) -> str:
     """Return sentences that name the parameters in which two campaigns differ.
 
     ``first`` and ``other`` are the names of the campaigns; ``table`` holds the differences of all
@@ -128,12 +135,16 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) ->
     with force) are not named. If a parameter is named, a second sentence names those that have
     changed when the number of comparisons is allowed for (`changed_parameters`). If the differences
     cannot be used, no parameter is named.
+
+    U (k = 2) is stated from ``of_U``, the same table with intervals of 95 %. Default: ``table``,
+    whose intervals are then of 95 %.
     """
     if not differences_can_be_used(table.attrs):
         return PAGE["unnamed_changes"].format(first=first, other=other)
     changed = changed_parameters(table, prob)
     sizes = []
-    for name, row in table.loc[list(changed.alone)].iterrows():
+    of_U = table if of_U is None else of_U
+    for name, row in of_U.loc[list(changed.alone)].iterrows():
         interval = (row["ci_low"], row["ci_high"])
         size = plus_minus(row["difference"], row["sd"], interval, row["unit"])
         sizes.append(f"{display_name(str(name))} {size}")
