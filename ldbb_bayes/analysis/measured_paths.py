@@ -23,11 +23,12 @@ from ldbb_bayes.model.fourier import SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.results import Array, readable
 
-__all__ = ["measure_circularity"]
+__all__ = ["FULL_CIRCLE_DEG", "measure_circularity"]
 
-# Smallest arc [°] of a test that counts as a full circle. Squareness and scale mismatch are
-# computed from full circles only.
-_FULL_CIRCLE_DEG = 350.0
+# Smallest arc [°] of a test that counts as a full circle. Squareness, scale mismatch and the mean
+# deviation D are computed from full circles only. G and the radial deviations of an arc are those
+# of the arc, and are mostly smaller than those of the whole circle.
+FULL_CIRCLE_DEG = 350.0
 
 
 def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -55,7 +56,8 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. The columns
         force_N and plane describe the pair. G_b is the bidirectional deviation about the
         least-squares centre [µm], and G_b_minimum_zone the bidirectional deviation about the centre
-        of the minimum zone [µm]. D is the mean radial deviation from the nominal radius [µm].
+        of the minimum zone [µm]. D is the mean radial deviation from the nominal radius [µm]; it is
+        NaN if one of the two tests is an arc of less than 350°.
 
     Raises
     ------
@@ -111,7 +113,8 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
     ``G_b_minimum_zone`` are bidirectional deviations: the width of a zone between concentric
     circles that contains the traces of both tests. For ``G_b``, the circles have the least-squares
     centre. For ``G_b_minimum_zone``, they have the centre for which the zone is narrowest. ``D`` is
-    the mean radial deviation of the two tests from the nominal radius.
+    the mean radial deviation of the two tests from the nominal radius. It is NaN for an arc, on
+    which the mean deviation and the centre cannot be told from the form of the path.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)
@@ -121,12 +124,15 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
         least_squares_zone(clockwise_angle, clockwise_reading).mean,
         least_squares_zone(counter_angle, counter_reading).mean,
     ]
+    mean_deviation = np.nan
+    if min(pair.clockwise.arc_deg, pair.counterclockwise.arc_deg) >= FULL_CIRCLE_DEG:
+        mean_deviation = float(np.mean(means))
     return {
         "force_N": pair.clockwise.force_N,
         "plane": pair.clockwise.plane,
         "G_b": least_squares_zone(angle, reading).width,
         "G_b_minimum_zone": minimum_zone_width(angle, reading),
-        "D": float(np.mean(means)),
+        "D": mean_deviation,
     }
 
 
@@ -147,7 +153,7 @@ def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     zone = least_squares_zone(angle, reading)
     squareness = np.nan
     scale_mismatch = np.nan
-    if test.arc_deg >= _FULL_CIRCLE_DEG and len(angle) > SIZE:
+    if test.arc_deg >= FULL_CIRCLE_DEG and len(angle) > SIZE:
         coefficients, _, rank, _ = np.linalg.lstsq(basis(angle), reading, rcond=None)
         if rank == SIZE:
             factors = second_order_factors(bound, bound.test_names.index(test.name))

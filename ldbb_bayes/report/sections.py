@@ -439,10 +439,12 @@ def _differences_table(
     first campaign. ``percent`` is the probability of the intervals as a string, such as "95 %".
     """
     rows = []
-    for parameter, row in differences.iterrows():
+    differences_of_U = other.differences_of_U.loc[differences.index]
+    for (parameter, row), (_, of_U) in zip(
+        differences.iterrows(), differences_of_U.iterrows(), strict=True
+    ):
         interval = (row["ci_low"], row["ci_high"])
         difference = state(row["difference"], row["sd"], interval, row["unit"])
-        of_U = other.differences_of_U.loc[str(parameter)]
         interval_of_U = (of_U["ci_low"], of_U["ci_high"])
         decimals = stated_decimals(row["difference"], row["sd"], interval_of_U, row["unit"])
         factor, _ = display_unit(row["unit"])

@@ -18,7 +18,7 @@ import pandas as pd
 from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.directional_stiffness import stiffness
-from ldbb_bayes.analysis.measured_paths import measure_circularity
+from ldbb_bayes.analysis.measured_paths import FULL_CIRCLE_DEG, measure_circularity
 from ldbb_bayes.analysis.posterior_verdicts import judge_at_force
 from ldbb_bayes.analysis.tilt_levers import largest_lever_mm
 from ldbb_bayes.analysis.usability import Judgement, Use, judge_certificate, undetermined_parameters
@@ -29,7 +29,7 @@ from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.report.findings import Findings
-from ldbb_bayes.report.stated_circle import circle_phrase, circles_of_plane
+from ldbb_bayes.report.stated_circle import circle_phrase, tests_of_stated_circle
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.stiffness_numbers import stiffness_quantities
 from ldbb_bayes.report.translation import Words
@@ -478,19 +478,21 @@ class SheetNumbers:
 
         ``quantity`` is the name of the quantity, such as the circular deviation. The remark uses
         the test of the circle whose quantities are stated in ``plane`` (`circle_in_words`), and of
-        these the test whose force is nearest to ``force_N`` [N]. The remark is an empty string if
+        these the test whose force is nearest to ``force_N`` [N]. If this test is an arc, the remark
+        says so, because the quantity is that of the whole circle. The remark is an empty string if
         ``force_N`` is zero.
         """
         if force_N == 0.0:
             return ""
-        circles = circles_of_plane(self._campaign, plane)
-        stated_circle = next(iter(circles.values()))
-        names = [name for name, circle in circles.items() if circle == stated_circle]
-        rows = self._measured.loc[names]
+        rows = self._measured.loc[tests_of_stated_circle(self._campaign, plane)]
         nearest = rows.iloc[int((rows["force_N"] - force_N).abs().to_numpy().argmin())]
+        key = "remarks.measured"
+        if nearest["arc_deg"] < FULL_CIRCLE_DEG:
+            key = "remarks.measured_on_arc"
         return self.words(
-            "remarks.measured",
+            key,
             force=self.words.number(f"{nearest['force_N']:.4g}"),
+            arc=self.words.number(f"{nearest['arc_deg']:.0f}"),
             value=self.words.number(f"{nearest[quantity]:.1f}".replace("-", "−")),
         )
 

@@ -9,12 +9,22 @@ if TYPE_CHECKING:
     from ldbb_bayes.machine.chain import Circle
     from ldbb_bayes.report.translation import Words
 
-__all__ = ["circle_phrase", "circles_of_plane"]
+__all__ = ["circle_phrase", "tests_of_stated_circle"]
 
 
-def circles_of_plane(campaign: Campaign, plane: str) -> dict[str, Circle]:
+def _circles_of_plane(campaign: Campaign, plane: str) -> dict[str, Circle]:
     """Return the circle of each test in a plane; the keys are the names of the tests."""
     return {str(test.name): test.circle for test in campaign.tests if test.plane == plane}
+
+
+def tests_of_stated_circle(campaign: Campaign, plane: str) -> list[str]:
+    """Return the names of the tests of the circle whose quantities are stated in a plane.
+
+    This is the first circle in ``plane``.
+    """
+    circles = _circles_of_plane(campaign, plane)
+    stated = next(iter(circles.values()))
+    return [name for name, circle in circles.items() if circle == stated]
 
 
 def circle_phrase(campaign: Campaign, plane: str, words: Words) -> str:
@@ -24,7 +34,7 @@ def circle_phrase(campaign: Campaign, plane: str, words: Words) -> str:
     The phrase, in the language of ``words``, begins with a comma. It is empty if all tests in the
     plane have the same circle.
     """
-    circles = list(circles_of_plane(campaign, plane).values())
+    circles = list(_circles_of_plane(campaign, plane).values())
     first = circles[0]
     if all(circle == first for circle in circles):
         return ""

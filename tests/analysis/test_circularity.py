@@ -96,6 +96,24 @@ def test_few_angles_read_several_times_have_no_squareness() -> None:
     assert measured[["squareness", "scale_mismatch"]].isna().all(axis=None)
 
 
+def test_arcs_have_no_mean_deviation() -> None:
+    """On 220° of a circle 20 µm too large with order 2 of 10 µm, the fitted circle is 9 µm off:
+    centre and radius follow the form there."""
+    whole_deg = np.arange(0.0, 360.0, 5.0)
+    arc_deg = np.linspace(-20.0, 200.0, 45)
+    means = []
+    for angle_deg in (whole_deg, arc_deg):
+        reading_um = 20.0 + 10.0 * np.cos(np.deg2rad(2.0 * angle_deg))
+        tests = [
+            lb.CircularTest(100.0, angle_deg, reading_um, direction=direction)
+            for direction in ("CW", "CCW")
+        ]
+        _, pairs = measure_circularity(lb.Campaign(tests))
+        means.append(pairs["D"].iloc[0])
+    assert means[0] == pytest.approx(20.0)
+    assert np.isnan(means[1])
+
+
 @pytest.fixture(scope="module")
 def fitted() -> tuple[lb.Campaign, Any]:
     model = lb.HybridModel.first(2)

@@ -87,6 +87,22 @@ def test_texts_and_units(name: str, posterior: xr.DataTree) -> None:
     check_units(figure)
 
 
+def test_crosses_of_circularity_are_whole_circles_at_the_place_of_the_curves() -> None:
+    """Of four forces, that of an arc and that of a circle at another centre have no cross."""
+    first, arc, elsewhere, last = plan().tests
+    tests = (
+        first,
+        replace(arc, angle_deg=np.linspace(0.0, 200.0, 40)),
+        replace(elsewhere, centre_x_mm=80.0, setup=2),
+        last,
+    )
+    campaign = simulated(replace(plan(), tests=tests))
+    of_fit = lb.sample(lb.HybridModel.first(0), campaign, sampler="independent", rule=QUICK)
+    axes = FIGURES["circularity"](of_fit).axes[0]
+    (crosses,) = (line for line in axes.lines if line.get_marker() == "x")
+    assert list(crosses.get_xdata()) == [first.force_N, last.force_N]
+
+
 def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(
     posterior: xr.DataTree,
 ) -> None:

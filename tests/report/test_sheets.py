@@ -523,6 +523,23 @@ def test_beside_g_stands_what_a_circle_of_the_same_radius_showed() -> None:
     assert note == f"measured at 520\u00a0N, with the balls' form: {shown:.1f}"
 
 
+def test_beside_g_stands_that_an_arc_showed_a_part_of_the_circle() -> None:
+    """On 200° about the top, sin 2θ has a smaller width than on the whole circle."""
+    findings = findings_of(simulated(plan(arc_deg=200.0)))
+    measured, _ = lb.analysis.measure_circularity(findings.posterior)
+    shown = measured.set_index("force_N").loc[300.0, "G"]
+    notes = []
+    for language in ("en", "de"):
+        note = SheetNumbers(findings, words_of(language), 300.0).path["G"].note
+        notes.append(note.replace("\u00a0", " "))
+    assert notes == [
+        f"measured at 300 N on an arc of 200° alone, with the balls' form: {shown:.1f}",
+        f"gemessen bei 300 N nur auf einem Bogen von 200°, mit Kugelform: {shown:.1f}".replace(
+            f"{shown:.1f}", f"{shown:.1f}".replace(".", ",")
+        ),
+    ]
+
+
 def test_sheet_2_states_the_form_that_is_assumed_of_a_ball() -> None:
     """U = 2 √mean(τ²/2 (n/6)^(−2p) + S²/24) of the posterior draws of τ and p, S = 2.5 µm."""
     findings = findings_of_fit(

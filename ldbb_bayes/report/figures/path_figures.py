@@ -19,12 +19,13 @@ from ldbb_bayes.analysis import circularity as path_analysis
 from ldbb_bayes.analysis import path_contributions
 from ldbb_bayes.analysis.circle_columns import first_circle
 from ldbb_bayes.analysis.extremes import extremes_of
-from ldbb_bayes.analysis.measured_paths import measure_circularity
+from ldbb_bayes.analysis.measured_paths import FULL_CIRCLE_DEG, measure_circularity
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, PALETTE, band, panels, styled
+from ldbb_bayes.report.stated_circle import tests_of_stated_circle
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_name, round_like, round_uncertainty
 
@@ -102,10 +103,11 @@ def circularity(posterior: xr.DataTree) -> Figure:
         panel = _PANELS[k % len(_PANELS)]
         plane = planes[k // len(_PANELS)]
         rows = table[table["plane"] == plane]
-        # Show only the readings of tests with the radius for which the curves of circular-test
-        # quantities are drawn, because the tool path depends on the radius of the circle.
-        is_same_radius = measured["radius_mm"] == rows["radius_mm"].iloc[0]
-        readings = measured[(measured["plane"] == plane) & is_same_radius]
+        # Show only the readings of whole circles that are the circle for which the curves of
+        # circular-test quantities are drawn: the tool path depends on radius and centre, and an arc
+        # shows a part of the path alone.
+        stated = measured.loc[tests_of_stated_circle(bound.campaign, plane)]
+        readings = stated[stated["arc_deg"] >= FULL_CIRCLE_DEG]
         _draw_quantities(axes, panel.quantities, rows, readings)
         limits = (-0.02 * highest_N, 1.02 * highest_N)
         axes.set(xlabel="force (N)", ylabel=panel.label, xlim=limits)
