@@ -170,12 +170,16 @@ def _changes(
         direction = "larger" if quantity.estimate > 0.0 else "smaller"
         if is_direct(name):
             direction = "softer" if quantity.estimate > 0.0 else "stiffer"
-        size = plus_minus(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
+        # What is "smaller by" a size has the size without the sign of the difference.
+        size = abs(quantity.estimate)
+        interval = quantity.interval
+        if quantity.estimate < 0.0:
+            interval = (-quantity.interval[1], -quantity.interval[0])
         yield words(
             f"differences.{direction}",
             quantity=quantity.words,
             symbol=quantity.symbol,
-            size=words.unit(words.number(size)),
+            size=words.unit(words.number(plus_minus(size, quantity.sd, interval, quantity.unit))),
         )
     if not changed.alone:
         yield words("differences.none", percent=percent)

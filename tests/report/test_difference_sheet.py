@@ -152,6 +152,7 @@ def test_a_change_is_stated_in_words(
     compliance, straightness, together = changes.items
     state = "softer" if difference > 0.0 else "stiffer"
     assert compliance.startswith(f"Compliance of axis X (C_XXX) {words}")
+    assert "in the second campaign, by 10.0 ± 2.0 nm/N: " in compliance.replace("\u00a0", " ")
     assert compliance.endswith(f"the machine is {state} there.")
     assert "(E_YX2) is" in straightness
     assert together.endswith("these have changed: C_XXX.")
