@@ -114,7 +114,7 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
     circles that contains the traces of both tests. For ``G_b``, the circles have the least-squares
     centre. For ``G_b_minimum_zone``, they have the centre for which the zone is narrowest. ``D`` is
     the mean radial deviation of the two tests from the nominal radius. It is NaN for an arc, on
-    which the mean deviation and the centre cannot be told from the form of the path.
+    which the mean deviation and the centre are confounded with the form of the path.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)

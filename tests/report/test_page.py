@@ -333,7 +333,7 @@ def test_paper(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("prob", [0.68, 0.95])
-def test_skewed_is_told_from_95_percent_whatever_the_intervals(prob: float) -> None:
+def test_skewed_is_judged_by_95_percent_whatever_the_intervals(prob: float) -> None:
     """68 % of an exponential distribution lie about its mean, 95 % do not."""
     campaign = simulated(plan())
     model = lb.HybridModel.first(1).without("discrepancy", "setup-shift")
