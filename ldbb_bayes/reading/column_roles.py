@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.errors import InputError, require, suggestion
 from ldbb_bayes.reading.layout import Layout
-from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous
+from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name, load_is_ambiguous
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
 from ldbb_bayes.reading.travel_direction import direction_named, senses_in
 from ldbb_bayes.reading.unit_lines import COUNT, partner_of_units
@@ -110,6 +110,13 @@ _TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
 _FACTOR_AND_UNIT = re.compile(r"(?<![^\W_])0[.,]\d+(?P<unit>[^\W\d_]+)$")
 # Regular expression for the header of an angle, such as a tilt, that is not the angle of the bar.
 _OTHER_ANGLE = re.compile(rf"(?<![^\W_])(?:{WORDS['columns']['other_angle']})(?![^\W_])", re.I)
+# Units whose words may also mean a way, such as the Spanish "vuelta" (way back).
+_WORDS_FOR_WAYS = ("turn",)
+# Regular expression for a load at the end of the text before a word, as in "300 N vuelta".
+_LOAD_AT_END = re.compile(rf"{LOAD_IN_NAME.pattern}$", re.IGNORECASE)
+# Regular expression for a word that means the angle of the bar, unless it stands beside a load: of
+# "300 N position 1", it is a place on the table.
+_PLACE_ON_TABLE = re.compile(r"(?<![^\W_])position\w*", re.IGNORECASE)
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 # Those entries of the file ``words.toml`` that hold words for the radius or the diameter of a
@@ -335,13 +342,18 @@ def _unit_at_end(header: str) -> Header:
     if not unit:
         return _unread_unit_at_end(header)
     last_word = re.split(r"[\s_]+", name)[-1]
-    if _BEFORE_NO_UNIT.fullmatch(last_word):
+    if _BEFORE_NO_UNIT.fullmatch(last_word) or _is_way(name, unit):
         return Header(header, "")
     if _FACTOR.fullmatch(last_word) and not _COLUMN_NUMBER.fullmatch(last_word):
         return Header(name, f"({last_word}) {unit}")
     if not name:
         return Header(header, "")
     return Header(name, unit)
+
+
+def _is_way(name: str, unit: str) -> bool:
+    """Return whether a word for ``unit`` means a way back, because ``name`` ends with a load."""
+    return unit in _WORDS_FOR_WAYS and _LOAD_AT_END.search(name) is not None
 
 
 def _unread_unit_at_end(header: str) -> Header:
@@ -537,6 +549,8 @@ def _without_other_content(headers: Sequence[str], units: Sequence[str]) -> list
         texts = [header[:LONGEST_NAME]]
         texts += [f"{texts[0]} [{unit}]" for unit in units[column : column + 1]]
         is_temperature = any(_TEMPERATURE.search(text) for text in texts)
+        if load_in_name(texts[:1]) is not None and unit_of(header).unit in UNITS["reading"]:
+            is_temperature = False  # the remark of a circle, as in "36 N temp. 20 °C [um]"
         if partner_of_units(header) or is_temperature:
             names[column] = ""
     return names
@@ -789,7 +803,8 @@ def _check_are_no_angles(place: str, headers: Sequence[str]) -> None:
     names the table, and ``headers`` are the headers of the columns of readings.
     """
     for header in headers:
-        if has_role(unit_of(header).name, "angle") or unit_of(header).unit in UNITS["angle"]:
+        name, unit = unit_of(header)
+        if has_role(_without_place(name), "angle") or unit in UNITS["angle"]:
             raise InputError(
                 f"{place}: a table with several columns of readings must have one column of angles,"
                 f" got another: {header[:LONGEST_NAME]!r}. Order the columns as angle, reading,"
@@ -830,12 +845,22 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
         # A column "Circle [mm]" holds a length, but a column "Run 1 [mm]" holds the readings of a
         # test.
         is_length = header.unit in UNITS["reading"] and _RUN.fullmatch(header.name.lower()) is None
-        if has_role(header.name, role) and not (role == "test" and is_length):
+        name = header.name
+        if role == "angle":
+            name = _without_place(name)
+        if has_role(name, role) and not (role == "test" and is_length):
             candidates.append(column)
     other_columns = [column for column in candidates if headers[column] not in PER_TEST]
     if role == "reading" and other_columns:
         other_columns = _candidates_for_readings(other_columns, columns, headers)
     return other_columns or candidates
+
+
+def _without_place(name: str) -> str:
+    """Return the name of a column without the word "position", if the name states a load."""
+    if load_in_name([name]) is None:
+        return name
+    return _PLACE_ON_TABLE.sub("", name)
 
 
 def _candidates_for_readings(

@@ -24,7 +24,7 @@ from ldbb_bayes.reading.column_roles import (
     names_columns,
     unit_of,
 )
-from ldbb_bayes.reading.derived_columns import check_none_is_derived
+from ldbb_bayes.reading.derived_columns import check_none_is_derived, without_remarks
 from ldbb_bayes.reading.formats import advice_on_format, format_of, is_in_latex
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME
@@ -202,8 +202,11 @@ def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
 
 def _unit_of_reading(header: str) -> str:
     """Return the unit of readings from a header such as 36 N [mm], which may also state a load."""
-    without_load = LOAD_IN_NAME.sub("", header[:LONGEST_TEXT])
-    return unit_of(without_load).unit or unit_of(f"reading {without_load}").unit
+    without_load = LOAD_IN_NAME.sub("", without_remarks(header[:LONGEST_TEXT]))
+    unit = unit_of(without_load).unit or unit_of(f"reading {without_load}").unit
+    if unit == "turn" and BRACKET.search(without_load) is None:
+        return ""  # the way back in Spanish, as in "36 N vuelta"
+    return unit
 
 
 def _rows_without_header(sheet: Sheet, block: int) -> _HeaderRows:

@@ -114,3 +114,60 @@ def test_a_word_that_is_not_known_beside_a_bare_load_is_asked_for(
 def test_words_for_circles_beside_a_bare_load_are_read(circle: str, tmp_path: Path) -> None:
     path = table(tmp_path, "36 N [um]", f"{circle} [um]")
     assert len(lb.import_campaign(path).campaign.tests) == 2
+
+
+@pytest.mark.parametrize(
+    "circle",
+    [
+        "36 N (Wdh.)",
+        "36 N nach Reparatur",
+        "36 N à chaud",
+        "36 N new spindle",
+        "36 N neu eingespannt",
+        "36 N nouvelle broche",
+        "36 N zurück",
+        "36 N powtórka",
+        "36 N 再測定",
+        "36 N повтор",
+        "36 N upper table",
+        "36 N max feed",
+        "36 N am Abend",
+        "36 N II",
+    ],
+)
+@pytest.mark.parametrize("unit", [" [um]", ""])
+def test_parts_times_and_repetitions_beside_a_bare_load_are_read(
+    circle: str, unit: str, tmp_path: Path
+) -> None:
+    path = table(tmp_path, f"36 N{unit}", f"{circle}{unit}")
+    layout = Layout(reading_unit="um")
+    assert len(lb.import_campaign(path, layout=layout).campaign.tests) == 2
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        ("36 N old [um]", "36 N new [um]"),
+        ("36 N Kreis 1 [um]", "36 N Kreis 3 neu [um]"),
+        ("36 N position 1 [um]", "36 N position 2 [um]"),
+        ("36 N ida", "36 N vuelta"),
+    ],
+)
+def test_columns_before_and_after_a_change_are_a_circle_each(
+    headers: tuple[str, str], tmp_path: Path
+) -> None:
+    layout = Layout(reading_unit="um")
+    assert len(lb.import_campaign(table(tmp_path, *headers), layout=layout).campaign.tests) == 2
+
+
+@pytest.mark.parametrize("other", ["36 N w/o offset", "36 N neu", "36 N q25"])
+def test_a_bare_load_without_a_unit_is_asked_for_too(other: str, tmp_path: Path) -> None:
+    path = table(tmp_path, "36 N", "490 N", other)
+    with pytest.raises(lb.InputError, match=r"must be a circle of its own, got '36 N .+'"):
+        lb.import_campaign(path, layout=Layout(reading_unit="um"))
+
+
+def test_the_refusal_names_the_circles_of_loads_with_one_column(tmp_path: Path) -> None:
+    path = table(tmp_path, "36 N ref [um]", "490 N ref [um]", "490 N test [um]")
+    with pytest.raises(lb.InputError, match=r"--reading-column '36 N ref \[um\]'"):
+        lb.import_campaign(path)

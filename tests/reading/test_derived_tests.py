@@ -38,6 +38,7 @@ def files(folder: Path, *names: str) -> Sequence[Path]:
         ("36N run 1", "36N run 2", "36N Durchschnitt"),
         ("36N run 1", "36N", "36N raw"),
         ("36N", "36N - Kopie"),
+        ("36N", "Kopie von 36N"),
         ("36N", "36N_old"),
         ("36N", "36N_ref"),
         ("36N", "Summary 36N"),
@@ -63,6 +64,7 @@ def test_a_file_computed_from_another_is_refused(names: Sequence[str], tmp_path:
         ("36N", "36N_mean_load"),
         ("36N_CW_raw", "36N_CCW_raw"),
         ("36N_new_bar", "36N_2"),
+        ("36N new bearing", "490N new bearing"),
     ],
 )
 def test_files_of_circles_are_read(names: Sequence[str], tmp_path: Path) -> None:
