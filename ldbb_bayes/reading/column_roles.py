@@ -53,9 +53,9 @@ _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 # Regular expression for the name of a column that holds one of several runs, such as "Run 1" or
 # "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
-# Regular expression for a text that is the number of a test, such as "T1". Without this check, such
-# a text would be read as the header "t" of a column of times.
-_NUMBER_OF_TEST = re.compile(r"[^\W\d_]{1,3}[-_]?\d+")
+# Regular expression for a text that is the number of a test, such as "T1" or "T2 new". Without this
+# check, such a text would be read as the header "t" of a column of times.
+_NUMBER_OF_TEST = re.compile(r"[^\W\d_]{1,3}[-_]?\d+(?:[^\W\d_]|[\s_-]+[^\W\d_].*)?")
 # If the name of a column shows no role, the unit of the column may show one of these roles.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # ``words.toml`` lists words for each role. A listed word with at most this number of letters, such
@@ -70,8 +70,8 @@ _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
 # Regular expression for words that stand before a unit in brackets, such as "in" in "(in mm)".
 _BEFORE_UNIT = re.compile(r"^(?:all\s)?(?:in|units?|einheit)\s?:?\s(?=\S)", re.IGNORECASE)
 # Regular expression for a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or
-# "0.1 µm".
-_FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
+# "0.1 µm". The number of a run, as in "run1", is no factor.
+_FACTOR = re.compile(r"[x×*]|(?!(?!mal|times)[^\W\d_]{2,}\d{1,2}$)\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 # Regular expression for the number of a column in its header, such as 2 in "reading 2 µm". The
 # number has one or two digits. It is not 10, which is a factor of the unit, as in "10 µm".
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
@@ -106,8 +106,9 @@ _FOREIGN_UNITS = {
 _NO_TIMES = WORDS["columns"]["no_time"].split()
 # Regular expression for the header of a column of temperatures.
 _TEMPERATURE = re.compile(WORDS["columns"]["temperature"], re.IGNORECASE)
-# Regular expression for a factor and a unit without a blank between them, as in "Reading 0.1um".
-_FACTOR_AND_UNIT = re.compile(r"(?<![^\W_])0[.,]\d+(?P<unit>[^\W\d_]+)$")
+# Regular expression for a factor and a unit without a blank between them, as in "Reading 0.1um" and
+# "reading_10um".
+_FACTOR_AND_UNIT = re.compile(r"(?<![^\W_])(?:0[.,]?\d+|10+)(?P<unit>[^\W\d_]+)$")
 # Regular expression for the header of an angle, such as a tilt, that is not the angle of the bar.
 _OTHER_ANGLE = re.compile(rf"(?<![^\W_])(?:{WORDS['columns']['other_angle']})(?![^\W_])", re.I)
 # Units whose words may also mean a way, such as the Spanish "vuelta" (way back).
@@ -117,6 +118,10 @@ _LOAD_AT_END = re.compile(rf"{LOAD_IN_NAME.pattern}$", re.IGNORECASE)
 # Regular expression for a word that means the angle of the bar, unless it stands beside a load: of
 # "300 N position 1", it is a place on the table.
 _PLACE_ON_TABLE = re.compile(r"(?<![^\W_])position\w*", re.IGNORECASE)
+# Regular expression for a length at the end of a name, as in "deviation from 150 mm".
+_LENGTH_WITH_NUMBER = re.compile(r"(?<=\s)[1-9]\d+\s?mm$")
+# Regular expression for the number of a column behind its unit, as in "Reading [um] 2".
+_NUMBER_BEHIND = re.compile(r"\s+(?!10)\d{1,2}\s*")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
 # Those entries of the file ``words.toml`` that hold words for the radius or the diameter of a
@@ -159,7 +164,7 @@ def unit_of(header: str) -> Header:
     stated = _with_multiplier(_unit_between_dots(header) or _name_and_unit(header))
     behind = re.split(r"[\])}>]", header)[-1]
     for text in (stated.name, behind):
-        words = re.split(r"[\s_]+", text.strip())
+        words = re.split(r"[\s_]+", _LENGTH_WITH_NUMBER.sub("", text.strip()))
         if _contradicts(words[-1], stated.unit):
             return Header(stated.name, f"{words[-1]} and {stated.unit}")
     return stated
@@ -246,6 +251,8 @@ def _name_and_unit(header: str) -> Header:
     if name and bracketed:
         after_brackets = re.split(r"[\])}>]", header)[-1].removesuffix(name)
         is_scaled = re.search(r"\d", after_brackets) is not None
+        if _NUMBER_BEHIND.fullmatch(after_brackets):
+            is_scaled = False
         is_after_in = _UNIT_AFTER_IN.fullmatch(header) is not None
         return Header(name, _stated_unit(name, bracketed, is_scaled and not is_after_in))
     after_in = _UNIT_AFTER_IN.fullmatch(header)
@@ -328,7 +335,8 @@ def _unit_at_end(header: str) -> Header:
     which later code treats as an unknown unit. The unit is empty if the header does not end with a
     unit, or if its last word belongs to the name, as in ``Angle of turn``.
     """
-    header = _with_factor_apart(header)
+    written = header
+    header = _with_factor_apart(written)
     match = _UNIT_AT_END.fullmatch(header)
     if not match:
         return _unread_unit_at_end(header)
@@ -344,11 +352,21 @@ def _unit_at_end(header: str) -> Header:
     last_word = re.split(r"[\s_]+", name)[-1]
     if _BEFORE_NO_UNIT.fullmatch(last_word) or _is_way(name, unit):
         return Header(header, "")
-    if _FACTOR.fullmatch(last_word) and not _COLUMN_NUMBER.fullmatch(last_word):
+    if _is_factor(last_word, is_joined=header != written):
         return Header(name, f"({last_word}) {unit}")
     if not name:
         return Header(header, "")
     return Header(name, unit)
+
+
+def _is_factor(word: str, is_joined: bool) -> bool:
+    """Return whether a word before a unit is its factor, and not the number of the column.
+
+    If factor and unit are written as one word (``is_joined``), as in ``reading_01um``, the number
+    is no number of a column.
+    """
+    is_number_of_column = _COLUMN_NUMBER.fullmatch(word) is not None and not is_joined
+    return _FACTOR.fullmatch(word) is not None and not is_number_of_column
 
 
 def _is_way(name: str, unit: str) -> bool:

@@ -32,13 +32,22 @@ from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_rows import row_of_units, without_comment_sign
-from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, UNITS, scaled_unit, size_of_unit
+from ldbb_bayes.reading.words import (
+    LONGEST_NAME,
+    LONGEST_TEXT,
+    UNITS,
+    scaled_unit,
+    size_of_unit,
+    unit_named,
+)
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
 
 # A table of numbers begins with this number of successive rows that have the same number of cells.
 # A table at the end of the sheet may have fewer rows.
 _BLOCK_ROWS = 9
+# Units that may stand in place of the name of a column.
+_UNITS_ALONE = ("deg", "rad", "um", "mm", "nm")
 # An error message shows at most this number of cells of a row.
 _CELLS_SHOWN = 6
 # An error message shows at most this number of characters of a cell.
@@ -244,7 +253,7 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
         Index of the first row of numbers below the header.
     """
     names = _column_names(sheet, header_row, first_block_row)
-    units = [unit_of(name).unit for name in names]
+    units = [unit_of(name).unit or _unit_in_place_of_name(name) for name in names]
     scaled_units: dict[int, str] = {}
     unit_line = 0
     units_below: list[str] = []
@@ -267,6 +276,15 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
         unit_line=unit_line,
         columns_with_unit_below=frozenset(k for k, unit in enumerate(units_below) if unit),
     )
+
+
+def _unit_in_place_of_name(header: str) -> str:
+    """Return the unit of a header that is nothing but a unit of angle or length, such as ``deg``.
+
+    The result is empty for any other header, and for units that are also other words, such as "in".
+    """
+    unit = unit_named(header.strip(" []()"))
+    return unit if unit in _UNITS_ALONE else ""
 
 
 def _row_below_rules(sheet: Sheet, row: int, first_block_row: int) -> int:

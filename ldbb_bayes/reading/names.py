@@ -29,7 +29,7 @@ __all__ = [
 # bar. In "run 1 N=36", N is not a unit but the number of readings.
 LOAD_IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
-    r"(kN|daN|N|newton|lbf|lbs?|kgf|kp|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])"
+    r"(kN|daN|N|newton|lbf|lbs?|kgf|kp|bar|mbar|MPa|kPa|psi|к?Н(?![а-яё]))(?![a-zA-Z])"
     r"(?!\s*=\s*\d+(?![\d.,]*\s?[a-zA-Z]))",
     re.IGNORECASE,
 )
@@ -59,6 +59,21 @@ _LENGTH_IN_NAME = re.compile(
     r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"
     r"(?:0\.\d+[ _]?m(?![^\W_])"
     r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)(?![^\W_])))"
+)
+# Regular expression for a radius in a name that also states its unit, such as "radius 10 cm".
+_RADIUS_WITH_UNIT = re.compile(
+    r"(?<![^\W_])(?:radius|rayon|raggio|promień|半径)[ _=:\-]{0,3}(?P<number>\d+(?:[.,]\d+)?)[ _]?"
+    r"(?P<unit>mm|cm|m|in|inch(?:es)?)(?![^\W_])",
+    re.IGNORECASE,
+)
+# Smallest and largest radius that a name may state in such a way [mm].
+_SMALLEST_RADIUS_MM = 20.0
+_LARGEST_RADIUS_MM = 2000.0
+# Regular expression for any number behind a word for a radius, diameter or length in a name.
+_LENGTH_AFTER_WORD = re.compile(
+    r"(?<![^\W_])(?:(?:bar|nominal|nenn) ?(?:length|länge)|radius|rayon|raggio|diameter|durchmesser"
+    r"|diamètre|半径|直径)[ _=:;~\-]{0,3}\d[\d.,]*(?:e\d+)?(?: ?(?:mm|cm|m|in|inch)(?![^\W_]))?",
+    re.IGNORECASE,
 )
 # Regular expression for the label of radii in the first cell of a line.
 _RADIUS_LABEL = re.compile(r"(?:nominal )?(?:R|radius|radii|radien|rayons?)\W*", re.IGNORECASE)
@@ -149,10 +164,27 @@ def radius_in_name(names: Sequence[str]) -> float | None:
     The first name that contains exactly one radius is used. Return None if there is no such name.
     """
     for name in names:
-        radii = set(_RADIUS_AFTER_R.findall(name[:LONGEST_TEXT]))
+        radii = {float(radius) for radius in _RADIUS_AFTER_R.findall(name[:LONGEST_TEXT])}
+        radii |= _radii_with_unit(name[:LONGEST_TEXT])
         if len(radii) == 1:
-            return float(radii.pop())
+            return radii.pop()
     return None
+
+
+def _radii_with_unit(name: str) -> set[float]:
+    """Return the radii [mm] that a name states with their unit, as in ``radius 10 cm``.
+
+    A number that cannot be the radius of a bar is left out.
+    """
+    radii = set()
+    for match in _RADIUS_WITH_UNIT.finditer(name):
+        number = number_in_text(match["number"])
+        if number is None:
+            continue
+        radius_mm = number * UNITS["reading"][unit_named(match["unit"])] / UNITS["reading"]["mm"]
+        if _SMALLEST_RADIUS_MM <= radius_mm <= _LARGEST_RADIUS_MM:
+            radii.add(radius_mm)
+    return radii
 
 
 def radii_of_columns(cells: Sequence[str]) -> list[str]:
@@ -182,7 +214,8 @@ def unknown_length_in_name(names: Sequence[str]) -> str:
     a length. ``names`` are the names of the test, its column, its sheet and its file.
     """
     for name in names:
-        match = _LENGTH_IN_NAME.search(name[:LONGEST_TEXT])
+        text = name[:LONGEST_TEXT]
+        match = _LENGTH_AFTER_WORD.search(text) or _LENGTH_IN_NAME.search(text)
         if match is not None:
             return f"its name says {match[0]}, not taken"
     return ""

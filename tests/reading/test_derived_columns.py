@@ -171,3 +171,14 @@ def test_the_refusal_names_the_circles_of_loads_with_one_column(tmp_path: Path) 
     path = table(tmp_path, "36 N ref [um]", "490 N ref [um]", "490 N test [um]")
     with pytest.raises(lb.InputError, match=r"--reading-column '36 N ref \[um\]'"):
         lb.import_campaign(path)
+
+
+@pytest.mark.parametrize("name", ["T{} new", "T{}a", "T{}"])
+def test_names_that_begin_with_t_are_tests_and_no_times(name: str, tmp_path: Path) -> None:
+    lines = ["Test;Force [N];Angle [deg];Reading [um]"]
+    for n in (1, 2):
+        lines += [f"{name.format(n)};{100 * n};{5 * k};{0.1 * k + n:.2f}" for k in range(72)]
+    path = tmp_path / "all.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    forces = [test.force_N for test in lb.import_campaign(path).campaign.tests]
+    assert forces == [100.0, 200.0]

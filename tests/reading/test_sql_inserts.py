@@ -72,7 +72,7 @@ def test_commands_may_comment_on_columns(tmp_path: Path) -> None:
 def test_a_command_that_is_not_closed_does_not_delay_the_reading(tmp_path: Path) -> None:
     rows = ",".join(f"({k},'it''s')" for k in range(3000))
     lines = ["CREATE TABLE other (id int,", f"INSERT INTO other VALUES {rows};"]
-    lines += [f"INSERT INTO s (force_n, angle_deg, um) VALUES (36,{5 * k},{k});" for k in range(72)]
+    lines += [f"INSERT INTO s (force_n, angle_deg, c) VALUES (36,{5 * k},{k});" for k in range(72)]
     with pytest.raises(lb.InputError):
         imported(tmp_path, lines)
 

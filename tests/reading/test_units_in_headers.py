@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ldbb_bayes as lb
@@ -172,3 +173,59 @@ def test_a_radius_that_no_bar_has_is_asked_for(line: str, tmp_path: Path) -> Non
     with pytest.raises(lb.InputError, match="the radius must be 10 to 5000 mm, got"):
         lb.import_campaign(path)
     assert lb.import_campaign(path, radius_mm=100.0).campaign.radius_mm == 100.0
+
+
+@pytest.mark.parametrize("header", ["reading_10um", "reading_01um", "reading e3 [mm]"])
+def test_a_factor_written_as_one_word_with_its_unit_is_asked_for(
+    header: str, tmp_path: Path
+) -> None:
+    with pytest.raises(lb.InputError, match=r"reading must be in um, |unit of readings must be"):
+        lb.import_campaign(circle_with_headers(tmp_path, "Angle [deg]", header))
+
+
+@pytest.mark.parametrize(
+    ("angle", "reading"),
+    [
+        ("deg", "um"),
+        ("°", "µm"),
+        ("Degrees", "Microns"),
+        ("[deg]", "[um]"),
+        ("Angle [deg]", "Reading [um] 1"),
+        ("Angle [deg]", "36N_run1_um"),
+        ("Angle [deg]", "Radius deviation from 150 mm [um]"),
+    ],
+)
+def test_units_without_names_and_numbers_of_columns_are_read(
+    angle: str, reading: str, tmp_path: Path
+) -> None:
+    path = circle_with_headers(tmp_path, angle, reading)
+    test = lb.import_campaign(path).campaign.tests[0]
+    columns = np.loadtxt(path, delimiter=";", skiprows=1)
+    np.testing.assert_allclose(test.angle_deg, columns[:, 0])
+    np.testing.assert_allclose(test.reading_um, columns[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "radius_mm"),
+    [("36 N radius 10 cm", 100.0), ("36 N_radius=3.937 in", 99.9998), ("36 N Rayon 0,1 m", 100.0)],
+)
+def test_a_radius_with_its_unit_is_taken_from_a_name(
+    name: str, radius_mm: float, tmp_path: Path
+) -> None:
+    path = circle_with_headers(tmp_path, "Angle [deg]", "Reading [um]")
+    path = path.rename(tmp_path / f"{name}.csv")
+    assert lb.import_campaign(path).campaign.tests[0].radius_mm == pytest.approx(radius_mm)
+
+
+@pytest.mark.parametrize("length", ["Radius 0.1", "Bar length 100", "radius ~100", "Radius 4"])
+def test_a_length_without_a_unit_in_a_name_is_noted(length: str, tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, "Angle [deg]", "Reading [um]")
+    path = path.rename(tmp_path / f"36 N {length}.csv")
+    notes = [str(assumption) for assumption in lb.import_campaign(path).assumptions]
+    assert any(f"its name says {length}, not taken" in note for note in notes)
+
+
+def test_a_load_in_newtons_is_read_in_cyrillic(tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, "угол, град", "отклонение, мкм")
+    path = path.rename(tmp_path / "238 Н повтор.csv")
+    assert lb.import_campaign(path).campaign.tests[0].force_N == 238.0
