@@ -16,7 +16,7 @@ from ldbb_bayes.errors import InputError, require, suggestion
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME, load_in_name, load_is_ambiguous
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
-from ldbb_bayes.reading.travel_direction import direction_named, senses_in
+from ldbb_bayes.reading.travel_direction import direction_named, senses_in, senses_of_header
 from ldbb_bayes.reading.unit_lines import COUNT, partner_of_units
 from ldbb_bayes.reading.words import (
     LONGEST_NAME,
@@ -795,16 +795,16 @@ def _several_readings(
 def _named_after_directions(free: Sequence[int], headers: Sequence[str]) -> list[int]:
     """Return the indices of two columns of readings, one for each direction of travel.
 
-    Their headers are directions, as in ``CW [mm]``, or name a direction beside readings, as in
-    ``Deviation CW [mm]``. Return an empty list if there is not exactly one column for each
-    direction. ``free`` are the indices of the columns without a role, and ``headers`` the headers
-    of all columns.
+    Their headers are directions, as in ``CW [mm]``, right and left, or name a direction beside
+    readings, as in ``Deviation CW [mm]``. Return an empty list if there is not exactly one column
+    for each direction. ``free`` are the indices of the columns without a role, and ``headers`` the
+    headers of all columns.
     """
     directed = []
     directions: list[str] = []
     for column in free:
         name, unit = unit_of(headers[column])[:2]
-        senses = senses_in(name)
+        senses = senses_of_header(name)
         may_be_readings = direction_named(name) in senses or has_role(name, "reading")
         if len(senses) == 1 and may_be_readings and (not unit or unit in UNITS["reading"]):
             directed.append(column)

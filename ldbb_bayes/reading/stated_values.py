@@ -16,6 +16,7 @@ import numpy as np
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
+from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.column_units import is_unit_stated, unit_size
 from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_name_tests
 from ldbb_bayes.reading.loads_in_lines import (
@@ -34,7 +35,11 @@ from ldbb_bayes.reading.recording import (
     Recording,
     option_for,
 )
-from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
+from ldbb_bayes.reading.travel_direction import (
+    direction_named,
+    directions_stated,
+    senses_of_header,
+)
 from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
@@ -508,6 +513,21 @@ def _source_of_direction(recording: Recording) -> str:
     return "the name"
 
 
+def _sense_beside_its_opposite(recording: Recording) -> set[str]:
+    """Return the direction CW or CCW of a column such as ``rechts`` beside a column ``links``.
+
+    The result is empty if the name of the column of readings is no word for a direction, or if no
+    other column of the table is named after the opposite direction.
+    """
+    column = recording.heading.roles.get("reading")
+    if column is None:
+        return set()
+    senses_of_columns = [senses_of_header(unit_of(name).name) for name in recording.heading.headers]
+    senses = senses_of_columns[column]
+    opposite = {"CW", "CCW"} - senses
+    return senses if len(senses) == 1 and opposite in senses_of_columns else set()
+
+
 def _contradiction_of(senses: set[str]) -> str:
     """Return a text which says that a file contradicts the direction of travel the user gave.
 
@@ -524,13 +544,14 @@ def _contradiction_of(senses: set[str]) -> str:
 def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
-    There are five sources, which are tried in this order:
+    There are six sources, which are tried in this order:
 
     - the user,
     - the column of directions,
     - lines above and below the table, and names of the test, its column, its sheet or its file,
     - G-code in lines above the table,
-    - sheets without a table.
+    - sheets without a table,
+    - the name of a column, such as "right", beside one with the opposite name.
 
     The first source that states a direction is used. G-code and sheets without a table that state
     both directions are ignored. If another source states both directions, an `InputError` is
@@ -548,6 +569,9 @@ def direction_of(recording: Recording) -> str | None:
         above = _directions_above(recording)
         senses = above.senses
         source = above.source
+    if not senses:
+        senses = _sense_beside_its_opposite(recording)
+        source = "the name"
     stated: str | None = recording.stated_value("direction")
     if stated is not None:
         if senses - {stated}:

@@ -22,6 +22,7 @@ __all__ = [
     "directions_stated",
     "is_direction",
     "senses_in",
+    "senses_of_header",
     "unread_direction",
     "with_sides_in_full",
     "without_directions",
@@ -96,6 +97,8 @@ _RUNS_BY_SENSE = {
 _RUN_WITH_SENSE = re.compile(
     rf"(?<![^\W_])(?:{_WORDS['run_right']}|{_WORDS['run_left']})", re.IGNORECASE
 )
+# Regular expression for a word such as "run" in front of a direction.
+_RUN_IN_FRONT = re.compile(rf"^(?:{WORDS['names']['run']})\s+", re.IGNORECASE)
 # Regular expression for words which show that a line is not about the angles of the readings.
 _NO_ANGLES = re.compile(WORDS["angle_convention"]["other"], re.IGNORECASE)
 # A note shows at most this number of characters of a line.
@@ -136,6 +139,18 @@ def direction_named(word: str) -> str:
         senses = senses_in(word)
         return senses.pop() if len(senses) == 1 else word
     return _SENSES_BY_WORD.get(letters, word)
+
+
+def senses_of_header(name: str) -> set[str]:
+    """Return the senses, CW or CCW, that the name of a column states, as in ``CW`` and ``rechts``.
+
+    Words for right and left count only if they are the whole name, or follow a word such as "run";
+    the caller must see to it that another column has the other sense.
+    """
+    side = direction_named(_RUN_IN_FRONT.sub("", name))
+    if side in ("CW", "CCW") and re.search(r"[^\W\d_]", name):
+        return {side}
+    return senses_in(name)
 
 
 def with_sides_in_full(cells: Sequence[str]) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
+from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated, senses_in
 
 OPPOSED = [
@@ -165,3 +166,63 @@ def test_negative_angles_are_asked_for(header: str, tmp_path: Path) -> None:
 )
 def test_senses_in_lines_about_the_direction(line: str, senses: set[str]) -> None:
     assert directions_stated([(1, line)]) == senses
+
+
+@pytest.mark.parametrize(
+    ("clockwise", "counter"),
+    [
+        ("rechts [um]", "links [um]"),
+        ("right", "left"),
+        ("Rechtslauf [um]", "Linkslauf [um]"),
+        ("C.W. [um]", "C.C.W. [um]"),
+        ("w prawo [um]", "w lewo [um]"),
+        ("po směru [um]", "proti směru [um]"),
+    ],
+)
+@pytest.mark.parametrize("stated", [False, True])
+def test_columns_of_opposite_sides_are_runs_in_opposite_directions(
+    clockwise: str, counter: str, stated: bool, tmp_path: Path
+) -> None:
+    lines = [f"Angle [deg];{clockwise};{counter}"]
+    for angle_deg in range(0, 360, 10):
+        wave = 5.0 * np.sin(np.deg2rad(angle_deg))
+        lines.append(f"{angle_deg};{10.0 + wave:.3f};{-10.0 + wave:.3f}")
+    path = tmp_path / "100N.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    columns: dict[str, int | str | list[int | str]] = {}
+    if stated:
+        columns["reading"] = [clockwise, counter]
+    layout = Layout(columns=columns, reading_unit="um")
+    tests = lb.import_campaign(path, layout=layout).campaign.tests
+    means = {test.direction: float(np.mean(test.reading_um)) for test in tests}
+    assert means == {"CW": pytest.approx(10.0), "CCW": pytest.approx(-10.0)}
+
+
+@pytest.mark.parametrize(
+    ("line", "direction"),
+    [
+        ("Direction: C.W.", "CW"),
+        ("Direction: C.C.W.", "CCW"),
+        ("Direction: A.C.W.", "CCW"),
+        ("Kierunek ruchu: w prawo", "CW"),
+        ("Kierunek: lewy", "CCW"),
+        ("Směr pohybu: proti směru", "CCW"),
+        ("Směr: vpravo", "CW"),
+        ("Kiertosuunta: vasemmalle", "CCW"),
+        ("Suunta: myötäpäivään", "CW"),
+        ("gemeten met de klok mee", "CW"),
+        ("Draaisin: linksom", "CCW"),
+        ("Retning: med uret", "CW"),
+    ],
+)
+def test_directions_in_lines_are_read_in_more_languages(
+    line: str, direction: str, tmp_path: Path
+) -> None:
+    assert lb.import_campaign(circle(tmp_path, line)).campaign.tests[0].direction == direction
+
+
+def test_a_side_without_its_opposite_is_no_direction(tmp_path: Path) -> None:
+    path = circle(tmp_path, "a line")
+    path.write_text(path.read_text(encoding="utf-8").replace("Reading [um]", "right [um]"))
+    layout = Layout(columns={"reading": "right [um]"})
+    assert lb.import_campaign(path, layout=layout).campaign.tests[0].direction is None

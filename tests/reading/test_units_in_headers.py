@@ -161,6 +161,17 @@ def test_degrees_that_are_added_in_the_header_of_angles_are_asked_for(tmp_path: 
         lb.import_campaign(path)
 
 
+def test_angles_that_are_subtracted_from_90_degrees_are_asked_for(tmp_path: Path) -> None:
+    path = circle_with_headers(tmp_path, "90-angle [deg]", "Reading [um]")
+    with pytest.raises(lb.InputError, match="angles must run clockwise or counter-clockwise"):
+        lb.import_campaign(path)
+    with pytest.raises(lb.InputError, match=r"at an axis, got .* Give --angle-offset-deg"):
+        lb.import_campaign(path, layout=Layout(angle_sense="CW"))
+    layout = Layout(angle_sign=-1, angle_offset_deg=90.0)
+    test = lb.import_campaign(path, layout=layout).campaign.tests[0]
+    np.testing.assert_allclose(np.mod(test.angle_deg[:3], 360.0), [90.0, 85.0, 80.0])
+
+
 def test_minus_in_words_in_front_of_readings_is_a_sign(tmp_path: Path) -> None:
     path = circle_with_headers(tmp_path, "Angle [deg]", "minus reading [um]")
     test = lb.import_campaign(path).campaign.tests[0]
