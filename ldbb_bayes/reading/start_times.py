@@ -20,6 +20,7 @@ from ldbb_bayes.reading.timestamps import (
     Rank,
     Timestamp,
     epoch_stamp,
+    epoch_stamp_in_line,
     stamp_in_name,
     stamps_in,
     unread_stamp,
@@ -187,8 +188,9 @@ def _stated_starts(recording: Recording) -> list[_Start]:
         for stamp in _stamps_of_cell(header, cell):
             starts.append(_Start(title, stamp, source, header))
     for line, text in recording.heading.lines_above:
-        for stamp in stamps_in(text):
-            starts.append(_Start(title, stamp, cited_line(line)))
+        since_epoch = epoch_stamp_in_line(text)
+        stamps = stamps_in(text) if since_epoch is None else [since_epoch]
+        starts += [_Start(title, stamp, cited_line(line)) for stamp in stamps]
     named = stamp_in_name(recording.names())
     if named is not None:
         starts.append(_Start(title, named, "its name"))

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime, timedelta
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ __all__ = [
     "Rank",
     "Timestamp",
     "epoch_stamp",
+    "epoch_stamp_in_line",
     "stamp_in_name",
     "stamps_in",
     "unread_stamp",
@@ -137,6 +138,13 @@ _HOUR_S = 3_600.0
 _MINUTE_S = 60.0
 # Earliest and latest time of a test, in seconds since 1970: the beginning of 2000 and of 2100.
 _EPOCH_S = (946_684_800.0, 4_102_444_800.0)
+# Day that spreadsheets count as 0, and length of a day.
+_DAY_ZERO = datetime(1899, 12, 30, tzinfo=UTC)
+_DAY_S = 86_400.0
+# Regular expression for a date and time that a spreadsheet writes as a number of days.
+_SERIAL = re.compile(r"\d{5}[.,]\d+")
+# Regular expression for a line that is nothing but a label and a number.
+_LABELLED_NUMBER = re.compile(r"\W*(?P<label>[^\d:=;,|\t]+)[\s:=;,|\t]+(?P<number>\d[\d.,]*\d)\W*")
 
 
 class Rank(IntEnum):
@@ -393,7 +401,7 @@ def _certain_date(text: str) -> date | None:
 
     An example is 2026-11-20 or 20.11.26. Return None if the date does not exist.
     """
-    short_year = re.fullmatch(r"(.*\.\s?)(\d\d)", text)
+    short_year = re.fullmatch(r"(?!\d{4})(.*\.\s?)(\d\d)", text)
     if short_year is not None:
         text = f"{short_year[1]}{_full_year(short_year[2])}"
     iso = iso_date(text)
@@ -483,22 +491,55 @@ def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
 
 
 def epoch_stamp(header: str, text: str) -> Timestamp | None:
-    """Return the timestamp for a cell that states a time as seconds or milliseconds since 1970.
+    """Return the timestamp for a cell that states a time as a number.
 
-    ``text`` is the first cell of a column, and ``header`` is the header of this column. Return None
-    if the text is not such a number, or if the header does not say that the column holds the time
-    of a test.
+    The number is one of seconds or milliseconds since 1970, or the days that a spreadsheet counts.
+
+    Parameters
+    ----------
+    header
+        Header of a column. For days, it must have a word for a date.
+    text
+        First cell of this column.
+
+    Returns
+    -------
+    Timestamp or None
+        None if the text is not such a number, or if the header does not say that the column holds
+        the time of a test.
     """
     if _rank_from_words(header) not in (Rank.START, Rank.TEST):
         return None
-    if not re.fullmatch(r"\d{9,13}(?:\.\d+)?", text):
+    when = None
+    if re.fullmatch(r"\d{9,13}(?:\.\d+)?", text):
+        when = _time_since_1970(float(text))
+    elif _SERIAL.fullmatch(text) and _WORDS["date"].search(header):
+        when = _DAY_ZERO + timedelta(seconds=round(_DAY_S * float(text.replace(",", "."))))
+    if when is None or not _EPOCH_S[0] <= when.timestamp() <= _EPOCH_S[1]:
         return None
-    since_epoch = float(text)
-    if since_epoch > _EPOCH_S[1]:
-        since_epoch /= 1e3
-    if not _EPOCH_S[0] <= since_epoch <= _EPOCH_S[1]:
-        return None
-    when = datetime.fromtimestamp(since_epoch, tz=UTC)
     midnight = when.replace(hour=0, minute=0, second=0, microsecond=0)
     day = when.date()
-    return Timestamp(Rank.COLUMN, text, day, day, (when - midnight).total_seconds(), 0.0)
+    seconds = (when - midnight).total_seconds()
+    if not _SERIAL.fullmatch(text):
+        return Timestamp(Rank.COLUMN, text, day, day, seconds, 0.0)
+    # A spreadsheet writes a date without a time as midnight.
+    return Timestamp(Rank.COLUMN, text, day, day, seconds or None)
+
+
+def _time_since_1970(number: float) -> datetime:
+    """Return the time for a number of seconds, or of milliseconds, since 1970."""
+    seconds = number / 1e3 if number > _EPOCH_S[1] else number
+    return datetime.fromtimestamp(seconds, tz=UTC)
+
+
+def epoch_stamp_in_line(text: str) -> Timestamp | None:
+    """Return the timestamp of a line such as ``Date: 45352.4271`` (see `epoch_stamp`).
+
+    Return None for any other line.
+    """
+    match = _LABELLED_NUMBER.fullmatch(text[:LONGEST_TEXT])
+    if match is None:
+        return None
+    stamp = epoch_stamp(match["label"], match["number"])
+    rank = _rank_from_words(match["label"])
+    return None if stamp is None or rank is None else replace(stamp, rank=rank)

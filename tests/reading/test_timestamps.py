@@ -6,8 +6,16 @@ from datetime import date, datetime
 
 import pytest
 from campaigns import cases
+from openpyxl.utils.datetime import to_excel
 
-from ldbb_bayes.reading.timestamps import Rank, Timestamp, epoch_stamp, stamp_in_name, stamps_in
+from ldbb_bayes.reading.timestamps import (
+    Rank,
+    Timestamp,
+    epoch_stamp,
+    epoch_stamp_in_line,
+    stamp_in_name,
+    stamps_in,
+)
 
 CASES = cases(__file__, "timestamps.toml")
 
@@ -76,7 +84,32 @@ def test_seconds_since_1970(unit: int) -> None:
 
 @pytest.mark.parametrize(
     ("header", "cell"),
-    [("reading", "1795183392"), ("time", "12"), ("time", "123456789"), ("time", "14:03")],
+    [
+        ("reading", "1795183392"),
+        ("time", "12"),
+        ("time", "123456789"),
+        ("time", "14:03"),
+        ("time", "46346.5"),
+        ("date", "12345.5"),
+        ("calibration date", "46346.5"),
+    ],
 )
 def test_other_numbers_are_no_seconds_since_1970(header: str, cell: str) -> None:
     assert epoch_stamp(header, cell) is None
+
+
+@pytest.mark.parametrize("mark", [".", ","])
+def test_days_that_a_spreadsheet_counts(mark: str) -> None:
+    days = to_excel(datetime.fromisoformat("2026-11-20T14:03:12"))
+    stamp = epoch_stamp("Date", f"{days:.6f}".replace(".", mark))
+    assert stamp is not None
+    assert written(stamp) == "2026-11-20 14:03:12.000"
+    assert epoch_stamp_in_line(f"Datum;{days:.6f}") == epoch_stamp_in_line(f"Datum: {days:.6f}")
+    in_line = epoch_stamp_in_line(f"Datum: {days:.6f}")
+    assert in_line is not None
+    assert (written(in_line), in_line.rank) == ("2026-11-20 14:03:12.000", Rank.TEST)
+
+
+@pytest.mark.parametrize("line", ["Serial: 46346.5", "Date: 20.11.2026", "Radius: 150", "Date: 5"])
+def test_other_lines_hold_no_counted_days(line: str) -> None:
+    assert epoch_stamp_in_line(line) is None
