@@ -638,7 +638,8 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
     require(
         not roles.columns and width == 2,
         f"{place}: a table without a header must have its reading and its angle or time named by"
-        f" number, got {stated}. Give --reading-column and --angle-column or --time-column.",
+        f" number, got {stated}. Give --reading-column and --angle-column or --time-column. If a"
+        " column names the tests: --test-column; if a line names the columns: --header-line.",
     )
     roles.columns = {"angle": 0, "reading": 1}
     roles.readings = [1]

@@ -116,7 +116,8 @@ def advice_on_format(sheet: Sheet) -> str:
     """
     advice = (
         "Save the readings as CSV: the line 'Angle [deg],Reading [um]', and below it a line such as"
-        " '5.0,-1.234' for each reading."
+        " '5.0,-1.234' for each reading. Write each circle into a file of its own, and its force"
+        " into the name, such as '300 N.csv'."
     )
     texts = [text.strip() for _, text in sheet.texts(sheet.rows)]
     if texts and _WEB_PAGE.match(texts[0]):

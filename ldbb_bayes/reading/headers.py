@@ -553,10 +553,15 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     while len(names) > width and not names[-1]:
         names.pop()
     if len(names) > width or any(cells_below[len(names) :]):
+        advice = ""
+        if sheet.separator == " ":
+            advice = (
+                " If a program printed the table, as to_string of pandas does: let it write CSV."
+            )
         raise InputError(
             f"{sheet.place}, line {row.line}: the header must name every column, got"
             f" {len(names)} names for {width} cells. Correct it; with decimal commas separate the"
-            " cells by semicolons; --header-line where it is another, 0 for none."
+            f" cells by semicolons; --header-line where it is another, 0 for none.{advice}"
         )
     return names + [""] * (width - len(names))
 

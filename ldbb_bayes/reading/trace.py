@@ -17,7 +17,9 @@ from ldbb_bayes.reading.cartesian_columns import (
     plane_of_positions,
     position_headers,
 )
+from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.column_units import unit_size
+from ldbb_bayes.reading.derived_columns import derived_words
 from ldbb_bayes.reading.laps import (
     TURN_DEG,
     angles_from_time,
@@ -65,6 +67,9 @@ _CLOSED_TURN_DEG = 360.01
 _IN_WORDS = {"CW": "clockwise", "CCW": "counter-clockwise"}
 # An error message shows at most this number of characters of a list of columns.
 _LIST_SHOWN = 200
+# An error message shows at most this number of computed columns, and of characters of a header.
+_COLUMNS_SHOWN = 4
+_LONGEST_HEADER_SHOWN = 40
 
 
 class Trace(NamedTuple):
@@ -150,10 +155,27 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
             f" line {recording.heading.line}. {advice_on_positions(plane, has_reading)}"
             f" If one column is the {role}: --{role}-column."
         )
+    advice = _computed_columns(recording) if role == "reading" else ""
     return InputError(
         f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in line"
-        f" {recording.heading.line}. Say which: {options}."
+        f" {recording.heading.line}. Say which: {options}.{advice}"
     )
+
+
+def _computed_columns(recording: Recording) -> str:
+    """Return a sentence on columns whose headers say that they hold computed numbers.
+
+    An example is "std". The sentence is empty if there are no such columns. Columns that hold
+    another quantity, such as a nominal force, are left out.
+    """
+    heading = recording.heading
+    computed = []
+    for column, header in enumerate(heading.headers):
+        if column not in heading.roles.values() and derived_words(unit_of(header).name):
+            computed.append(repr(header[:_LONGEST_HEADER_SHOWN]))
+    if not computed:
+        return ""
+    return f" Columns that look computed: {' and '.join(computed[:_COLUMNS_SHOWN])}."
 
 
 def _angles_of_column(recording: Recording, direction: str | None) -> Array:

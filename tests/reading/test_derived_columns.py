@@ -182,3 +182,36 @@ def test_names_that_begin_with_t_are_tests_and_no_times(name: str, tmp_path: Pat
     path.write_text("\n".join([*lines, ""]), encoding="utf-8")
     forces = [test.force_N for test in lb.import_campaign(path).campaign.tests]
     assert forces == [100.0, 200.0]
+
+
+def test_a_table_of_means_alone_says_that_they_look_computed(tmp_path: Path) -> None:
+    lines = ["force_N,angle_deg,mean,std"]
+    lines += [f"36,{5 * k},{0.1 * k:.2f},0.1" for k in range(72)]
+    path = tmp_path / "means.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    with pytest.raises(lb.InputError, match=r"Columns that look computed: 'mean' and 'std'\."):
+        lb.import_campaign(path)
+    layout = Layout(columns={"reading": "mean"}, reading_unit="um")
+    assert lb.import_campaign(path, layout=layout).campaign.tests[0].reading_um[1] == 0.1
+
+
+def test_the_step_for_a_stacked_frame_reads_it(tmp_path: Path) -> None:
+    loads = {"36 N": 1.0, "490 N": 2.0}
+    lines = ["Angle [deg],,0"]
+    lines += [f"{5 * k},{load},{n + 0.1 * k:.2f}" for k in range(72) for load, n in loads.items()]
+    path = tmp_path / "stacked.csv"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    with pytest.raises(lb.InputError, match=r"--test-column; if a line names .* --header-line"):
+        lb.import_campaign(path)
+    layout = Layout(header_line=1, columns={"reading": 3, "angle": 1, "test": 2}, reading_unit="um")
+    tests = lb.import_campaign(path, layout=layout).campaign.tests
+    assert [(test.force_N, test.reading_um[0]) for test in tests] == [(36.0, 1.0), (490.0, 2.0)]
+
+
+def test_a_table_that_was_printed_is_refused_with_the_step(tmp_path: Path) -> None:
+    lines = ["            36 N   490 N", "Angle [deg]"]
+    lines += [f"{5 * k:<11} {0.1 * k:6.2f} {0.2 * k:6.2f}" for k in range(72)]
+    path = tmp_path / "printed.txt"
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    with pytest.raises(lb.InputError, match="as to_string of pandas does: let it write CSV"):
+        lb.import_campaign(path)
