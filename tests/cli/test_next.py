@@ -16,14 +16,14 @@ GOAL = ("--goal", "C_XXX=40%")
 
 
 def test_a_goal_that_is_met_stops_the_campaign(folder: Path, invoke: Invoke) -> None:
-    stdout = invoke("next", folder, "--preset", "first", "--goal", "C_XXX=1mm/N")[1]
+    stdout = invoke("next", folder, "--preset", "first", "--goal", "C_XXX=0.1mm/N")[1]
     assert stdout.startswith("Stop: after 4 circles every aim is reached")
 
 
 def test_a_plan_after_the_last_circle_says_that_it_is_not_needed(
     folder: Path, tmp_path: Path, invoke: Invoke
 ) -> None:
-    options = ("--preset", "first", "--goal", "C_XXX=1mm/N", "--out", tmp_path / "next")
+    options = ("--preset", "first", "--goal", "C_XXX=0.1mm/N", "--out", tmp_path / "next")
     stdout = invoke("next", folder, *options)[1]
     assert "a plan of one more circle, if it is run all the same; sheet.html is" in stdout
     sheet = (tmp_path / "next" / "sheet.html").read_text(encoding="utf-8")
@@ -44,7 +44,7 @@ def test_the_next_circle_can_be_rehearsed(folder: Path, tmp_path: Path, invoke: 
 
 
 def test_goals_out_of_reach_are_named(folder: Path, invoke: Invoke) -> None:
-    goals = ("--goal", "C_XXX=1mm/N", "--goal", "E_C0YX=0.1urad")
+    goals = ("--goal", "C_XXX=0.1mm/N", "--goal", "E_C0YX=0.1urad")
     # Where lines are broken depends on the numbers in them.
     text = " ".join(invoke("next", folder, "--preset", "first", *goals)[1].split())
     remaining = r"E_C\(0Y\)X is out of reach, however many are run: U of [\d.]+ µrad would remain"

@@ -36,7 +36,7 @@ def test_circles_not_run_yet_are_left_out_and_it_is_said(
 ) -> None:
     options = {
         "fit": ("--sampler", "independent"),
-        "next": ("--goal", "C_XXX=1mm/N"),
+        "next": ("--goal", "C_XXX=0.1mm/N"),
         "design": ("--tests", 2, "--forces", "36,742"),
     }
     code, stdout, stderr = invoke(command, in_part, *options.get(command, ()))
@@ -134,7 +134,7 @@ def test_a_design_to_judge_that_does_not_exist_is_named(in_part: Path, invoke: I
 def test_goals_out_of_reach_exit_with_1(folder: Path, invoke: Invoke) -> None:
     options = ("next", folder, "--preset", "first", "--goal")
     assert invoke(*options, "E_C0YX=0.1urad")[0] == 1
-    assert invoke(*options, "C_XXX=1mm/N")[0] == 0
+    assert invoke(*options, "C_XXX=0.1mm/N")[0] == 0
 
 
 def test_check_states_what_the_model_beside_the_plan_assumes(in_part: Path, invoke: Invoke) -> None:

@@ -31,7 +31,7 @@ def step() -> NextCircle:
     return lb.analysis.next_circle(
         MODEL,
         campaign,
-        goals={"C_XXX": "1mm/N", "E_C0YX": "0.1urad", "C_YYY": "0.001 nm/N"},
+        goals={"C_XXX": "0.1mm/N", "E_C0YX": "0.1urad", "C_YYY": "0.001 nm/N"},
         tolerances={"C_XXX": "55 nm/N"},
     )
 

@@ -152,7 +152,7 @@ def test_summarize_prints_every_parameter(summary: pd.DataFrame, width: int) -> 
     for name, entry in summary.drop(index=slopes).iterrows():
         factor = display_unit(entry["unit"])[0] if entry["unit"] else 1.0
         sd, decimals = round_uncertainty(entry["sd"] * factor)
-        row = row_of(text, str(name))
+        row = row_of(text, display_name(str(name)))
         for column in ("mean", "ci_low", "ci_high"):
             assert typeset(round_like(entry[column] * factor, decimals)) in row
         assert sd in row
