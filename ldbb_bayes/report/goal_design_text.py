@@ -45,10 +45,10 @@ def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
 def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
-    For each goal, the table states the largest U that is allowed, the present U, the U to expect
-    after the cheapest campaign, and a limit for this U. The probability that U is at most this
-    limit is 90 %, given what is known so far. If a goal is not reached, the table says so, and
-    states the U that the campaign is expected to leave.
+    For each goal, the table states the largest U that is allowed, the present U (that of a fit of
+    the circles run so far), the U to expect after the cheapest campaign, and a limit for this U.
+    The probability that U is at most this limit is 90 %, given what is known so far. If a goal is
+    not reached, the table says so, and states the U that the campaign is expected to leave.
     """
     after = dict(result.unreached)
     if result.plans:
@@ -56,7 +56,7 @@ def _goals_table(result: GoalDesign) -> Table:
     rows = []
     for name, stated in result.goals.items():
         factor, unit = display_unit(stated.goal.unit)
-        sizes = [stated.U]
+        sizes = [stated.U if stated.U_of_fit is None else stated.U_of_fit]
         if name in after:
             sizes += [after[name].U, after[name].likely_U]
         limit, now, *forecast = digits_apart(stated.limit_U, sizes, factor)

@@ -217,6 +217,23 @@ def test_design_and_next_state_one_probability_that_a_goal_is_met(hardly_met):
     assert f"enough on {100.0 * stated.probability:.0f} % of" in " ".join(text_of(found).split())
 
 
+def test_a_goal_is_met_already_by_the_fit_that_next_stops_with():
+    """Hysteresis that only circles of the other direction can show does not count: between U of
+    the fit and U with it, `design` wanted circles where `next` said that the aim is reached."""
+    options = {"directions": ("CW", "CCW"), "forces_N": FORCES}
+    now = lb.analysis.next_circle(MODEL, PILOT, goals={"C_YYY": "30 %"}, **options).goals["C_YYY"]
+    limit = 0.5e6 * (now.U_of_fit + now.U)
+    options["goals"] = {"C_YYY": f"{limit:.3f} nm/N"}
+    found = lb.design(MODEL, PILOT, **options)
+    assert now.U_of_fit < now.U
+    assert lb.analysis.next_circle(MODEL, PILOT, **options).goals["C_YYY"].probability == 1.0
+    assert found.goals["C_YYY"].met_by_pilot
+    assert found.goals["C_YYY"].probability == 1.0
+    (row,) = re.findall(r"C_YYY +[\d.]+ +([\d.]+) +met already", text_of(found))
+    assert float(row) == pytest.approx(1e6 * now.U_of_fit, rel=0.01)
+    assert f"it is: C_YYY {1e6 * now.U:.1f} nm/N" in " ".join(text_of(found).split())
+
+
 def test_a_campaign_that_takes_too_long_is_not_offered():
     found = lb.design(
         MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, costs=Costs(hours=0.3)

@@ -51,9 +51,9 @@ SENTENCES = [
     "C_XXX: wanted is 10 % of 53.6 nm/N, the present estimate; U now is enough on 55 % of the"
     " machines that the pilot leaves likely.",
     "C_XXX: wanted is 10 % of 67 nm/N, the median of its size under the prior.",
-    "U now counts what the planned circles can show and the circles run so far cannot, such as"
-    " hysteresis if both directions are run; fit of the circles run so far alone states: C_XXX"
-    " 8.4 nm/N, E_C(0Y)X 76 µrad.",
+    "U now is that of fit of the circles run so far. If what only the possible circles can show"
+    " counts too, such as hysteresis if both directions are run, it is: C_XXX 9.3 nm/N, E_C(0Y)X"
+    " 75 µrad. The forecasts start from this.",
     "C_XXX: no number of circles brings U below 5.43 nm/N; 5.40 nm/N is wanted. Its prior holds it"
     " (64 % of what remains).",
     "With all certificates together it would be 4.0 nm/N, which is enough.",

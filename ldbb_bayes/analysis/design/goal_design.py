@@ -98,7 +98,7 @@ class StatedGoal(Result):
     #: prior if there are no readings.
     U: float
     #: whether the goal for the parameter's uncertainty is already met, with the probability that
-    #: the user asks for, before any further circle is run
+    #: the user asks for, by a fit of the circles run so far
     met_by_pilot: bool
     #: expanded uncertainty (k = 2) that a fit of the circles run so far states. It differs from
     #: ``U`` if the model includes effects that only the planned circles can show, such as
@@ -109,9 +109,9 @@ class StatedGoal(Result):
     #: linear compliance, as the sheets of a report state it. None if compliance is constant in the
     #: model, and if there are no readings.
     averaged_U: float | None = None
-    #: probability that ``U`` already meets the goal for the parameter's uncertainty. A goal in
-    #: percent is of the parameter's true value, which is not known exactly. None if there are no
-    #: readings.
+    #: probability that the expanded uncertainty which a fit of the circles run so far states
+    #: already meets the goal. A goal in percent is of the parameter's true value, which is not
+    #: known exactly. None if there are no readings.
     probability: float | None = None
 
 
@@ -389,12 +389,12 @@ def _stated_goals(
     ``pilot`` is the campaign or plan that the design starts from, as the user gave it. ``space``
     holds it with tests that may be run later. If the pilot has readings, the estimate and its
     uncertainty are the posterior mean and standard deviation given these readings. The goal counts
-    as met if the uncertainty meets it on the fraction ``probability`` of the machines that these
-    readings leave likely, as a campaign would have to. If the pilot is a plan without readings,
-    both come from the prior, and the goal does not count as met. The estimate is then the median of
-    the parameter's absolute value, because the mean may be zero. The result states the expanded
-    uncertainty U (k = 2) and the largest U that the goal allows, both in the unit of the parameter.
-    The result is a dict; its keys are the names of the goals' parameters.
+    as met if the uncertainty that a fit states meets it on the fraction ``probability`` of the
+    machines that these readings leave likely, as a campaign would have to. If the pilot is a plan
+    without readings, both come from the prior, and the goal does not count as met. The estimate is
+    then the median of the parameter's absolute value, because the mean may be zero. The result
+    states the expanded uncertainty U (k = 2) and the largest U that the goal allows, both in the
+    unit of the parameter. The result is a dict; its keys are the names of the goals' parameters.
     """
     bound = space.bound
     sds: dict[str, float] = {}
@@ -413,7 +413,8 @@ def _stated_goals(
         k = bound.names.index(name)
         probability_met = None
         if draws is not None:
-            probability_met = goal.probability_met(draws[:, k], float(sd[k]))
+            sd_of_fit = sds.get(name, float(sd[k]))
+            probability_met = goal.probability_met(draws[:, k], sd_of_fit)
         stated[name] = StatedGoal(
             goal,
             limit_U=float(goal.limit_U(value[k])),

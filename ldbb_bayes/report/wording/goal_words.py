@@ -113,14 +113,14 @@ def goal_notes(
 ) -> tuple[str, ...]:
     """Return sentences on the numbers of goals for uncertainties.
 
-    They state of which value a goal in percent is, how probable it is that U now meets it, the U
-    of a fit of the circles run so far where it differs from the U now, and U averaged over constant
-    and linear compliance. ``shares`` are the goals as fractions of the parameters, or None, and
-    ``units`` are the internal units of the parameters. ``averaged_then`` is the averaged U to
-    expect after the cheapest campaign, if it is known. The keys are the names of the parameters.
-    ``measured`` states whether there are readings. ``of_next`` states whether the goals are those
-    of the next circle, whose table shows the U of a fit as the U now, and the probability that U
-    now is enough; the sentences then state the other U alone.
+    They state of which value a goal in percent is, how probable it is that U now meets it, what U
+    is with all effects that the possible circles can show, and U averaged over constant and linear
+    compliance. The U now is that of a fit of the circles run so far. ``shares`` are the goals as
+    fractions of the parameters, or None, and ``units`` are the internal units of the parameters.
+    ``averaged_then`` is the averaged U to expect after the cheapest campaign, if it is known. The
+    keys are the names of the parameters. ``measured`` states whether there are readings.
+    ``of_next`` states whether the goals are those of the next circle, whose table shows the
+    probability that U now is enough.
     """
     percentages = []
     other_U = []
@@ -142,10 +142,8 @@ def goal_notes(
                 }
             )
         if goal.U_of_fit is not None:
-            of_fit_text = two_digits(goal.U_of_fit, factor)
-            planned_text = two_digits(goal.U, factor)
-            if of_fit_text != planned_text:
-                text = planned_text if of_next else of_fit_text
+            text = two_digits(goal.U, factor)
+            if text != two_digits(goal.U_of_fit, factor):
                 other_U.append(f"{display_name(name)} {text} {unit}")
         averaged = {"now": goal.averaged_U, "then": averaged_then.get(name)}
         for time, averaged_U in averaged.items():
@@ -153,7 +151,7 @@ def goal_notes(
                 text = f"{display_name(name)} {two_digits(averaged_U, factor)} {unit}"
                 averaged_texts[time].append(text)
     return _TEMPLATES.sentences(
-        "goal_notes", percentages, other_U, of_next, measured, *averaged_texts.values()
+        "goal_notes", percentages, other_U, measured, *averaged_texts.values()
     )
 
 
