@@ -13,6 +13,7 @@ from ldbb_bayes.inference.checks import TestChecks
 from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, State, _compliances_near_zero
 from ldbb_bayes.inference.posterior import draws_of, fit_of
 from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.report.message_translation import in_language
 from ldbb_bayes.report.wording import check_notes, concern_sentences, fit_verdict
 
 CHECKS = TestChecks(dict.fromkeys(range(13), 0.5), 0.2, 0.1, 0.3)
@@ -55,6 +56,15 @@ def test_a_usable_fit(fit: Fit) -> None:
         " noise of a); 2 of 3 parameters are sensitive to their prior (C_XXX, E_XX1)."
     )
     assert (fit.state, fit.kinds) == (State.USABLE, ())
+
+
+def test_of_a_single_sensitive_parameter_the_verdict_has_the_singular(fit: Fit) -> None:
+    others = {name: entry for name, entry in fit.sensitivity.items() if name != "E_XX1"}
+    verdict = fit_verdict(replace(fit, sensitivity=others))
+    assert verdict.endswith("; 1 of 2 parameters is sensitive to its prior (C_XXX).")
+    german = in_language(verdict, "de", ["a"])
+    assert german is not None
+    assert german.endswith("; 1 von 2 Parametern hängt von seinem Vorwissen ab (C_XXX).")
 
 
 def test_readings_against_non_negative_compliance_are_doubtful(fit: Fit) -> None:
