@@ -331,6 +331,19 @@ class EitherSpelling(dict[str, T]):
             raise KeyError(name)
         return self[key]
 
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is an entry of this name, in either spelling."""
+        if super().__contains__(name):
+            return True
+        return isinstance(name, str) and super().__contains__(inside_name(name))
+
+    def get(self, name: str, default: Any = None, /) -> Any:
+        """Return the entry of this name, in either spelling; ``default`` if there is none."""
+        try:
+            return self[name]
+        except KeyError:
+            return default
+
 
 ByParameter = Annotated[dict[str, T], AfterValidator(EitherSpelling)]
 """Type of a field for a dictionary of parameters, which finds them in either spelling."""

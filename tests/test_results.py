@@ -269,6 +269,10 @@ def test_parameters_are_found_as_they_are_printed(campaign: lb.Campaign) -> None
             result.parameters["E_C0XX"]
     results = ByName[int](E_C0YX=1)
     assert results["E_C(0Y)X"] == 1
+    assert (results.get("E_C(0Y)X"), results.get("E_C0YX")) == (1, 1)
+    assert (results.get("E_C(0X)X"), results.get("C_XXX", 2)) == (None, 2)
+    assert "E_C(0Y)X" in results
+    assert "E_C(0X)X" not in results
 
 
 def test_rows_of_tables_are_shown_as_parameters_are_printed() -> None:
