@@ -60,10 +60,11 @@ _LENGTH_IN_NAME = re.compile(
     r"(?:0\.\d+[ _]?m(?![^\W_])"
     r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)(?![^\W_])))"
 )
-# Regular expression for a radius in a name that also states its unit, such as "radius 10 cm".
+# Regular expression for a radius in a name that also states its unit, such as "radius 10 cm". In
+# "radius 75 in XY", "in" is no inch.
 _RADIUS_WITH_UNIT = re.compile(
     r"(?<![^\W_])(?:radius|rayon|raggio|promień|半径)[ _=:\-]{0,3}(?P<number>\d+(?:[.,]\d+)?)[ _]?"
-    r"(?P<unit>mm|cm|m|in|inch(?:es)?)(?![^\W_])",
+    r"(?P<unit>mm|cm|m|in(?![ _]+[^\W\d_])|inch(?:es)?)(?![^\W_])",
     re.IGNORECASE,
 )
 # Smallest and largest radius that a name may state in such a way [mm].

@@ -218,7 +218,13 @@ def test_units_without_names_and_numbers_of_columns_are_read(
 
 @pytest.mark.parametrize(
     ("name", "radius_mm"),
-    [("36 N radius 10 cm", 100.0), ("36 N_radius=3.937 in", 99.9998), ("36 N Rayon 0,1 m", 100.0)],
+    [
+        ("36 N radius 10 cm", 100.0),
+        ("36 N_radius=3.937 in", 99.9998),
+        ("36 N Rayon 0,1 m", 100.0),
+        ("radius 75 in XY, 36 N", 75.0),
+        ("36 N_radius_75_in_XY", 75.0),
+    ],
 )
 def test_a_radius_with_its_unit_is_taken_from_a_name(
     name: str, radius_mm: float, tmp_path: Path
