@@ -159,6 +159,12 @@ def test_customary_campaigns_run_both_directions_without_turning_the_balls(cheap
         assert {test.work_ball_deg for test in tests} == {0.0}
 
 
+def test_goals_are_found_as_they_are_printed(cheapest):
+    again = GoalDesign.from_dict(cheapest.as_dict())
+    for result in (cheapest, again):
+        assert result.goals["E_C(0Y)X"] is result.goals["E_C0YX"]
+
+
 def test_our_plan_beats_what_is_done_today(cheapest):
     for compared in cheapest.customary:
         ours = compared.ours.goals["E_C0YX"].U

@@ -57,6 +57,12 @@ def fitted(recovered: Campaign) -> dict[str, np.ndarray]:
     return dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
 
 
+def test_goals_are_found_as_they_are_printed(step: NextCircle) -> None:
+    again = NextCircle.from_dict(step.as_dict())
+    for result in (step, again):
+        assert result.goals["E_C(0Y)X"] is result.goals["E_C0YX"]
+
+
 # ---- the fit of the campaign with the circle
 
 

@@ -52,7 +52,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import InputError, check_probability, require
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.results import Array, Records, Result
+from ldbb_bayes.results import Array, ByParameter, EitherSpelling, Records, Result
 
 __all__ = [
     "CustomaryPlan",
@@ -212,7 +212,7 @@ class GoalDesign(Result):
     """
 
     #: goals for uncertainties; the keys are the names of the parameters
-    goals: dict[str, StatedGoal]
+    goals: ByParameter[StatedGoal]
     #: minimum share of the possible machines on which all goals for uncertainties are to be met
     probability: float
     #: machine time needed for each circle, each set-up and each turn of the balls in their sockets,
@@ -474,7 +474,7 @@ def _search_campaigns(
         if reachable:
             searched = _search_reachable(widest, sets, reachable, costs, probability, steps)
     return GoalDesign(
-        goals=known,
+        goals=EitherSpelling(known),
         probability=probability,
         costs=costs,
         plans=searched.plans,

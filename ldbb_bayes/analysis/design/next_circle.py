@@ -68,7 +68,7 @@ from ldbb_bayes.inference.sample import sample
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.results import Array, Records, Result
+from ldbb_bayes.results import Array, ByParameter, EitherSpelling, Records, Result
 
 __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 
@@ -161,7 +161,7 @@ class NextCircle(Result):
     confidence: float
     #: comparison of each goal with the uncertainty of the goal's parameter; the keys are the names
     #: of the parameters
-    goals: dict[str, GoalSoFar]
+    goals: ByParameter[GoalSoFar]
     #: probability that all goals for uncertainties are already met; 1 if there are none
     goals_probability: float
     #: state of the decision between constant and linear compliance; None if compliance is constant
@@ -171,7 +171,7 @@ class NextCircle(Result):
     model_is_aim: bool
     #: decisions whether quantities conform with their tolerances; the keys are the names of the
     #: quantities
-    tolerances: dict[str, ToleranceSoFar]
+    tolerances: ByParameter[ToleranceSoFar]
     #: whether every aim of the campaign (such as a goal for an uncertainty) is reached; the
     #: campaign may then stop
     finished: bool
@@ -340,11 +340,13 @@ def next_circle(
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
-        goals=_goals_so_far(of_goals, after, after_very_many, scattering),
+        goals=EitherSpelling(_goals_so_far(of_goals, after, after_very_many, scattering)),
         goals_probability=goals_probability,
         model=None if odds is None else odds.so_far(scattering, after_very_many),
         model_is_aim=model_is_aim,
-        tolerances=_tolerances_so_far(of_tolerances, after, after_very_many, scattering),
+        tolerances=EitherSpelling(
+            _tolerances_so_far(of_tolerances, after, after_very_many, scattering)
+        ),
         finished=finished,
         more_circles=to_go.number,
         other_kinds=_kinds_not_allowed(space),
