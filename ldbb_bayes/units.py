@@ -25,6 +25,7 @@ __all__ = [
     "display_unit",
     "inside_name",
     "interval_statement",
+    "is_compliance_or_slope",
     "is_direct",
     "is_skewed",
     "is_slope",
@@ -336,6 +337,15 @@ def is_direct(name: str) -> bool:
     is a stiffness.
     """
     return re.fullmatch(r"C_([XYZ])\1.", name) is not None
+
+
+def is_compliance_or_slope(name: str) -> bool:
+    """Return whether a parameter with this name is a compliance or a slope of one.
+
+    The names of compliances, such as C_XXX, and of their slopes, such as C_XXX_1, begin with C_.
+    Those of geometric errors, such as E_XX1, begin with E_.
+    """
+    return name.startswith("C_")
 
 
 def is_slope(name: str) -> bool:

@@ -18,6 +18,7 @@ from ldbb_bayes.machine.parameters import ComplianceName
 from ldbb_bayes.model.terms import JointLoad
 from ldbb_bayes.model.terms.joints import joint_load_names, secants_along_axis
 from ldbb_bayes.results import Array
+from ldbb_bayes.units import is_compliance_or_slope
 
 __all__ = ["SLOPE_NAME", "CampaignLikelihood", "campaign_likelihood"]
 
@@ -169,7 +170,7 @@ def _joint_load(name: str, force_N: float, row: Mapping[Any, Any]) -> dict[str, 
     is not a direct one. ``row`` is the row of the campaign in the table of a batch, and ``force_N``
     the other force [N].
     """
-    if not name.startswith("C_") or SLOPE_NAME.fullmatch(name) is not None:
+    if not is_compliance_or_slope(name) or SLOPE_NAME.fullmatch(name) is not None:
         return {}
     compliance = ComplianceName(*name.removeprefix("C_"))
     reference_N = float(row["reference_force_N"])

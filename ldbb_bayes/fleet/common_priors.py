@@ -21,6 +21,7 @@ from ldbb_bayes.model.parameter_kinds import geometric_unit
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.results import Array
+from ldbb_bayes.units import is_compliance_or_slope
 
 __all__ = [
     "NormalPriors",
@@ -144,7 +145,7 @@ def reference_sd(
     kind_by_unit = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
     reference = np.empty(len(names))
     for j, (name, unit) in enumerate(zip(names, units, strict=True)):
-        if name.startswith("C_"):
+        if is_compliance_or_slope(name):
             (default_sd,) = prior.compliance_sd([ComplianceName(*name[2:])])
         else:
             (default_sd,) = prior.geometric_sd([GeometricName("X", "X", kind_by_unit[unit])])

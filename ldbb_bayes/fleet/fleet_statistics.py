@@ -54,7 +54,7 @@ from ldbb_bayes.fleet.selection import Caveat, CaveatKind, labels, moment
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.terms import Position, Term
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import inside_name
+from ldbb_bayes.units import inside_name, is_compliance_or_slope
 
 __all__ = ["FleetStatistics", "fleet_statistics"]
 
@@ -310,7 +310,7 @@ def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> 
     rows of the table of a batch.
     """
     common_names = _common_parameters(rows)
-    compliances = [name for name in common_names if name.startswith("C_")]
+    compliances = [name for name in common_names if is_compliance_or_slope(name)]
     if parameters is None and not compliances:
         planes = "; ".join(sorted(set(rows["planes"])))
         raise InputError(

@@ -26,7 +26,7 @@ from ldbb_bayes.fleet.fleet_statistics import FleetStatistics
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.parameter_kinds import is_possible
-from ldbb_bayes.units import inside_name, is_direct, is_slope
+from ldbb_bayes.units import inside_name, is_compliance_or_slope, is_direct, is_slope
 
 __all__ = ["caveats_of_tolerances", "conformities_of_campaigns"]
 
@@ -81,7 +81,7 @@ def conformities_of_campaigns(
         is_stiffness = name.startswith(_STIFFNESS)
         decide = stiffness_conformity if is_stiffness else normal_conformity
         force_N = None
-        if statistics.parameters[j].startswith("C_"):
+        if is_compliance_or_slope(statistics.parameters[j]):
             force_N = statistics.reference_force_N
         decisions = {}
         for i, campaign in enumerate(campaigns):

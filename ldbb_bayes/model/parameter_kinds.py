@@ -14,7 +14,7 @@ import numpy as np
 
 from ldbb_bayes.errors import InputError, require, suggestion
 from ldbb_bayes.machine.parameters import ComplianceKind, ComplianceName, GeometricKind
-from ldbb_bayes.units import to_inside
+from ldbb_bayes.units import is_compliance_or_slope, to_inside
 
 __all__ = [
     "COMPLIANCE_KINDS",
@@ -140,7 +140,7 @@ def check_possible(words: str, parameters: Iterable[str]) -> None:
     """
     examples = list(EXAMPLES)
     for example in EXAMPLES:
-        if example.startswith("C_"):
+        if is_compliance_or_slope(example):
             examples += [f"{example}_1", f"{example}_2"]
     for parameter in parameters:
         require(

@@ -37,7 +37,13 @@ from ldbb_bayes.report.stated_circle import circle_phrase
 from ldbb_bayes.report.stiffness_numbers import principal_direction
 from ldbb_bayes.report.translation import Words, words_of
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import U_PROBABILITY, display_name, is_slope, needs_interval
+from ldbb_bayes.units import (
+    U_PROBABILITY,
+    display_name,
+    is_compliance_or_slope,
+    is_slope,
+    needs_interval,
+)
 
 __all__ = ["dsi_unit", "write_dcc"]
 
@@ -429,6 +435,6 @@ def _kind_of(name: str) -> str:
     """
     if is_slope(name):
         return "slope"
-    if name.startswith("C"):
+    if is_compliance_or_slope(name):
         return "compliance"
     return "geometric"

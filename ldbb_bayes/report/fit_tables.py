@@ -540,7 +540,7 @@ def _parameters_by_kind(result: Mapping[str, Any]) -> tuple[dict[str, Any], dict
         if units.is_slope(name):
             if not result.get("change_with_force"):
                 others[name] = entry
-        elif name.startswith("C"):
+        elif units.is_compliance_or_slope(name):
             compliances[name] = entry
         else:
             others[name] = entry

@@ -10,7 +10,14 @@ from ldbb_bayes.analysis.identification import Identifiability
 from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
-from ldbb_bayes.units import display_name, display_unit, is_slope, three_digits, two_digits
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    is_compliance_or_slope,
+    is_slope,
+    three_digits,
+    two_digits,
+)
 
 __all__ = ["certificates_table", "judged_quantities", "parts_of", "verdicts_table"]
 
@@ -32,7 +39,7 @@ def judged_quantities(
     for name, entry in result.parameters.items():
         if is_slope(name):
             continue
-        if name.startswith("C"):
+        if is_compliance_or_slope(name):
             compliances[display_name(name)] = entry
         else:
             others[display_name(name)] = entry

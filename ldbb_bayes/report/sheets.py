@@ -29,7 +29,14 @@ from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words, words_of
 from ldbb_bayes.report.wording import sum_in_words
 from ldbb_bayes.results import Table
-from ldbb_bayes.units import U_PROBABILITY, display_name, display_unit, state, two_digits
+from ldbb_bayes.units import (
+    U_PROBABILITY,
+    display_name,
+    display_unit,
+    is_compliance_or_slope,
+    state,
+    two_digits,
+)
 
 __all__ = ["sheet_line", "sheets", "signatures"]
 
@@ -189,7 +196,7 @@ def _quantities_of_second_sheet(numbers: SheetNumbers) -> list[StatedQuantity]:
     compliances = []
     others = []
     for name, quantity in numbers.parameters.items():
-        if name.startswith("C"):
+        if is_compliance_or_slope(name):
             compliances.append(quantity)
         else:
             others.append(quantity)
@@ -282,7 +289,7 @@ def _gum_sentence(numbers: SheetNumbers) -> str:
     for name, entry in validation.parameters.items():
         if name not in numbers.parameters:
             continue
-        is_compared = is_at_reference or not name.startswith("C_")
+        is_compared = is_at_reference or not is_compliance_or_slope(name)
         if entry.validated and entry.decided and is_compared:
             agreeing.append(display_name(name))
         else:

@@ -253,22 +253,29 @@ def test_odds_are_those_of_a_report_where_both_directions_may_be_run(recovered: 
     assert step.model.log_bayes_factor == pytest.approx(alone.model.log_bayes_factor, abs=1e-12)
 
 
-def test_an_aim_is_reached_by_the_decision_of_the_sheets() -> None:
-    forecast = Conformity(
+def undecided(
+    *, lower: float | None, upper: float | None, mean: float, sd: float, probability: float
+) -> Conformity:
+    """A normally distributed quantity that may or may not conform with its tolerance."""
+    return Conformity(
         unit="1",
         force_N=None,
-        lower=None,
-        upper=1.0,
-        value=0.0,
-        mean=0.0,
-        sd=0.8,
-        probability=0.89,
-        guard_band=1.31,
+        lower=lower,
+        upper=upper,
+        value=mean,
+        mean=mean,
+        sd=sd,
+        probability=probability,
+        guard_band=float(ndtri(0.95)) * sd,
         confidence=0.95,
         decision=Decision.NOT_DECIDED,
-        ci_low=-1.6,
-        ci_high=1.6,
+        ci_low=mean - 1.96 * sd,
+        ci_high=mean + 1.96 * sd,
     )
+
+
+def test_an_aim_is_reached_by_the_decision_of_the_sheets() -> None:
+    forecast = undecided(lower=None, upper=1.0, mean=0.0, sd=0.8, probability=0.89)
     signed = replace(forecast, sd=0.2, probability=1.0, decision=Decision.CONFORMS)
     aim = UncertaintyAim(np.array([1.0]), target=0.6, inflation=1.0, is_reached=False)
     state = ToleranceState(forecast, mean=0.0, sd=0.8, aim=aim).with_sheets(signed)
@@ -344,21 +351,7 @@ def test_the_probability_of_a_decision_on_a_tolerance_is_that_of_simulated_estim
     upper: float | None,
 ) -> None:
     """The next circle leaves u = 0.2 or 0.6, each as likely. 200 000 estimates after it."""
-    now = Conformity(
-        unit="1",
-        force_N=None,
-        lower=0.0,
-        upper=upper,
-        value=0.8,
-        mean=0.8,
-        sd=1.0,
-        probability=0.79,
-        guard_band=1.64,
-        confidence=0.95,
-        decision=Decision.NOT_DECIDED,
-        ci_low=-1.16,
-        ci_high=2.76,
-    )
+    now = undecided(lower=0.0, upper=upper, mean=0.8, sd=1.0, probability=0.79)
     aim = UncertaintyAim(np.array([1.0]), target=0.5, inflation=1.0, is_reached=False)
     left_u = np.array([0.2, 0.6])
     scattering = (left_u**2).reshape(2, 1, 1)

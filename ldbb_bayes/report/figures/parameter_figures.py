@@ -25,7 +25,14 @@ from ldbb_bayes.model.parameter_kinds import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, band, panels, styled
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_name, display_unit, inside_name, is_slope, plus_minus
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    inside_name,
+    is_compliance_or_slope,
+    is_slope,
+    plus_minus,
+)
 
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
@@ -130,7 +137,7 @@ def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_FigureRow]]:
             prior_draws = np.asarray(posterior["prior"][name]).ravel()
         unit = group[name].attrs["unit"]
         row = _FigureRow(display_name(name), unit, np.asarray(group[name]).ravel(), prior_draws)
-        panels_of_kind = compliances if name.startswith("C") else geometry
+        panels_of_kind = compliances if is_compliance_or_slope(name) else geometry
         label = f"value ({display_unit(unit)[1]})"
         panels_of_kind.setdefault(label, []).append(row)
     changes: dict[str, list[_FigureRow]] = {}

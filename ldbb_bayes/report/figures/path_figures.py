@@ -27,7 +27,7 @@ from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, PALETTE, band, panels, styled
 from ldbb_bayes.report.stated_circle import tests_of_stated_circle
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_name, round_like, round_uncertainty
+from ldbb_bayes.units import display_name, is_compliance_or_slope, round_like, round_uncertainty
 
 __all__ = ["circularity", "contributions", "parameter_contributions"]
 
@@ -220,7 +220,7 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
     for plane, paths in paths_by_plane.items():
         for name, path in paths.items():
             axes = next(panel)
-            _draw_path(axes, path, ACCENT if name.startswith("C_") else PALETTE[1])
+            _draw_path(axes, path, ACCENT if is_compliance_or_slope(name) else PALETTE[1])
             label = display_name(name)
             if len(planes) > 1:
                 label += f", {plane}"
