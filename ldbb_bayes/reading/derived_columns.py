@@ -132,18 +132,30 @@ def _no_circle(
         examples.setdefault(words, header)
     plain = examples.pop(fewest)
     no_circles = " and ".join(repr(header[:LONGEST_NAME]) for header in examples.values())
-    circles = []
-    for of_load in _headers_by_load(headers):
-        by_header = {header: derived_words(_name_of(header)) for header in of_load}
-        if set(of_load) <= set(words_of_load):
-            by_header = {header: words_of_load[header] for header in of_load}
-        fewest_of_load = min(by_header.values(), key=len)
-        circles += [header for header in of_load if by_header[header] == fewest_of_load]
     return InputError(
         f"{place}: each column of readings must be a circle of its own, got {no_circles} beside"
         f" {plain[:LONGEST_NAME]!r}. Name the columns that are circles, for example"
-        f" {_options(circles)}."
+        f" {_options(_probable_circles(headers, words_of_load))}."
     )
+
+
+def _probable_circles(
+    headers: Sequence[str], words_of_load: Mapping[str, frozenset[str]]
+) -> list[str]:
+    """Return, of each load, the headers with the fewest words that speak against a circle.
+
+    ``words_of_load`` holds these words for each header of one load. In headers of other loads, they
+    are the words for computed numbers. ``headers`` are the headers of all columns of readings.
+    """
+    circles = []
+    for headers_of_load in _headers_by_load(headers):
+        words_by_header = {}
+        for header in headers_of_load:
+            derived = derived_words(_name_of(header))
+            words_by_header[header] = words_of_load.get(header, derived)
+        fewest = min(words_by_header.values(), key=len)
+        circles += [header for header in headers_of_load if words_by_header[header] == fewest]
+    return circles
 
 
 def derived_words(name: str) -> frozenset[str]:
@@ -159,8 +171,8 @@ def without_derived_words(name: str) -> str:
 def without_remarks(header: str) -> str:
     """Return a header without remarks about the circle, such as ``36 N`` of ``36 N (2)``.
 
-    A remark is a number or a word in brackets, such as "(2)" or "(repeat)". A header
-    that states no load is returned unchanged.
+    A remark is a number or a word in brackets, such as "(2)" or "(repeat)". A header that states no
+    load is returned unchanged.
     """
     if load_in_name([header]) is None:
         return header
