@@ -512,9 +512,9 @@ def find_columns(
     InputError
         If a stated column does not exist, if several columns could have the same role, or if a
         table has a column that names tests, and several columns of readings that neither the user
-        states nor directions of travel tell from each other. For a table
-        without a header, the layout must state the column of readings and the column of angles or
-        times. If it states no column at all, the table must have exactly two columns.
+        states nor directions of travel distinguish. For a table without a header, the layout must
+        state the column of readings and the column of angles or times. If it states no column at
+        all, the table must have exactly two columns.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
