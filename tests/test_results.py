@@ -73,7 +73,8 @@ def public_terms() -> list[lb.terms.Term]:
 def batch_with_a_failure() -> lb.fleet.Batch:
     failure = {"campaign": "<b>", "reason": "none"}
     folder = Path("b")
-    return lb.fleet.Batch(folder, folder, 2, 1, 1, 0, 0, (failure,), (), 1, 2.0, resumed=False)
+    numbers = (2, 1, 1, 0, 0, (failure,), (), 1, 2.0)
+    return lb.fleet.Batch(folder, folder, folder, *numbers, resumed=False)
 
 
 @pytest.fixture(scope="module")

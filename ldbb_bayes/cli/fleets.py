@@ -64,7 +64,7 @@ def batch(
     as_json: Annotated[bool, arguments.JSON],
     quiet: Annotated[bool, arguments.QUIET],
 ) -> None:
-    """Fit many campaigns separately, and write a table (Parquet) with one row per campaign.
+    """Fit many campaigns separately, and write a table (CSV and Parquet) with one row per campaign.
 
     The Python function lb.fleet.read_batch reads the table. If a campaign cannot be fitted, its row
     states the reason. If the command is stopped, the same command with --resume continues the fits
@@ -140,7 +140,7 @@ def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
             f" {first_names(result.passed_over)}. Make campaigns of tables with ldbb-bayes"
             " import; name tidy CSVs and folders of folders themselves."
         )
-    return (table, *remarks, ending, f"Written: {result.dataset}")
+    return (table, *remarks, ending, f"Written: {result.dataset}, {result.spreadsheet}")
 
 
 @command

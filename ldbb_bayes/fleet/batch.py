@@ -26,7 +26,14 @@ from ldbb_bayes.fleet.campaign_row import (
     failed_row,
     fit_row,
 )
-from ldbb_bayes.fleet.dataset import DATASET, check_pyarrow, read_batch, write_dataset
+from ldbb_bayes.fleet.dataset import (
+    DATASET,
+    SPREADSHEET,
+    check_pyarrow,
+    read_batch,
+    write_dataset,
+    write_spreadsheet,
+)
 from ldbb_bayes.fleet.gathering import find_passed_over, gather
 from ldbb_bayes.fleet.journal import batch_identity, begin_batch, open_journal, save_row
 from ldbb_bayes.inference.fit import State
@@ -66,6 +73,7 @@ class Batch(Result):
     out: Path  #: folder of the batch, which holds its table and its journal (database of the rows)
     #: Parquet file with the batch's table, one row per campaign, in the folder of the batch
     dataset: Path
+    spreadsheet: Path  #: the same table as CSV, without the sufficient statistics
     campaigns: int  #: number of all campaigns of the batch
     done: int  #: number of campaigns fitted successfully, in this run or an earlier one
     failures: int  #: number of campaigns that could not be fitted
@@ -222,11 +230,13 @@ def run_batch(
         seconds = time.perf_counter() - start
         metadata = {"campaigns": len(jobs), "model": settings.model_toml}
         write_dataset(partial(_saved_rows, journal), folder / DATASET, metadata)
+        write_spreadsheet(folder / DATASET, folder / SPREADSHEET)
         counts = _count_by_state(journal)
         failures = counts.get("failed", 0)
         return Batch(
             out=folder,
             dataset=folder / DATASET,
+            spreadsheet=folder / SPREADSHEET,
             campaigns=len(jobs),
             done=len(jobs) - failures,
             failures=failures,

@@ -1,4 +1,7 @@
-"""Writing and reading the table of a batch: a Parquet file with a row for every campaign."""
+"""Writing and reading the table of a batch: a Parquet file with a row for every campaign.
+
+A CSV file beside it has the same rows for programs that do not read Parquet, such as spreadsheets.
+"""
 
 from __future__ import annotations
 
@@ -26,20 +29,25 @@ __all__ = [
     "PARAMETER_COLUMNS",
     "PART",
     "READINGS_DIGESTS",
+    "SPREADSHEET",
+    "SPREADSHEET_PART",
     "STATISTICS_TYPES",
     "STIFFNESS_NAME",
     "check_pyarrow",
     "read_batch",
     "read_fleet",
     "write_dataset",
+    "write_spreadsheet",
 ]
 
 # Names of files in the folder of a batch. ``JOURNAL`` names the journal, a database of the rows
 # computed so far. ``DATASET`` names the finished table, and ``PART`` names the table while it is
-# being written.
+# being written. ``SPREADSHEET`` and ``SPREADSHEET_PART`` name the same of the table as CSV.
 JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
+SPREADSHEET = "campaigns.csv"
+SPREADSHEET_PART = f".{SPREADSHEET}.part"
 # ``_SCHEMA`` is the version of the layout of a batch's table. The metadata of the Parquet file hold
 # this version under the key ``_METADATA_KEY``.
 _SCHEMA = 4
@@ -127,13 +135,57 @@ def write_dataset(
                 writer.write_table(pa.Table.from_pylist(group, schema=schema))
         os.replace(unfinished, target)
     except (OSError, pa.ArrowException) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"{target} must be writable, got: {reason}. The rows are kept: free some space, then"
-            " --resume."
-        ) from None
+        raise _not_writable(target, error) from None
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def write_spreadsheet(dataset: Path, target: Path) -> None:
+    """Write the table of a batch as CSV, completely or not at all.
+
+    The columns are those of `read_batch`, except the sufficient statistics. Where a column holds
+    several texts, such as warnings, they are joined by "; ".
+
+    Parameters
+    ----------
+    dataset : Parquet file with the table, see `write_dataset`.
+    target : CSV file to write, in UTF-8.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    import pyarrow.parquet as pq  # The library pyarrow need not be installed.
+
+    lists = [name for name, kind in COLUMN_TYPES.items() if kind == "list<string>"]
+    unfinished = target.with_name(SPREADSHEET_PART)
+    try:
+        with (
+            pq.ParquetFile(dataset) as file,
+            unfinished.open("w", encoding="utf-8", newline="") as stream,
+        ):
+            names = [name for name in file.schema_arrow.names if name not in STATISTICS_TYPES]
+            for group in range(file.num_row_groups):
+                table = file.read_row_group(group, names)
+                # A whole number stays one where other rows have none ("6", not "6.0").
+                rows = table.to_pandas(integer_object_nulls=True)
+                rows[lists] = rows[lists].map("; ".join, na_action="ignore")
+                rows.to_csv(stream, index=False, header=group == 0, lineterminator="\n")
+        os.replace(unfinished, target)
+    except OSError as error:
+        raise _not_writable(target, error) from None
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _not_writable(target: Path, error: Exception) -> InputError:
+    """Return the error that a table of a batch cannot be written to the file ``target``."""
+    reason = " ".join(str(error).split())
+    return InputError(
+        f"{target} must be writable, got: {reason}. The rows are kept: free some space, then"
+        " --resume."
+    )
 
 
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:

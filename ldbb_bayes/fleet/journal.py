@@ -20,7 +20,13 @@ from pydantic_core import to_jsonable_python
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.fleet.campaign_row import Job, Settings
-from ldbb_bayes.fleet.dataset import DATASET, JOURNAL, PART
+from ldbb_bayes.fleet.dataset import (
+    DATASET,
+    JOURNAL,
+    PART,
+    SPREADSHEET,
+    SPREADSHEET_PART,
+)
 from ldbb_bayes.model.specification import model_sha256
 from ldbb_bayes.parallel import versions
 
@@ -30,7 +36,7 @@ __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 _LIST = "campaigns.txt"
 # Names of all files that the folder of a batch may hold: the journal (an SQLite database of the
 # rows), SQLite's temporary files for this database, the list of campaigns, and the finished and the
-# unfinished table.
+# unfinished table, as Parquet and as CSV.
 _BATCH_FILES = (
     JOURNAL,
     f"{JOURNAL}-wal",
@@ -39,6 +45,8 @@ _BATCH_FILES = (
     _LIST,
     DATASET,
     PART,
+    SPREADSHEET,
+    SPREADSHEET_PART,
 )
 # SQL statements that make the two tables of a journal. ``batch`` has one row, the identity of the
 # batch as JSON. ``campaigns`` has a row for each campaign: its number, its path as the user wrote
@@ -204,7 +212,8 @@ def begin_batch(
         _check_same_identity(out, json.loads(saved[0]), json.loads(record))
         _check_same_campaigns(journal, out, jobs)
         return True
-    (out / DATASET).unlink(missing_ok=True)
+    for name in (DATASET, SPREADSHEET):
+        (out / name).unlink(missing_ok=True)
     lines = [f"{job.absolute_path}\n" for job in jobs]
     write_whole(out / _LIST, "".join(lines).encode())
     with journal:

@@ -97,10 +97,12 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
         "a second",
     ):
         assert words in " ".join(ended.stdout.split())
-    assert f"Written: {out}/campaigns.parquet" in ended.stdout.replace("\n", "")
+    written = f"Written: {out}/campaigns.parquet, {out}/campaigns.csv"
+    assert written.replace(" ", "") in "".join(ended.stdout.split())
     assert lb.fleet.read_batch(out)["status"].tolist() == ["done"] * 7 + ["failed"]
     assert sorted(path.name for path in out.iterdir()) == [
         "batch.sqlite",
+        "campaigns.csv",
         "campaigns.parquet",
         "campaigns.txt",
     ]
@@ -109,7 +111,12 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
 def test_what_a_batch_passes_over_is_named_with_a_cure() -> None:
     paths = tuple(f"shop/{k}.xlsx" for k in range(7))
     result = lb.fleet.Batch(
-        Path("out"), Path("out"), 1, 1, 0, 0, 0, (), (), 1, 2.0, resumed=False, passed_over=paths
+        Path("out"),
+        Path("out"),
+        Path("out"),
+        *(1, 1, 0, 0, 0, (), (), 1, 2.0),
+        resumed=False,
+        passed_over=paths,
     )
     expected = (
         "Passed over, for no campaign.toml is in them (7): shop/0.xlsx, shop/1.xlsx, shop/2.xlsx,"

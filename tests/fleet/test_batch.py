@@ -3,6 +3,7 @@ table is the same."""
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import shutil
@@ -508,6 +509,22 @@ def test_killed_and_resumed(
     again = lb.fleet.run_batch(paths, "out", resume=True)
     assert sorted([*calls, *map(int, Path("calls").read_text().split())]) == list(range(20))
     assert dataset_bytes(lb.fleet.run_batch(paths, "whole").out) == dataset_bytes(again.out)
+
+
+def test_the_table_is_a_csv_too_for_spreadsheets(folders: list[str], tmp_path: Path) -> None:
+    paths = [folders[0], f"{tmp_path}/none"]
+    batch = lb.fleet.run_batch(paths, tmp_path / "b", **OPTIONS)
+    with batch.spreadsheet.open(encoding="utf-8", newline="") as stream:
+        lines = list(csv.DictReader(stream))
+    assert [line["campaign"] for line in lines] == paths
+    assert [line["status"] for line in lines] == ["done", "failed"]
+    assert not [name for name in lines[0] if name.startswith("gaussian_")]
+    done, failed = batch.rows().to_dict("records")
+    assert lines[0]["tests"] == "3"
+    assert float(lines[0]["C_XXX.mean"]) == done["C_XXX.mean"]
+    assert lines[0]["kinds"] == "; ".join(done["kinds"])
+    assert lines[1]["reason"] == failed["reason"]
+    assert lines[1]["tests"] == lines[1]["C_XXX.mean"] == lines[1]["kinds"] == ""
 
 
 def test_several_batches_and_columns(
