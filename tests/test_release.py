@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import ldbb_bayes as lb
+from ldbb_bayes.deprecation import NEW_NAMES
 from ldbb_bayes.inference.sample import sampler_named
 
 STATED = ("ldbb_bayes/__init__.py", "CITATION.cff", "CHANGELOG.md")
@@ -24,6 +25,43 @@ def test_package_citation_and_changelog_have_one_version(root: Path) -> None:
     newest, day = re.findall(r"^## (\S+) \((.*?)\)$", stated(root), re.M)[0]
     assert re.findall(r"^version: (.*)$", stated(root), re.M) == [lb.__version__]
     assert (newest == lb.__version__) != (day == "unreleased")
+
+
+def newest_section(root: Path) -> str:
+    """What CHANGELOG.md says of the newest version."""
+    return (root / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
+
+
+def test_the_newest_version_can_be_read_in_ten_minutes(root: Path) -> None:
+    lines = newest_section(root).splitlines()
+    assert len(lines) <= 250
+    assert [line for line in lines if len(line) > 300] == []
+
+
+def test_links_of_the_newest_version_lead_to_files_and_headings(root: Path) -> None:
+    section = newest_section(root)
+    links = re.findall(r"\]\(([^)#]*)(?:#([^)]*))?\)", section)
+    assert len(links) > 5
+    for place, heading in links:
+        target = root / place if place else root / "CHANGELOG.md"
+        assert target.exists(), place
+        if heading:
+            titles = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.M)
+            anchors = [re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]
+            assert heading in anchors, heading
+
+
+def test_the_changelog_says_where_every_name_of_0_2_has_gone(root: Path) -> None:
+    changelog = (root / "CHANGELOG.md").read_text(encoding="utf-8")
+    section = changelog.split("\n## 0.3.0")[1].split("\n## ")[0]
+    stated: dict[str, str] = {}
+    for old, new in re.findall(r"^\| (`lb\..*?) \| (`lb\..*?) \|$", section, re.M):
+        olds, news = (re.findall(r"`(?:lb\.)?([\w.]+)`", side) for side in (old, new))
+        if old.startswith("`lb.` with"):
+            olds = olds[1:]
+            news = [news[0] + name for name in olds]
+        stated |= dict(zip(olds, news, strict=True))
+    assert stated == NEW_NAMES
 
 
 def run(tree: Path, *command: object) -> subprocess.CompletedProcess[str]:
