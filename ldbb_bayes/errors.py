@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from difflib import SequenceMatcher
 from typing import NamedTuple, SupportsIndex
@@ -16,7 +15,6 @@ __all__ = [
     "nearest",
     "placed",
     "plain_reason",
-    "renamed",
     "require",
     "require_whole",
     "suggestion",
@@ -207,42 +205,6 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     if SequenceMatcher(None, similar, stated).ratio() < _LEAST_SIMILARITY:
         return ""
     return f" Did you mean {candidate!r}?"
-
-
-def renamed(
-    kind: str, name: str, new_names: Mapping[str, str], *, refused_from: str, stacklevel: int = 3
-) -> str:
-    """Return the current name for a name that may be old; an old name gives a FutureWarning.
-
-    Parameters
-    ----------
-    kind
-        Words for what the name denotes, such as "the method"; they are used in the warning.
-    name
-        Old or current name.
-    new_names
-        Dictionary whose keys are old names and whose values are the current names.
-    refused_from
-        First version of the program that refuses the old name.
-    stacklevel
-        Line of code that the warning shows, as in `warnings.warn`. With 2, it is the line that
-        calls this function; with 3, it is the line that calls the caller of this function.
-
-    Returns
-    -------
-    str
-        The current name.
-    """
-    if name not in new_names:
-        return name
-    new_name = new_names[name]
-    warnings.warn(
-        f"{kind} {name!r} is called {new_name!r} now. Write {new_name!r}; {refused_from} refuses"
-        " the old name.",
-        FutureWarning,
-        stacklevel=stacklevel,
-    )
-    return new_name
 
 
 def plain_reason(error: BaseException) -> str | None:

@@ -12,7 +12,6 @@ import pytest
 
 import ldbb_bayes as lb
 from ldbb_bayes.deprecation import NEW_NAMES
-from ldbb_bayes.inference.sample import sampler_named
 
 STATED = ("ldbb_bayes/__init__.py", "CITATION.cff", "CHANGELOG.md")
 
@@ -120,24 +119,7 @@ def test_a_release_that_fails_changes_nothing(
     ],
     ids=["sample", "calibrate", "run_batch"],
 )
-def test_the_warning_of_an_earlier_name_shows_the_line_of_the_user(call: Any) -> None:
-    with (
-        pytest.warns(FutureWarning, match="'quadrature' is called") as warned,
-        pytest.raises(lb.InputError),
-    ):
+def test_names_that_were_to_go_with_this_version_are_gone(call: Any) -> None:
+    with pytest.raises(lb.InputError, match=r"sampler must be .*got 'quadrature'"):
         call()
-    code = call.__code__
-    assert (warned[0].filename, warned[0].lineno) == (code.co_filename, code.co_firstlineno)
-
-
-def test_an_earlier_name_is_answered_with_a_warning() -> None:
-    with pytest.warns(
-        FutureWarning,
-        match=r"'quadrature' is called 'independent' now. Write 'independent'; 0.3.0 refuses",
-    ):
-        assert sampler_named("quadrature") == "independent"
-    assert sampler_named("joint") == "joint"
-    model = lb.HybridModel.default()
-    drift = lb.terms.Drift("temperature")
-    with pytest.warns(FutureWarning, match="the method 'including' is called 'with_term' now"):
-        assert model.including(drift) == model.with_term(drift)
+    assert not hasattr(lb.HybridModel, "including")

@@ -24,7 +24,7 @@ from ldbb_bayes.analysis.rank_uniformity import ecdf, simultaneous_band
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError, check_probability, check_seed, require, require_whole
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.sample import draw, sampler_named
+from ldbb_bayes.inference.sample import check_sampler, draw
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.hyper_prior import HyperPrior
 from ldbb_bayes.parallel import Lost, done
@@ -284,7 +284,7 @@ def calibrate(
     >>> validation.calibrated, validation.outside
     (True, ())
     """
-    sampler = sampler_named(sampler, stacklevel=4)
+    check_sampler(sampler)
     require_model(model)
     if generator is None:
         generator = model

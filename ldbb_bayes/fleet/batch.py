@@ -37,7 +37,7 @@ from ldbb_bayes.fleet.dataset import (
 from ldbb_bayes.fleet.gathering import find_passed_over, gather
 from ldbb_bayes.fleet.journal import batch_identity, begin_batch, open_journal, save_row
 from ldbb_bayes.inference.fit import State
-from ldbb_bayes.inference.sample import sampler_named
+from ldbb_bayes.inference.sample import check_sampler
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.parallel import Lost, done
@@ -206,9 +206,10 @@ def run_batch(
     """
     check_pyarrow()
     _check_restart(resume=resume, retry=retry, force=force)
+    check_sampler(sampler)
     settings = Settings(
         model_toml=_canonical_toml(model or HybridModel.default()),
-        sampler=sampler_named(sampler),
+        sampler=sampler,
         seed=_checked_seed(seed),
         ess=_checked_ess(ess),
         prob=_checked_probability(prob),

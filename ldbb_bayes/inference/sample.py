@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
-from ldbb_bayes.errors import check_known, check_seed, renamed, require
+from ldbb_bayes.errors import check_known, check_seed, require
 from ldbb_bayes.inference.coefficients import ModelDraws, pool_draws
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
@@ -35,11 +35,11 @@ __all__ = [
     "FittedModel",
     "IndependentDraws",
     "SampledDraws",
+    "check_sampler",
     "draw",
     "fit_model",
     "run_sampler",
     "sample",
-    "sampler_named",
 ]
 
 # Independent draws are divided into this number of chains. If emcee is used, it runs at least this
@@ -163,7 +163,7 @@ def sample(
     >>> round(float(compliance.mean()) * 1e6)  # nm/N
     43
     """
-    sampler = sampler_named(sampler)
+    check_sampler(sampler)
     require_model(model)
     check_seed(seed)
     require_campaign(campaign)
@@ -185,27 +185,13 @@ def sample(
     return fitted.tree()
 
 
-def sampler_named(name: str, *, stacklevel: int = 5) -> str:
-    """Return the present name of a sampler, "joint" or "independent".
-
-    ``name`` is the present name or a former name, for which a FutureWarning is given.
-    ``stacklevel`` states which line of code the warning names (see `renamed`): 5 if the public
-    function that calls `sampler_named` has a decorator, 4 if it has none. Raise an `InputError` for
-    an unknown name.
-    """
+def check_sampler(name: str) -> None:
+    """Raise an `InputError` unless ``name`` is that of a sampler, "joint" or "independent"."""
     require(
         name != "emcee",
         "sampler must be joint or independent, got 'emcee'. emcee draws in sampler='joint'.",
     )
-    sampler = renamed(
-        "sampler",
-        name,
-        {"quadrature": "independent"},
-        refused_from="0.3.0",
-        stacklevel=stacklevel,
-    )
-    check_known("sampler", [sampler], ("joint", "independent"))
-    return sampler
+    check_known("sampler", [name], ("joint", "independent"))
 
 
 class FittedModel(NamedTuple):

@@ -28,7 +28,7 @@ from ldbb_bayes.campaign.campaign import (
     distinct_forces,
     require_campaign,
 )
-from ldbb_bayes.errors import InputError, check_known, check_seed, renamed, require, suggestion
+from ldbb_bayes.errors import InputError, check_known, check_seed, require, suggestion
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
@@ -385,14 +385,6 @@ class HybridModel(Result):
         order = [*Term.kinds.values(), *term_by_kind]
         kinds = sorted(term_by_kind, key=order.index)
         return replace(self, nuisances=tuple(term_by_kind[kind] for kind in kinds))
-
-    def including(self, *terms: Term) -> HybridModel:
-        """Return the same model with further nuisance terms, as the method `with_term` does.
-
-        Issue a warning that ``including`` is the old name of the method.
-        """
-        renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
-        return self.with_term(*terms)
 
     def without(self, *names: str) -> HybridModel:
         """Return the same model without the named effects.
