@@ -319,7 +319,8 @@ class _TextLayout:
         for column in self._columns:
             words = _with_no_break_spaces(self._heads[column]).split(" ")
             line_width = max(least_width, self._width_with(column, words))
-            self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
+            # A heading without text, such as that of the rows' names, is one empty line.
+            self._head_lines[column] = textwrap.wrap(" ".join(words), line_width) or [""]
 
     def _lines_of_heads(self) -> list[str]:
         """Return lines of text with the headings of all columns that stand side by side.

@@ -338,6 +338,16 @@ def test_a_printed_number_is_in_the_unit_beside_it(
     assert "nm/N" in str(table.loc[["C_XXX"], ["mean", "unit"]])
 
 
+def test_a_wide_table_without_rows_shows_its_heads() -> None:
+    """A selection of rows may be empty; the heading of the rows' names has no text."""
+    columns = {f"column_{k}": [1.0] for k in range(20)}
+    frame = readable(pd.DataFrame(columns, index=["a"]), "Numbers")
+    empty = frame[frame["column_0"] > 2.0]
+    for text in (str(empty), empty.details()):
+        assert text.startswith("Numbers\n")
+        assert "column_0" in text
+
+
 def test_a_long_table_shows_its_ends() -> None:
     text = str(readable(pd.DataFrame({"n": np.arange(500)}), "Numbers")).splitlines()
     assert text[0] == "Numbers, 500 rows"
