@@ -130,6 +130,7 @@ def judge_certificate(
     stated: Collection[str],
     *,
     comparison: Comparison | None = None,
+    averaged: bool = True,
 ) -> Judgement:
     """Return whether the values on a test certificate can be used, with reasons against their use.
 
@@ -142,7 +143,8 @@ def judge_certificate(
     - a parameter on the certificate depends on the prior;
     - the standard deviation of the noise or of another effect is larger than its prior suggests;
     - the tests have too few different forces for the degree of the model;
-    - the evidences of the compared models are not precise enough;
+    - the values are averages over models, and the evidences of the compared models are not precise
+      enough for their weights;
     - the result of the comparison depends on assumptions.
 
     Parameters
@@ -156,11 +158,14 @@ def judge_certificate(
         Names of the parameters on the certificate.
     comparison : Comparison, optional
         Comparison of models, if the certificate states its result.
+    averaged : bool
+        Whether the values are averages over the compared models. Values of one model alone do not
+        depend on the weights of the models.
     """
     grave = _grave_reasons(fit)
     reservations = _reservations(fit, verdicts, stated)
     if comparison is not None:
-        reservations += _reservations_of_comparison(comparison)
+        reservations += _reservations_of_comparison(comparison, averaged=averaged)
     use = Use.CAN_BE_USED
     if reservations:
         use = Use.WITH_RESERVATION
@@ -223,10 +228,13 @@ def _reservations(
     return reasons
 
 
-def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return the reasons, found by comparing models, to use a certificate with caution."""
+def _reservations_of_comparison(comparison: Comparison, *, averaged: bool) -> list[Reason]:
+    """Return the reasons, found by comparing models, to use a certificate with caution.
+
+    ``averaged`` states whether the values on the certificate are averages over the models.
+    """
     reasons = []
-    if not comparison.within_tolerance:
+    if averaged and not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))
     if comparison.sign == Sign.OPEN:
         reasons.append(Reason(ReasonKind.OPEN_SIGN))

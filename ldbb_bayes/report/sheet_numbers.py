@@ -110,6 +110,7 @@ class SheetNumbers:
             self.verdicts,
             self.parameters,
             comparison=comparison,
+            averaged=bool(self.findings.probabilities),
         )
 
     @property

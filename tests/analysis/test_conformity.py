@@ -425,6 +425,16 @@ def test_may_the_numbers_be_used(posterior: Any) -> None:
     assert [reason.kind for reason in state.reasons] == [ReasonKind.OPEN_SIGN]
 
 
+def test_rough_weights_of_models_do_not_touch_the_numbers_of_one_model(posterior: Any) -> None:
+    fit = replace(fit_of(posterior), concerns=(), sensitivity={})
+    rough: Any = SimpleNamespace(within_tolerance=False, sign="the same")
+    reasons = {
+        averaged: judge_certificate(fit, {}, (), comparison=rough, averaged=averaged).reasons
+        for averaged in (True, False)
+    }
+    assert reasons == {True: (Reason(ReasonKind.ROUGH_EVIDENCE),), False: ()}
+
+
 # ---- stiffness by direction
 
 

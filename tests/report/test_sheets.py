@@ -16,6 +16,7 @@ from reports import NOT_COMPARED, awkward, fitted, plan_of_three_planes, undrawn
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.stated_quantities import AxialDirection
+from ldbb_bayes.analysis.usability import ReasonKind
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.inference.fit import ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, fit_of
@@ -375,6 +376,18 @@ def test_an_uncertain_change_with_force_is_stated_with_its_probability(
     monkeypatch.setattr(Findings, "probability_of_change", 0.6)
     numbers = SheetNumbers(varying, words_of(language), 36.0)
     assert sentence in [text.replace("\u00a0", " ") for text in undetermined_texts(numbers)]
+
+
+def test_numbers_of_one_model_are_not_reserved_for_the_weights_of_models(
+    varying: Findings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    comparison: Any = SimpleNamespace(within_tolerance=False, sign="the same")
+    compared = replace(varying, comparison=comparison)
+    for probabilities in ({}, {"constant": 0.4, "linear": 0.6}):
+        monkeypatch.setattr(Findings, "probabilities", probabilities)
+        reasons = SheetNumbers(compared, words_of("en"), 36.0).judgement.reasons
+        kinds = [reason.kind for reason in reasons]
+        assert (ReasonKind.ROUGH_EVIDENCE in kinds) == bool(probabilities)
 
 
 @pytest.mark.slow
