@@ -249,6 +249,83 @@ def test_one_number_is_the_sd_and_mean_of_all_columns() -> None:
     np.testing.assert_array_equal(columns.mean, [1.0, 1.0])
 
 
+def test_sds_may_be_a_list_or_one_number_of_any_kind() -> None:
+    values = np.zeros((4, 25, 2))
+    for sd in ([2e-3, 2e-3], np.float32(2e-3), np.array(2e-3)):
+        np.testing.assert_allclose(lb.terms.Columns(("a", "b"), values, sd).sd, [2e-3] * 2)
+    np.testing.assert_array_equal(lb.terms.BasisNoise("ripple", 2).sd, np.full(25, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("message", "names", "values", "sd", "mean"),
+    [
+        ("must be a list of different names, got 'ab'", "ab", np.zeros((4, 25, 2)), 1.0, None),
+        ("must be a list of different names", ("a", "a"), np.zeros((4, 25, 2)), 1.0, None),
+        ("must have a mean of shape", ("a",), np.zeros((4, 25, 1)), 1.0, [1.0, 2.0]),
+        ("must be numbers, got some that are not", ("a",), np.full((4, 25, 1), np.nan), 1.0, None),
+        ("must be numbers, got some that are not", ("a",), np.zeros((4, 25, 1)), np.nan, None),
+    ],
+)
+def test_columns_that_would_end_in_a_traceback_later_are_refused(
+    message: str, names: Any, values: Any, sd: Any, mean: Any
+) -> None:
+    refuses(message, lb.terms.Columns, names, values, sd, mean=mean)
+
+
+@pytest.mark.parametrize("sd", [np.ones(3), -1.0])
+def test_noise_with_other_sds_is_refused(sd: Any) -> None:
+    refuses(r"noise must have an sd of shape \(25,\)", lb.terms.BasisNoise, "ripple", sd)
+
+
+@dataclass(frozen=True)
+class Slip(lb.terms.Term):
+    """A term with a slip that its author may make."""
+
+    kind: str = "scale"
+
+    @property
+    def scales(self) -> tuple[lb.terms.Scale, ...]:
+        return (lb.terms.Scale("slip", -1.0),) if self.kind == "negative" else ()
+
+    def columns(self, setting: Setting) -> Any:
+        shape = setting.harmonics([0 if self.kind == "constant" else 5])[:, :, :1]
+        block = lb.terms.Columns(("slip",), shape, 1e-3)
+        made = {
+            "scale": (lb.terms.Columns(("slip",), shape, 1.0, "no_such"),),
+            "noise": (lb.terms.BasisNoise("no_such", 1.0),),
+            "comma": block,
+            "tests": (lb.terms.Columns(("slip",), shape[:1], 1e-3),),
+            "twice": (block, block),
+        }
+        return made.get(self.kind, (block,))
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("scale", "the sd of columns of Slip must be counted in a scale.* got 'no_such'"),
+        ("noise", "the sd of columns of Slip must be counted in a scale.* got 'no_such'"),
+        ("comma", "columns of Slip must return a tuple of Columns, got Columns.* put a comma"),
+        ("tests", r"columns of Slip must have values of shape \(4, 25, 1\), got \(1, 25, 1\)"),
+        ("twice", "coefficients of Slip must have different names, got slip twice"),
+        ("constant", "orders of harmonics must be whole numbers from 1 to 12, got 0.*constant"),
+        ("negative", "the prior of the scale 'slip' must be a positive number of µm, got -1"),
+    ],
+)
+def test_a_slip_in_a_term_is_told(kind: str, message: str, campaign: lb.Campaign) -> None:
+    def fit() -> object:
+        return lb.HybridModel.default(0).with_term(Slip(kind)).bind(campaign)
+
+    refuses(message, fit)
+
+
+@pytest.mark.parametrize("order", [0, 13, 2.5])
+def test_harmonics_are_of_the_orders_1_to_12(order: float, campaign: lb.Campaign) -> None:
+    """Order 0 gave sin 12θ in the place of the constant."""
+    setting = MODEL.bind(campaign).setting
+    refuses("orders of harmonics must be whole numbers from 1 to 12", setting.harmonics, [order])
+
+
 def test_an_unknown_term_of_a_file_is_refused() -> None:
     message = r"term must be one of BallForm.*'Squeak'.* commands do not have it; define or import"
     refuses(message, model_from_toml, "schema = 1\n[terms.Squeak]\nsd_um = 1.0\n")

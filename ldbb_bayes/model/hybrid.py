@@ -32,6 +32,7 @@ from ldbb_bayes.errors import InputError, check_known, check_seed, require, sugg
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
+from ldbb_bayes.model.column_checks import checked_columns
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.interest import (
@@ -210,6 +211,13 @@ class HybridModel(Result):
             f"hyper-parameters must differ, got {', '.join(names)}."
             " Rename the scale of a term of your own.",
         )
+        for scale in self.scales:
+            is_number = isinstance(scale.prior_um, int | float)
+            require(
+                not is_number or 0.0 < float(scale.prior_um) < np.inf,
+                f"the prior of the scale {scale.name!r} must be a positive number of µm, got"
+                f" {scale.prior_um}. To drop the effect, leave its term out.",
+            )
         require(
             not (self.prior.flat and kinds),
             "a flat prior must stand without nuisances, got"
@@ -452,10 +460,12 @@ class HybridModel(Result):
         ``setting`` describes the test conditions.
         """
         scales = [_SIGMA]
-        acting = {_SIGMA.name}
         for term in self.nuisances:
             scales.extend(term.scales_in(setting))
-            for columns in term.columns(setting):
+        names = {scale.name for scale in scales}
+        acting = {_SIGMA.name}
+        for term in self.nuisances:
+            for columns in checked_columns(term, setting, names):
                 for source in columns.sources:
                     acting.update(source.names)
         return _ordered([scale for scale in scales if scale.name in acting])

@@ -22,6 +22,7 @@ from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
 from ldbb_bayes.campaign.circular_test import setup_number
 from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
+from ldbb_bayes.errors import require
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName, geometric_names
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, coefficients, harmonic_index
@@ -300,7 +301,7 @@ class Setting:
         Parameters
         ----------
         orders
-            Orders n of the harmonics.
+            Orders n of the harmonics, from 1 to 12. `constant` gives an effect of order 0.
         turned_rad
             Angle ψ of every test [rad], shape (tests,), or one number for all tests.
 
@@ -308,7 +309,18 @@ class Setting:
         -------
         Fourier coefficients, shape (tests, 25, 2 · number of orders). The last dimension holds
         cosine and sine of the first order, then of the second, and so on.
+
+        Raises
+        ------
+        InputError
+            If an order is not a whole number from 1 to 12.
         """
+        for n in orders:
+            require(
+                n in range(1, MAX_ORDER + 1),
+                f"orders of harmonics must be whole numbers from 1 to {MAX_ORDER}, got {n}. For an"
+                " effect that is constant over the circle take setting.constant.",
+            )
         values = np.zeros((self.tests, SIZE, 2 * len(orders)))
         for j, n in enumerate(orders):
             cosine, sine = harmonic_index(n)

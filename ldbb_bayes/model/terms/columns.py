@@ -127,9 +127,10 @@ class Columns(Shown):
     Raises
     ------
     InputError
-        If the shapes of ``values`` or ``sd`` do not agree with the number of names. The error is
-        also raised if coefficients with separate values in every test (``private``) have a prior
-        mean, or if other coefficients have noise factors of circles (``circle``).
+        If the shapes of ``values``, ``sd`` or ``mean`` do not agree with the number of names, if
+        two names are the same, or if numbers are not finite. The error is also raised if
+        coefficients with separate values in every test (``private``) have a prior mean, or if other
+        coefficients have noise factors of circles (``circle``).
 
     Examples
     --------
@@ -179,17 +180,34 @@ class Columns(Shown):
 
         If ``sd`` or ``mean`` is a single number, repeat it for every coefficient.
         """
-        object.__setattr__(self, "names", tuple(self.names))
-        p = len(self.names)
+        names = self.names
+        require(
+            not isinstance(names, str) and len(set(names)) == len(names),
+            f"names of columns must be a list of different names, got {names!r}. Give one for each"
+            " coefficient.",
+        )
+        object.__setattr__(self, "names", tuple(names))
+        p = len(names)
         for name in ("sd", "mean"):
             value = getattr(self, name)
-            if isinstance(value, int | float):
-                object.__setattr__(self, name, np.full(p, float(value)))
+            if value is not None:
+                object.__setattr__(self, name, _numbers_for_each(value, p))
+        label = ", ".join(names)
         require(
             self.values.shape[1:] == (SIZE, p) and self.sd.shape == (p,),
-            f"columns of {', '.join(self.names)} must have values of shape (tests, {SIZE}, {p}) and"
+            f"columns of {label} must have values of shape (tests, {SIZE}, {p}) and"
             f" sd of shape ({p},), got {self.values.shape} and {self.sd.shape}. Give one of each"
             " for every name.",
+        )
+        require(
+            self.mean is None or self.mean.shape == (p,),
+            f"columns of {label} must have a mean of shape ({p},), got"
+            f" {np.shape(self.mean)}. Give one for every name, or one number for all.",
+        )
+        require(
+            bool(np.isfinite(self.values).all()) and not np.isnan(self.sd).any(),
+            f"values and sd of the columns of {label} must be numbers, got some that are not"
+            " finite. Look for a division by zero.",
         )
         require(
             self.mean is None or not self.private,
@@ -297,6 +315,11 @@ class BasisNoise(Shown):
     the scale of the effect. ``circle`` names the hyper-parameters λ, the noise factors of the
     tests' circles; without these names, λ is 1.
 
+    Raises
+    ------
+    InputError
+        If ``sd`` has another shape, or a negative number.
+
     Examples
     --------
     Noise of the order 12 alone, with the sd ``ripple``:
@@ -310,11 +333,20 @@ class BasisNoise(Shown):
     #: multiplied
     hyper: Hyper
     #: sd of each of the 25 Fourier coefficients of the noise, shape (25,), before it is multiplied
-    #: by hyper-parameters
-    sd: Array
+    #: by hyper-parameters, or one number for all
+    sd: Any
     #: for each test, the name of the hyper-parameter λ (noise factor) that multiplies the noise of
     #: its circle, shape (tests,); empty if circles have no noise factors
     circle: Sequence[Hyper] | Array = ()
+
+    def __post_init__(self) -> None:
+        """Check the sds of the noise; repeat a single number for every Fourier coefficient."""
+        object.__setattr__(self, "sd", _numbers_for_each(self.sd, SIZE))
+        require(
+            self.sd.shape == (SIZE,) and bool((self.sd >= 0.0).all()),
+            f"noise must have an sd of shape ({SIZE},), none negative, got one of shape"
+            f" {self.sd.shape}. Give one for each of 1, cos θ, sin θ, … sin 12θ.",
+        )
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -353,6 +385,12 @@ class BasisNoise(Shown):
         """
         sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
         return sd * rng.standard_normal((tests, SIZE))
+
+
+def _numbers_for_each(value: Any, count: int) -> Array:
+    """Return numbers as an array; a single number is repeated ``count`` times."""
+    numbers = np.asarray(value, dtype=float)
+    return np.full(count, numbers) if numbers.ndim == 0 else numbers
 
 
 def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
