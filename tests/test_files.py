@@ -279,3 +279,14 @@ def test_advice_on_a_path_names_the_first_folder_that_does_not_exist(tmp_path: P
 def test_advice_on_a_path_names_no_file_that_is_called_otherwise(tmp_path: Path) -> None:
     (tmp_path / "36N.csv").touch()
     assert advice_on_path(tmp_path / "machine.xlsx") == "Check the path."
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_file_in_the_place_of_a_folder_is_not_offered_for_replacement(
+    tmp_path: Path, force: bool
+) -> None:
+    """Without force the refusal proposed force, and with force it refused all the same."""
+    (tmp_path / "report").write_text("notes", encoding="utf-8")
+    staged = staged_folder(tmp_path / "report", force=force, ours=FILES)
+    refuses(r"must be a folder, got a file\. Choose another name", staged.__enter__)
+    assert (tmp_path / "report").read_text(encoding="utf-8") == "notes"

@@ -56,13 +56,12 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
             pass
         except NotADirectoryError:
             is_file = target.exists()
-        is_free = names is None and not is_file
+        require(not is_file, f"{target} must be a folder, got a file. Choose another name.")
         require(
-            is_free or force,
+            names is None or force,
             f"{target} must not exist, got an existing one. Choose another name, or replace"
             " it: force=True (--force).",
         )
-        require(not is_file, f"{target} must be a folder, got a file. Choose another name.")
         for foreign in sorted(set(names or ()) - set(ours)):
             raise InputError(
                 f"{target} must hold nothing but earlier results to be replaced, got {foreign!r}."
