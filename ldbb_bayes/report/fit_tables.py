@@ -505,7 +505,7 @@ class _ResultCells(NamedTuple):
 def _change_cells(change: Mapping[str, Any]) -> _ResultCells:
     """Return the change of a compliance as texts.
 
-    A change whose credible interval is the single value zero has no uncertainty to state.
+    A change that is almost certainly zero has no uncertainty to state.
     ``change`` is the JSON record of the change over the tested forces, see `change_with_force`.
     """
     if wording.is_exactly_none(change):

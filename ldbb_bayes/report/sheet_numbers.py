@@ -573,8 +573,8 @@ def _change_remark(quantity: StatedQuantity, words: Words) -> str:
     The remark states whether the compliance increases or decreases, and the verdict on how well the
     readings determine the change. If the sign of the change is uncertain, the remark has no
     verdict, because the verdict "identified" would seem to contradict the uncertain sign. If the
-    interval of the change is the single value zero, the remark has the interval of the changes that
-    are not zero.
+    change is almost certainly zero (`StatedQuantity.is_exactly_none`), the remark has the interval
+    of the changes that are not zero.
     """
     direction = words(f"remarks.{quantity.direction}")
     if quantity.direction == "no_change":

@@ -357,7 +357,7 @@ def _table_with_intervals(
     There is one row for each quantity. The columns are value, U (k = 2), credible interval, unit
     and remark. U is that of ``quantities``. The credible intervals are those of ``in_brackets``,
     the same quantities; their probability is the one in ``numbers``. A dash takes the place of an
-    interval that is the single value zero, as in the tables at the terminal and in the annex.
+    interval of a change that is almost certainly zero, as at the terminal and in the annex.
     """
     words = numbers.words
     rows = []

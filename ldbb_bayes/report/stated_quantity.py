@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from ldbb_bayes.report.wording.number_words import SURE
 from ldbb_bayes.units import display_unit, needs_interval, state, value_and_uncertainty
 
 if TYPE_CHECKING:
@@ -93,7 +94,8 @@ class StatedQuantity:
         """Return the value and its expanded uncertainty (k = 2), in the unit that readers see.
 
         If the test certificate states only a limit of the quantity, the limit takes the place of
-        the value, and no U is stated. Nor is it of a change that is exactly zero.
+        the value, and no U is stated. Nor is it of a change that is exactly zero, or of a value
+        outside its own credible interval: the interval is then the statement.
         """
         if self.is_exactly_none:
             return ValueAndU("0", "–")
@@ -101,6 +103,9 @@ class StatedQuantity:
             return ValueAndU(self.limit, "–")
         if needs_interval(self.estimate, self.sd, self.interval):
             statement = state(self.estimate, self.sd, self.interval, self.unit)
+            low, high = self.interval
+            if not low <= self.estimate <= high:
+                return ValueAndU(statement.value, "–")
             return ValueAndU(statement.value, statement.expanded)
         factor, _ = display_unit(self.unit)
         value, expanded = value_and_uncertainty(self.estimate * factor, 2.0 * self.sd * factor)
@@ -108,11 +113,13 @@ class StatedQuantity:
 
     @property
     def is_exactly_none(self) -> bool:
-        """Whether the credible interval of a change with force is the single value zero.
+        """Whether a compliance almost certainly does not change with force at all.
 
-        This is the case if the compliance is constant with a probability of nearly one.
+        This is the case if it is constant with a probability of at least 95 %, or if the credible
+        interval of its change is the single value zero.
         """
-        return self.direction == "no_change" and self.interval == (0.0, 0.0)
+        is_zero = self.no_change >= SURE or self.interval == (0.0, 0.0)
+        return self.direction == "no_change" and is_zero
 
     @property
     def inseparable_partners(self) -> tuple[str, ...]:

@@ -747,13 +747,46 @@ def test_a_change_whose_interval_is_zero_on_sheets(language: str, if_any: Any, t
     numbers: Any = SimpleNamespace(words=words, findings=SimpleNamespace(prob=0.95))
     (row,) = _table_with_intervals(numbers, [quantity], [quantity]).rows
     assert row[2:5] == ("0", "–", "–")
-    of_95 = replace(quantity, interval=(-4e-7, 3e-7))
-    (row,) = _table_with_intervals(numbers, [of_95], [quantity]).rows
+    of_80 = replace(quantity, no_change=0.94)
+    of_95 = replace(of_80, interval=(-4e-7, 3e-7))
+    (row,) = _table_with_intervals(numbers, [of_95], [of_80]).rows
     assert row[3] != "–"
     assert row[4] == "–"
-    (row,) = _table_with_intervals(numbers, [quantity], [of_95]).rows
+    (row,) = _table_with_intervals(numbers, [of_80], [of_95]).rows
     assert row[2:4] == ("0", "–")
     assert row[4] == words.number(words("interval", low="−0.40", high="0.30"))
+
+
+def test_a_change_that_is_almost_certainly_none_has_no_one_sided_interval_on_sheets() -> None:
+    """The sheet stated [0.00, 0.91] nm/N with U +0.85 / −0.06, of 4 % of the draws."""
+    quantity = StatedQuantity(
+        "Change",
+        "ΔC_XXX",
+        0.06e-6,
+        0.91e-6,
+        (0.0, 0.91e-6),
+        "mm/N",
+        direction="no_change",
+        no_change=0.958,
+        if_any=(-6.3e-6, 7.6e-6),
+    )
+    words = words_of("en")
+    numbers: Any = SimpleNamespace(words=words, findings=SimpleNamespace(prob=0.95))
+    (row,) = _table_with_intervals(numbers, [quantity], [quantity]).rows
+    assert row[2:5] == ("0", "–", "–")
+    text = "no change shown (exactly none: 96 %; if any, −6.3 to 7.6 nm/N)"
+    assert remark(quantity, words).replace("\u00a0", " ") == text
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_a_value_outside_its_interval_has_no_english_words_in_place_of_U(language: str) -> None:
+    """A few draws far below zero drag the mean out of an interval that ends at zero."""
+    words = words_of(language)
+    quantity = StatedQuantity("Change", "ΔC_CCY", -1e-12, 13e-12, (0.0, 9e-12), "rad/(N mm)")
+    numbers: Any = SimpleNamespace(words=words, findings=SimpleNamespace(prob=0.95))
+    (row,) = _table_with_intervals(numbers, [quantity], [quantity]).rows
+    assert row[3] == "–"
+    assert row[4] == words.number(words("interval", low="0.000", high="0.009"))
 
 
 @pytest.mark.parametrize("language", ["en", "de"])

@@ -363,7 +363,15 @@ def test_no_p_value_reads_0(p_value: float, words: str) -> None:
 
 @pytest.mark.parametrize(
     ("probability", "words"),
-    [(0.0, "< 0.001"), (4e-4, "< 0.001"), (0.25, "0.250"), (0.9996, "> 0.999"), (1.0, "> 0.999")],
+    [
+        (0.0, "< 0.001"),
+        (4e-4, "< 0.001"),
+        (0.0005, "0.001"),
+        (0.25, "0.250"),
+        (0.9995, "> 0.999"),
+        (0.9996, "> 0.999"),
+        (1.0, "> 0.999"),
+    ],
 )
 def test_no_probability_reads_0_or_1(probability: float, words: str) -> None:
     assert wording.probability_words(probability) == words
@@ -445,6 +453,22 @@ def test_a_change_whose_interval_is_zero_has_the_interval_of_a_change_that_is_th
 def test_the_row_of_a_change_whose_interval_is_zero_has_no_uncertainty() -> None:
     cells = _change_cells(NO_CHANGE)
     assert cells == ("0", "–", "–", "–", "nm/N")
+
+
+def test_a_change_that_is_almost_certainly_none_is_not_stated_by_the_few_draws() -> None:
+    """Of 1000 draws 958 are zero, 29 above and 13 below: the interval with equal tails is
+    [0.00, 0.91] nm/N, although changes of both signs are possible."""
+    change = NO_CHANGE | {
+        "probability_of_increase": 0.029,
+        "probability_of_decrease": 0.013,
+        "change": {"mean": 0.06e-6, "sd": 0.91e-6, "ci_low": 0.0, "ci_high": 0.91e-6},
+    }
+    assert _change_cells(change) == ("0", "–", "–", "–", "nm/N")
+    words = "no change shown (increase 0.029, decrease 0.013, exactly none 0.958"
+    assert wording.direction_words(change) == f"{words}; if any, −3.1 to 4.2 nm/N)"
+    rarer = change | {"probability_of_increase": 0.05}
+    assert _change_cells(rarer).interval == "[0.00, 0.91]"
+    assert "if any" not in wording.direction_words(rarer)
 
 
 def test_a_change_whose_interval_is_zero_in_german() -> None:

@@ -61,7 +61,7 @@ def probability_words(probability: float) -> str:
     """
     if probability < _UNLIKELY:
         return "< 0.001"
-    if probability > 1.0 - _UNLIKELY:
+    if probability >= 1.0 - _UNLIKELY:
         return "> 0.999"
     return f"{probability:.3f}"
 
@@ -101,8 +101,8 @@ def direction_words(change: Mapping[str, Any]) -> str:
     ``change`` is the JSON record of the compliance's change over the tested forces. If neither an
     increase nor a decrease has a probability of at least 95 %, the string states the probabilities
     of both. For an average over models, the string then also states the probability that there is
-    no change at all. If the credible interval is the single value zero, the string also has the
-    interval of the changes that are not zero.
+    no change at all. If it is almost certain that there is none (`is_exactly_none`), the string
+    also has the interval of the changes that are not zero.
     """
     increase = change["probability_of_increase"]
     decrease = change["probability_of_decrease"]
@@ -121,19 +121,24 @@ def direction_words(change: Mapping[str, Any]) -> str:
 
 
 def is_exactly_none(change: Mapping[str, Any]) -> bool:
-    """Return whether the credible interval of a change with force is the single value zero.
+    """Return whether a compliance almost certainly does not change with force at all.
+
+    This is the case if "exactly none" has a probability of at least 95 %, or if the credible
+    interval of the change is the single value zero. An interval with equal tails, such as
+    [0.00, 0.91], would then be of the few draws that have a change, on one side of zero alone.
 
     ``change`` is the JSON record of the compliance's change over the tested forces.
     """
     value = change["change"]
-    return bool(value["ci_low"] == value["ci_high"] == 0.0)
+    none = 1.0 - change["probability_of_increase"] - change["probability_of_decrease"]
+    return bool(none >= SURE or value["ci_low"] == value["ci_high"] == 0.0)
 
 
 def _interval_if_any(change: Mapping[str, Any]) -> str:
     """Return a string with the interval of a change, given that it is not exactly zero.
 
-    The string is empty if the credible interval of the change ``change`` is not the single value
-    zero, or if no other interval is known.
+    The string is empty if the change ``change`` is not almost certainly zero (`is_exactly_none`),
+    or if no other interval is known.
     """
     if_any = change.get("if_any")
     if if_any is None or not is_exactly_none(change):
