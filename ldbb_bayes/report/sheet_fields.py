@@ -132,9 +132,13 @@ def _stated_entries(
 
 
 def _machine_text(campaign: Campaign, words: Words) -> str:
-    """Return a string that states the machine's topology and the planes of the tests."""
-    planes = list(dict.fromkeys(str(test.plane) for test in campaign.tests))
-    return words("entries.machine", topology=campaign.topology, planes=words.joined(planes))
+    """Return a string that states the machine's topology and the planes of the tests.
+
+    Planes are in alphabetical order, as in the other tables, whatever the order of the tests.
+    """
+    planes = sorted({str(test.plane) for test in campaign.tests})
+    key = "entries.machine" if len(planes) == 1 else "entries.machine_in_planes"
+    return words(key, topology=campaign.topology, planes=words.joined(planes))
 
 
 def _temperature_text(campaign: Campaign, words: Words) -> str:

@@ -175,6 +175,28 @@ def test_traces_of_several_planes_use_the_width_of_a_sheet(count: int) -> None:
     assert "dots: readings" in explanation.get_text()
 
 
+def test_labels_of_forces_on_narrow_panels_stand_apart() -> None:
+    """Of three planes there are twelve panels, five in a row; labels read "100200300400500"."""
+    planned = plan_of_three_planes()
+    forces_N = sorted({test.force_N for test in planned.tests})
+    between_N = np.linspace(50.0, 500.0, len(forces_N))
+    tests = [
+        replace(test, force_N=between_N[forces_N.index(test.force_N)], pressure_bar=None)
+        for test in planned.tests
+    ]
+    model = lb.HybridModel.first(0)
+    campaign = simulated(replace(planned, tests=tuple(tests)))
+    tree = lb.sample(model, campaign, sampler="independent", rule=QUICK)
+    figure = figures.compliance_against_force(tree)
+    figure.canvas.draw()
+    assert len(figure.axes) > 8
+    for axes in figure.axes:
+        labels = [label for label in axes.get_xticklabels() if label.get_text()]
+        boxes = [label.get_window_extent() for label in labels]
+        for left, right in itertools.pairwise(boxes):
+            assert left.x1 + 2.0 < right.x0
+
+
 @pytest.mark.slow
 def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
     """Intervals and texts of the forest are those of the summary and of the changes with force;

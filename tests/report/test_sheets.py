@@ -29,7 +29,7 @@ from ldbb_bayes.report.fit_tables import conformity_table
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
-from ldbb_bayes.report.sheet_fields import assumption_fields
+from ldbb_bayes.report.sheet_fields import _machine_text, assumption_fields
 from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
 from ldbb_bayes.report.sheet_state import undetermined_texts
 from ldbb_bayes.report.sheets import _gum_sentence, _table_with_intervals, sheets
@@ -858,6 +858,21 @@ def test_both_sheets_name_machine_serial_number_and_date(english: Sheets, number
     fields = next(block for block in english[number].blocks if isinstance(block, Fields))
     names = {name for name, _ in fields.entries}
     assert {"Machine (maker, type)", "Serial number", "Date of the tests", "Axes"} <= names
+
+
+@pytest.mark.parametrize(
+    ("language", "planes", "text"),
+    [
+        ("en", ["XY", "XY"], "wCAFYXZSt, plane XY"),
+        ("en", ["XY", "ZX", "YZ", "ZX"], "wCAFYXZSt, planes XY, YZ and ZX"),
+        ("de", ["ZX", "XY"], "wCAFYXZSt, Ebenen XY und ZX"),
+    ],
+)
+def test_the_planes_of_a_campaign(language: str, planes: list[str], text: str) -> None:
+    """Tests run in a random order; the sheet said "plane XY, ZX and YZ"."""
+    tests = [SimpleNamespace(plane=plane) for plane in planes]
+    campaign: Any = SimpleNamespace(topology="wCAFYXZSt", tests=tests)
+    assert _machine_text(campaign, words_of(language)) == text
 
 
 @pytest.fixture(scope="module")

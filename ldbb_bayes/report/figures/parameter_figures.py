@@ -50,6 +50,8 @@ _MOST_IN_CORNER = 8
 # plot shows by default.
 _MOST_WITHOUT_PATTERN = 6
 _CURVE_DRAWS = 1500
+# Largest number of intervals between labels of the force on panels that stand four or five in a row
+_FORCES_ON_A_NARROW_PANEL = 3
 # Empty space between the 95 % band of a curve and the frame of its panel, as a fraction of the
 # panel's height.
 _ROOM_ABOVE = 0.1
@@ -238,8 +240,10 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
         else:
             axes.set_title(label, fontsize=6.5)
             axes.tick_params(labelsize=7)
+            # On a panel that is so narrow more labels would run into each other.
+            axes.locator_params(axis="x", nbins=_FORCES_ON_A_NARROW_PANEL)
         if j + columns >= len(all_axes):
-            axes.set_xlabel(words["force"])
+            axes.set_xlabel(words["force"], fontsize=9 if is_roomy else 7)
             axes.tick_params(labelbottom=True)
     style.legend_below(figure, all_axes[0])
     return figure
