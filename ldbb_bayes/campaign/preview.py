@@ -69,6 +69,11 @@ _FEWEST_FOR_SIGN = 3
 _WHOLE_TURN_DEG = 340.0
 _SMALLEST_FALL_UM = 2.0
 _FALLING = -0.95
+# One test seems to have the other sign if its mean reading lies opposite to what the other tests of
+# its circle let one expect, by this fraction of the expected value or less. The expected value must
+# be at least `_LEAST_MIRRORED_UM` [µm]: below it, a zero that was set anew could do the same.
+_MIRRORED_WITHIN = 0.25
+_LEAST_MIRRORED_UM = 5.0
 # Smallest resolution [µm] that is accepted if more than nine tenths of the readings are distinct. A
 # smaller step only shows the number of digits with which the readings were written.
 _FINEST_STEP_UM = 0.005
@@ -97,6 +102,7 @@ class RemarkKind(StrEnum):
     NOT_RUN = "not run"
     MODEL_FILE = "model file"
     SIGN = "sign"
+    MIRRORED = "sign of one test"
     ONE_WAY = "one way"
     PLACES = "places of one set-up"
     ONE_BAR = "one bar certificate"
@@ -619,6 +625,7 @@ def _campaign_remarks(campaign: Campaign) -> tuple[Remark, ...]:
             is_copy = np.array_equal(first.reading_um, second.reading_um)
             remarks.add(kinds.COPY, is_copy, first=first.name, second=second.name)
         _remark_on_sign(campaign, remarks)
+        _remark_on_mirrored_tests(campaign, remarks)
     planes = campaign.machine().planes
     for plane in planes:
         first_axis, second_axis = sorted(plane)
@@ -653,6 +660,53 @@ def _remark_on_certificates(campaign: Campaign, remarks: _Remarks) -> None:
         remarks.add(RemarkKind.ONE_TRACE, is_trace_shared, ball=name, planes=" and ".join(planes))
 
 
+class _MeanReading(NamedTuple):
+    """Mean reading of a test that covers the whole circle."""
+
+    name: str
+    force_N: float
+    mean_um: float
+
+
+def _means_of_circles(campaign: Campaign) -> list[list[_MeanReading]]:
+    """Return the mean readings of tests, a list for each circle, set-up and direction of travel."""
+    means_of_circle: dict[Any, list[_MeanReading]] = {}
+    for test, test_force_N in zip(campaign.tests, campaign.forces_N, strict=True):
+        circle = (test.circle, test.setup, test.direction)
+        if test.reading_um is not None and test.arc_deg > _WHOLE_TURN_DEG:
+            mean = _MeanReading(test.name, float(test_force_N), float(np.mean(test.reading_um)))
+            means_of_circle.setdefault(circle, []).append(mean)
+    return list(means_of_circle.values())
+
+
+def _remark_on_mirrored_tests(campaign: Campaign, remarks: _Remarks) -> None:
+    """Add a remark on each test whose mean reading has the other sign than its neighbours'.
+
+    What to expect of a test is a straight line over force through the mean readings of the other
+    tests of its circle, which must lie on that line themselves.
+    """
+    for means in _means_of_circles(campaign):
+        for mean in means:
+            others = [other for other in means if other is not mean]
+            other_N = np.array([other.force_N for other in others])
+            other_um = np.array([other.mean_um for other in others])
+            if len(others) < _FEWEST_FOR_SIGN or np.ptp(other_N) == 0.0:
+                continue
+            line = np.polyfit(other_N, other_um, 1)
+            expected_um = float(np.polyval(line, mean.force_N))
+            tolerance_um = _MIRRORED_WITHIN * abs(expected_um)
+            largest_residual_um = np.max(np.abs(other_um - np.polyval(line, other_N)))
+            remarks.add(
+                RemarkKind.MIRRORED,
+                abs(expected_um) >= _LEAST_MIRRORED_UM
+                and abs(mean.mean_um + expected_um) <= tolerance_um
+                and largest_residual_um <= tolerance_um,
+                test=mean.name,
+                mean_um=mean.mean_um,
+                expected_um=expected_um,
+            )
+
+
 def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
     """Add a remark if the mean reading on a circle falls as the force rises.
 
@@ -660,16 +714,11 @@ def _remark_on_sign(campaign: Campaign, remarks: _Remarks) -> None:
     set-up and direction of travel. The bar pushes tool and table apart, so that the mean reading
     must rise with the force. If the mean reading falls, the sign of the readings is probably wrong.
     """
-    tests_of_circle: dict[Any, list[tuple[float, float]]] = {}
-    for test, test_force_N in zip(campaign.tests, campaign.forces_N, strict=True):
-        circle = (test.circle, test.setup, test.direction)
-        if test.reading_um is not None and test.arc_deg > _WHOLE_TURN_DEG:
-            pair = (float(test_force_N), float(np.mean(test.reading_um)))
-            tests_of_circle.setdefault(circle, []).append(pair)
-    for pairs in tests_of_circle.values():
-        if len(pairs) < _FEWEST_FOR_SIGN:
+    for means in _means_of_circles(campaign):
+        if len(means) < _FEWEST_FOR_SIGN:
             continue
-        force_N, mean_um = np.array(pairs).T
+        force_N = np.array([mean.force_N for mean in means])
+        mean_um = np.array([mean.mean_um for mean in means])
         if np.ptp(force_N) == 0.0 or np.ptp(mean_um) == 0.0:
             continue
         fall_um = -float(np.polyfit(force_N, mean_um, 1)[0] * np.ptp(force_N))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["assumptions_of", "notes_on_campaign", "notes_on_readings", "with_notes"]
 
 # Kinds of the remarks that also concern commands whose results do not contain remarks.
-_NOTED = (RemarkKind.UNIT, RemarkKind.COPY, RemarkKind.NOT_RUN)
+_NOTED = (RemarkKind.UNIT, RemarkKind.COPY, RemarkKind.MIRRORED, RemarkKind.NOT_RUN)
 
 
 def assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
@@ -87,7 +87,8 @@ def notes_on_readings(campaign: lb.Campaign) -> tuple[Passage, ...]:
         remarks = tuple(remark for remark in test.remarks if remark.kind is RemarkKind.UNIT)
         tests.append(replace(test, remarks=remarks))
     of_tests = wording.peculiarity_sentences(replace(preview, tests=tuple(tests)))
-    of_campaign = notes_on_campaign(campaign, (RemarkKind.UNIT, RemarkKind.COPY))
+    kinds = (RemarkKind.UNIT, RemarkKind.COPY, RemarkKind.MIRRORED)
+    of_campaign = notes_on_campaign(campaign, kinds)
     return (*(f"Note: {sentence}" for sentence in of_tests), *of_campaign)
 
 

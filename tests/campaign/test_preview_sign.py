@@ -45,3 +45,50 @@ def test_circles_without_their_mean_say_nothing() -> None:
         reading_um = np.asarray(test.reading_um)
         tests.append(replace(test, reading_um=np.mean(reading_um) - reading_um))
     assert signs_remarked(lb.Campaign(tuple(tests))) == []
+
+
+def mirrored(campaign: lb.Campaign, index: int) -> lb.Campaign:
+    tests = list(campaign.tests)
+    tests[index] = times(campaign, -1.0).tests[index]
+    return lb.Campaign(tuple(tests))
+
+
+def straight(means_um: list[float]) -> lb.Campaign:
+    """Return circles at 100, 200, … N, each with a constant reading but for a wave of two lobes."""
+    angle_deg = np.arange(0.0, 360.0, 10.0)
+    wave_um = np.cos(np.deg2rad(2.0 * angle_deg))
+    tests = [
+        lb.CircularTest(100.0 * (k + 1), angle_deg, reading_um=mean + wave_um, name=f"f{k + 1}00")
+        for k, mean in enumerate(means_um)
+    ]
+    return lb.Campaign(tuple(tests))
+
+
+def mirrored_remarked(campaign: lb.Campaign) -> list[dict[str, object]]:
+    remarks = lb.check_campaign(campaign).remarks
+    return [remark.values for remark in remarks if remark.kind == "sign of one test"]
+
+
+def test_one_circle_with_the_other_sign_is_named() -> None:
+    (values,) = mirrored_remarked(mirrored(straight([4.0, 8.0, 12.0, 16.0, 20.0]), 3))
+    assert values["test"] == "f400"
+    assert values["mean_um"] == pytest.approx(-16.0)
+    assert values["expected_um"] == pytest.approx(16.0)
+
+
+@pytest.mark.parametrize(
+    "means_um",
+    [
+        [4.0, 8.0, 12.0, 16.0, 20.0],
+        [4.0, 8.0, 12.0, 30.0, 20.0],  # another zero, which is no sign
+        [-2.0, -1.0, 0.0, 1.0, 2.0],  # too small to tell
+        [4.0, -8.0, 12.0, -16.0, 20.0],  # the others lie on no line either
+        [4.0, 8.0, -12.0],  # too few to expect anything
+    ],
+)
+def test_nothing_else_is_taken_for_the_other_sign(means_um: list[float]) -> None:
+    assert mirrored_remarked(straight(means_um)) == []
+
+
+def test_no_circle_of_the_recovered_experiment_has_the_other_sign(recovered: lb.Campaign) -> None:
+    assert mirrored_remarked(recovered) == []

@@ -90,7 +90,7 @@ def test_every_refusal_of_files_has_german_words(room: str) -> None:
 def test_every_remark_on_a_campaign_has_german_words(kind: str) -> None:
     text = SENTENCES["remarks"][kind]
     shown = re.sub(r"\{\w+:[^}]*\}", "1.5", text)
-    shown = re.sub(r"\{(first|second|setup)\}", "f036", shown)
+    shown = re.sub(r"\{(first|second|setup|test)\}", "f036", shown)
     shown = re.sub(r"\{(stated|travel)\}", "CW", shown)
     shown = shown.replace("{what}", "force").replace("{unit}", "N")
     shown = shown.replace("{radii}", "100 and 150").replace("{planes}", "XY and YZ")
