@@ -20,7 +20,7 @@ from pydantic import TypeAdapter
 from test_readme import pages
 
 import ldbb_bayes as lb
-from ldbb_bayes.report.fit_tables import full_result
+from ldbb_bayes.report.fit_record import full_result
 
 # What the start of the reference of Python says once for all.
 COMMON = {

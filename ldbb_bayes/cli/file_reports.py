@@ -27,6 +27,8 @@ from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, model_
 from ldbb_bayes.parallel import second_process, start_early
 from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.report import fit_tables, wording
+from ldbb_bayes.report.conformity_tables import conformity_table
+from ldbb_bayes.report.fit_record import full_result, result_at_force
 from ldbb_bayes.report.page import REPORT_FILES, Document
 from ldbb_bayes.units import U_PROBABILITY
 
@@ -136,8 +138,8 @@ def report_files(
     with steps as begin_step, other_process as executor:
         fit, analyses = analyse(campaign, model, begin_step, settings, executor)
         stated_posterior = fit if analyses.averaged is None else analyses.averaged
-        fit_result = fit_tables.full_result(fit, settings["prob"])
-        stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
+        fit_result = full_result(fit, settings["prob"])
+        stated_result = full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
             # The report decides on conformity only once, at the force that it states. The decisions
             # are made from the averaged posterior or, if there is no average, from the fit. They
@@ -405,11 +407,11 @@ def _printed_parts(
     """
     reference_N = bound_of(stated).setting.reference_force_N
     force_N = settings.get("force_N") or force_to_state(campaign_of(stated), reference_N)
-    of_U = result
+    result_of_U = result
     if settings["prob"] != U_PROBABILITY:
-        of_U = fit_tables.full_result(stated, U_PROBABILITY)
-    of_U = fit_tables.result_at_force(stated, of_U, U_PROBABILITY, force_N)
-    result = fit_tables.result_at_force(stated, result, settings["prob"], force_N)
+        result_of_U = full_result(stated, U_PROBABILITY)
+    result_of_U = result_at_force(stated, result_of_U, U_PROBABILITY, force_N)
+    result = result_at_force(stated, result, settings["prob"], force_N)
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names
     parameters = {
@@ -422,7 +424,7 @@ def _printed_parts(
         result | {"parameters": parameters},
         judge_at_force(stated, force_N),
         force_N=force_N,
-        of_U=of_U,
+        result_of_U=result_of_U,
     )
     parts: list[Any] = [
         *assumed_parts(campaign, source.imported),
@@ -435,7 +437,7 @@ def _printed_parts(
     near_zero = tuple(concern for concern in concerns if concern.kind == ConcernKind.NEAR_ZERO)
     parts += [f"Note: {sentence}" for sentence in wording.concern_sentences(near_zero, {})]
     if "conformity" in result:
-        parts.append(fit_tables.conformity_table(result["conformity"]))
+        parts.append(conformity_table(result["conformity"]))
     return tuple(parts)
 
 

@@ -76,7 +76,7 @@ def write_result(posterior: xr.DataTree, result: Mapping[str, Any], folder: Path
     posterior
         Posterior of the fit.
     result
-        Summary of the fit from `ldbb_bayes.report.fit_tables.full_result`.
+        Summary of the fit from `ldbb_bayes.report.fit_record.full_result`.
     folder
         Folder for the files; it is created if necessary.
     """

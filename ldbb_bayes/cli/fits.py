@@ -44,7 +44,8 @@ def fit(
     smaller than the value of --ess.
     """
     from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
-    from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
+    from ldbb_bayes.report.fit_record import full_result
+    from ldbb_bayes.report.fit_tables import parts_of_fit
 
     prior_record: dict[str, Any] = {}
     if prior_from is not None:
@@ -93,7 +94,8 @@ def summarize(
     details: Annotated[bool, arguments.DETAILS],
 ) -> None:
     """Print the results of a stored fit, with credible intervals of the chosen probability."""
-    from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
+    from ldbb_bayes.report.fit_record import full_result
+    from ldbb_bayes.report.fit_tables import parts_of_fit
 
     output.check(_SUMMARY_NAME)
     numbers = full_result(lb.load(result), ci)
@@ -118,7 +120,8 @@ def demo(
     states which parts of the readings were not measured.
     """
     from ldbb_bayes.cli.fit_results import write_result
-    from ldbb_bayes.report.fit_tables import explanation_of_U, full_result, results_table
+    from ldbb_bayes.report.fit_record import full_result
+    from ldbb_bayes.report.fit_tables import explanation_of_U, results_table
 
     check_target(out, force=force, ours=_DEMO_FILES)
     source = lb.embedded_campaign()

@@ -39,7 +39,7 @@ from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_sha256
 from ldbb_bayes.parallel import one_blas_thread, versions
-from ldbb_bayes.report.fit_tables import words_of_fit
+from ldbb_bayes.report.fit_description import words_of_fit
 from ldbb_bayes.units import inside_name
 
 __all__ = ["Job", "Settings", "check_tolerances", "failed_row", "fit_row"]

@@ -55,7 +55,7 @@ from ldbb_bayes.fleet.trend_conformity import caveats_of_tolerances, conformitie
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread
-from ldbb_bayes.report.fit_tables import conformity_table
+from ldbb_bayes.report.conformity_tables import conformity_table
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.report.wording import caveat_words, probability_words, trend_sentences, with_words
 from ldbb_bayes.results import Array, Result, Table

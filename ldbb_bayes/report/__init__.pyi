@@ -2,5 +2,5 @@
 
 from . import figures as figures
 from .dcc_export import write_dcc as write_dcc
-from .fit_tables import describe_fit as describe_fit
+from .fit_description import describe_fit as describe_fit
 from .wording import with_words as with_words

@@ -30,7 +30,7 @@ from ldbb_bayes.inference.force_curves import force_curves
 from ldbb_bayes.inference.posterior import bound_of, campaign_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.fit_tables import describe_fit
+from ldbb_bayes.report.fit_description import describe_fit
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.report.message_translation import in_language
 from ldbb_bayes.report.stated_circle import circle_phrase

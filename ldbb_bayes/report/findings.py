@@ -28,7 +28,8 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.inference.summary import summarize
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
-from ldbb_bayes.report import fit_tables, wording
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.fit_record import full_result
 from ldbb_bayes.units import U_PROBABILITY
 
 if TYPE_CHECKING:
@@ -122,14 +123,14 @@ class Findings:
     @cached_property
     def result(self) -> dict[str, Any]:
         """Results of the fit as a dictionary, as the command ``fit --json`` prints them."""
-        return fit_tables.full_result(self.posterior, self.prob)
+        return full_result(self.posterior, self.prob)
 
     @cached_property
     def result_of_U(self) -> dict[str, Any]:
         """The same results with intervals of 95 %, from which tables state U (k = 2)."""
         if self.prob == U_PROBABILITY:
             return self.result
-        return fit_tables.full_result(self.posterior, U_PROBABILITY)
+        return full_result(self.posterior, U_PROBABILITY)
 
     @cached_property
     def summary(self) -> pd.DataFrame:

@@ -30,6 +30,7 @@ from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.terms import BallForm
 from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Findings, FurtherCampaign
+from ldbb_bayes.report.fit_description import further_remarks
 from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.results import ByName, Passage, Table
@@ -93,13 +94,13 @@ def results(findings: Findings) -> Iterator[Part]:
     yield wording.model_words(findings.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
     yield fit_tables.results_table(
-        findings.result, findings.verdicts_of_fit, shares=False, of_U=findings.result_of_U
+        findings.result, findings.verdicts_of_fit, shares=False, result_of_U=findings.result_of_U
     )
     yield picture("forest", findings.posterior)
     if len(bound_of(findings.posterior_of_certificate).setting.tested_planes) == len(LINEAR):
         yield picture("compliance_ellipsoid", findings.posterior_of_certificate)
     coefficients = fit_tables.coefficient_table(
-        findings.result, findings.verdicts_of_fit, of_U=findings.result_of_U
+        findings.result, findings.verdicts_of_fit, result_of_U=findings.result_of_U
     )
     if coefficients.rows:
         yield Details(wording.PAGE["coefficients_hint"], (coefficients,))
@@ -300,7 +301,7 @@ def fit(findings: Findings) -> Iterator[Part]:
     concerns = wording.concern_sentences(
         fit_of(findings.posterior).concerns, findings.result["sampler"]
     )
-    notes = (*concerns, *fit_tables.further_remarks(findings.preview))
+    notes = (*concerns, *further_remarks(findings.preview))
     if notes:
         yield notes
     yield picture("residuals", findings.posterior)

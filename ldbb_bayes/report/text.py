@@ -37,12 +37,14 @@ from ldbb_bayes.report import (
     screens,
     wording,
 )
+from ldbb_bayes.report.change_tables import change_parts, change_table
 from ldbb_bayes.report.comparison_tables import (
     assumptions_table,
     left_out_tests_table,
     models_table,
 )
-from ldbb_bayes.report.fit_tables import FitWords, change_parts, change_table, conformity_table
+from ldbb_bayes.report.conformity_tables import conformity_table
+from ldbb_bayes.report.fit_description import FitWords
 from ldbb_bayes.report.wording import IN_FORCE
 from ldbb_bayes.results import ByName, Passage, Table, parts_of, table_of
 from ldbb_bayes.units import (

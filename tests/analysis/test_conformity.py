@@ -28,7 +28,7 @@ from ldbb_bayes.campaign.tested_forces import force_to_state
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.fit import Concern, ConcernKind
 from ldbb_bayes.inference.posterior import campaign_of, curves_of, fit_of
-from ldbb_bayes.report.fit_tables import conformity_table
+from ldbb_bayes.report.conformity_tables import conformity_table
 from ldbb_bayes.results import lines_of
 
 CAMPAIGN = simulated(plan((36,) * 4), seed=1)

@@ -20,7 +20,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.cli.fit_results import write_result
 from ldbb_bayes.cli.report_making import report_figure_files
-from ldbb_bayes.report.fit_tables import full_result
+from ldbb_bayes.report.fit_record import full_result
 from ldbb_bayes.report.page import REPORT_FILES
 from ldbb_bayes.results import json_text
 

@@ -34,7 +34,7 @@ from ldbb_bayes.fleet.gathering import find_passed_over, gather
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.parallel import WorkerDiedError
-from ldbb_bayes.report.fit_tables import full_result
+from ldbb_bayes.report.fit_record import full_result
 
 pytest.importorskip("pyarrow")
 ESS = 150.0

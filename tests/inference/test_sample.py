@@ -33,7 +33,7 @@ from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_
 from ldbb_bayes.inference.sample import run_sampler
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.model.fourier import basis
-from ldbb_bayes.report.fit_tables import describe_fit
+from ldbb_bayes.report.fit_description import describe_fit
 from ldbb_bayes.report.wording import sampler_words, validation_verdict
 from ldbb_bayes.units import to_inside
 

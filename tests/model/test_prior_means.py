@@ -19,7 +19,8 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.specification import model_from_toml, model_sha256, model_to_toml
 from ldbb_bayes.report.figures import forest, prior_and_posterior
 from ldbb_bayes.report.figures.style import FAINT
-from ldbb_bayes.report.fit_tables import full_result, parameter_table
+from ldbb_bayes.report.fit_record import full_result
+from ldbb_bayes.report.fit_tables import parameter_table
 
 PRIORS = {
     "C_XXX": (5.1e-5, 4e-6),

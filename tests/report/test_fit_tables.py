@@ -10,7 +10,8 @@ from reports import fitted
 from scipy.stats import norm
 
 import ldbb_bayes as lb
-from ldbb_bayes.report.fit_tables import explanation_of_U, full_result, results_table
+from ldbb_bayes.report.fit_record import full_result
+from ldbb_bayes.report.fit_tables import explanation_of_U, results_table
 from ldbb_bayes.results import Table
 
 
@@ -37,7 +38,7 @@ def test_u_does_not_change_with_the_probability_of_intervals(prob: float) -> Non
     posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
     verdicts = lb.analysis.judge_posterior(posterior)
     of_95 = full_result(posterior, 0.95)
-    table = results_table(full_result(posterior, prob), verdicts, of_U=of_95)
+    table = results_table(full_result(posterior, prob), verdicts, result_of_U=of_95)
     expected = results_table(of_95, verdicts)
     column = table.heads.index("U (k = 2)")
     assert [row[column] for row in table.rows] == [row[column] for row in expected.rows]

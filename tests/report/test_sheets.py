@@ -23,9 +23,9 @@ from ldbb_bayes.inference.posterior import campaign_of, fit_of
 from ldbb_bayes.report import plain_findings, sections, stiffness_numbers, wording
 from ldbb_bayes.report import sheets as sheets_module
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
+from ldbb_bayes.report.conformity_tables import conformity_table
 from ldbb_bayes.report.figures import new_figure
 from ldbb_bayes.report.findings import Findings, findings_of_fit
-from ldbb_bayes.report.fit_tables import conformity_table
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.plain_findings import Finding, FindingKind, best_step
 from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet

@@ -47,8 +47,8 @@ from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.report import wording
+from ldbb_bayes.report.change_tables import change_cells
 from ldbb_bayes.report.findings import findings_of_fit
-from ldbb_bayes.report.fit_tables import _change_cells
 from ldbb_bayes.report.page import compose
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.sections import Details
@@ -451,7 +451,7 @@ def test_a_change_whose_interval_is_zero_has_the_interval_of_a_change_that_is_th
 
 
 def test_the_row_of_a_change_whose_interval_is_zero_has_no_uncertainty() -> None:
-    cells = _change_cells(NO_CHANGE)
+    cells = change_cells(NO_CHANGE)
     assert cells == ("0", "–", "–", "–", "nm/N")
 
 
