@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.cell_units import number_in_cell
-from ldbb_bayes.reading.column_roles import is_rule
+from ldbb_bayes.reading.header_rows import is_rule
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.unit_rows import COMMENT_SIGN, joined_factors, row_of_units
 

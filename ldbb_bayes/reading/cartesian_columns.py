@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.results import Array
 
 __all__ = ["advice_on_positions", "lie_on_circle", "plane_of_positions", "position_headers"]

@@ -9,11 +9,13 @@ from dataclasses import replace
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.column_roles import has_role, names_any_role, unit_of
-from ldbb_bayes.reading.headers import Heading
+from ldbb_bayes.reading.header_rows import names_any_role
+from ldbb_bayes.reading.header_units import unit_of
+from ldbb_bayes.reading.heading import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, PLANES_OF_G_CODE, plane_named
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import direction_named
 from ldbb_bayes.reading.words import (

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.names import LOAD_IN_NAME, NamedLoad, load_in_name
 from ldbb_bayes.reading.travel_direction import without_directions
 from ldbb_bayes.reading.words import LONGEST_NAME, WORDS, comparable, unit_named

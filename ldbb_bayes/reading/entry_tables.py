@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import unit_named

@@ -13,9 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import count_numbers, has_role, is_rule, unit_of
+from ldbb_bayes.reading.header_rows import count_numbers, is_rule
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import direction_named
 from ldbb_bayes.reading.words import UNITS, unit_named

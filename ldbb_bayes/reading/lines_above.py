@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.bar_extensions import length_of_sum, names_extension
 from ldbb_bayes.reading.cited_lines import CitedLine
-from ldbb_bayes.reading.column_roles import names_any_role
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.force_laws import states_force_law
+from ldbb_bayes.reading.header_rows import names_any_role
 from ldbb_bayes.reading.line_parts import divide_line
 from ldbb_bayes.reading.measured_length import measured_length_stated
 from ldbb_bayes.reading.mount_statement import mount_state

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.lines_above import statements_in
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.timestamps import stamps_in
 from ldbb_bayes.reading.travel_direction import directions_stated
 from ldbb_bayes.reading.words import UNITS, comparable

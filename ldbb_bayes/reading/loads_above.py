@@ -13,12 +13,14 @@ from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.machine.chain import PLANES
-from ldbb_bayes.reading.column_roles import count_numbers, has_role, unit_of
+from ldbb_bayes.reading.header_rows import count_numbers
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.merged_cells import with_merged_cells_filled
 from ldbb_bayes.reading.names import load_in_name, radii_of_columns
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.planes import PLANE_OF_SWAPPED, plane_named
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
 from ldbb_bayes.reading.travel_direction import direction_named

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import NamedLoad, load_in_name
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header, is_row_of_numbers
 from ldbb_bayes.reading.words import OTHER_QUANTITY, comparable

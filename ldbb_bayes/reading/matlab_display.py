@@ -14,7 +14,7 @@ from decimal import Decimal
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.column_roles import names_any_role, names_columns
+from ldbb_bayes.reading.header_rows import names_any_role, names_columns
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT, is_missing, looks_like_number
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import lines_that_still_apply, named_sheets

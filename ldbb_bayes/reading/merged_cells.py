@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.header_units import unit_of
+from ldbb_bayes.reading.role_words import has_role
 
 __all__ = ["with_merged_cells_filled"]
 

@@ -12,8 +12,9 @@ from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.column_roles import names_circle, unit_of
-from ldbb_bayes.reading.headers import Heading
+from ldbb_bayes.reading.column_roles import names_circle
+from ldbb_bayes.reading.header_units import unit_of
+from ldbb_bayes.reading.heading import Heading
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import LONGEST_NAME

@@ -12,15 +12,11 @@ from dataclasses import dataclass, field
 
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
-from ldbb_bayes.reading.column_roles import (
-    count_numbers,
-    has_role,
-    names_any_role,
-    names_columns,
-    unit_of,
-)
+from ldbb_bayes.reading.header_rows import count_numbers, names_any_role, names_columns
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.lines_above import is_label
 from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.travel_direction import direction_named, is_direction
 from ldbb_bayes.reading.unit_lines import UNIT_COLUMN

@@ -9,7 +9,7 @@ import re
 from typing import NamedTuple
 
 from ldbb_bayes.reading.cell_units import number_in_cell
-from ldbb_bayes.reading.column_roles import names_any_role, names_columns
+from ldbb_bayes.reading.header_rows import names_any_role, names_columns
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.travel_direction import directions_stated

@@ -9,11 +9,12 @@ from itertools import pairwise
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.column_roles import BRACKET, has_role, unit_of
+from ldbb_bayes.reading.header_units import BRACKET, unit_of
 from ldbb_bayes.reading.laps import TURN_DEG
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number, number_in_text
 from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.stacked_tables import first_header
 from ldbb_bayes.reading.travel_direction import senses_in, without_directions

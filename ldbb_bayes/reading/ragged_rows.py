@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.reading.cell_units import number_in_cell
-from ldbb_bayes.reading.column_roles import is_rule, names_any_role, names_columns
+from ldbb_bayes.reading.header_rows import is_rule, names_any_role, names_columns
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.words import unit_named
 

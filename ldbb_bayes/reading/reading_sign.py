@@ -10,7 +10,7 @@ import re
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.line_parts import divide_line, finer_divisions, segments_of_line
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.open_question import OpenQuestionError

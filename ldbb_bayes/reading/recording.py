@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.cited_lines import CitedLine
-from ldbb_bayes.reading.headers import Heading
+from ldbb_bayes.reading.heading import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import LineStatement
 from ldbb_bayes.reading.sheet import Sheet

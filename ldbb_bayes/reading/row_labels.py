@@ -8,7 +8,7 @@ from itertools import pairwise
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.merged_rows import filled_downwards
 from ldbb_bayes.reading.numbering_columns import numbers_circles
 from ldbb_bayes.reading.sheet_columns import SheetColumns

@@ -9,9 +9,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import count_numbers, has_role, names_runs, unit_of
+from ldbb_bayes.reading.column_roles import names_runs
+from ldbb_bayes.reading.header_rows import count_numbers
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.merged_cells import with_merged_cells_filled
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import unit_named
 

@@ -18,9 +18,11 @@ from ldbb_bayes.reading.column_contents import (
     name_plane_column,
     with_condition_that_names_tests,
 )
-from ldbb_bayes.reading.column_roles import BRACKET, names_circle, unit_of
+from ldbb_bayes.reading.column_roles import names_circle
 from ldbb_bayes.reading.decimal_marks import check_thousands, decimal_mark_of
-from ldbb_bayes.reading.headers import Heading, note_heading, unused_columns
+from ldbb_bayes.reading.header_units import BRACKET, unit_of
+from ldbb_bayes.reading.heading import Heading, unused_columns
+from ldbb_bayes.reading.heading_notes import note_heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.lines_above import LineStatement, statements_in
 from ldbb_bayes.reading.merged_rows import with_merged_rows_filled

@@ -11,7 +11,6 @@ from typing import NamedTuple
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.cited_lines import CitedLine, quoted_line
-from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.companion_files import (
     holds_temperatures,
     holds_text_only,
@@ -19,10 +18,12 @@ from ldbb_bayes.reading.companion_files import (
     without_columns,
     without_table,
 )
-from ldbb_bayes.reading.headers import Heading, NoTableError, find_heading
+from ldbb_bayes.reading.header_units import unit_of
+from ldbb_bayes.reading.heading import Heading, NoTableError, find_heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW, lists_tests
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.transposed_tables import check_not_transposed
 from ldbb_bayes.reading.words import LONGEST_NAME, UNITS

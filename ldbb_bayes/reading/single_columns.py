@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 
 from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
-from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.header_units import unit_of
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.stepped_angles import states_step
 
 __all__ = ["is_single_column", "with_points_numbered"]

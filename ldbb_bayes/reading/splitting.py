@@ -12,7 +12,7 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import LABELS, PER_TEST
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
-from ldbb_bayes.reading.headers import Heading, unused_columns
+from ldbb_bayes.reading.heading import Heading, unused_columns
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.line_parts import segments_of_line
 from ldbb_bayes.reading.lines_above import Lines, LineStatement, statements_in

@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.entry_tables import EntryTable, sheets_of_entries
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.words import unit_named
 

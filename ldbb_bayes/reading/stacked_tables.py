@@ -11,18 +11,13 @@ from collections.abc import Sequence, Set
 from dataclasses import replace
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.column_roles import (
-    count_numbers,
-    has_role,
-    is_rule,
-    names_any_role,
-    names_columns,
-    names_runs,
-    unit_of,
-)
+from ldbb_bayes.reading.column_roles import names_runs
+from ldbb_bayes.reading.header_rows import count_numbers, is_rule, names_any_role, names_columns
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.line_parts import segments_of_line
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import load_in_name, radii_of_columns
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.timestamps import stamps_in, without_stamps
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated

@@ -16,9 +16,9 @@ import numpy as np
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.cited_lines import CitedLine, cited_line, quoted_line, with_words
-from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.column_units import is_unit_stated, unit_size
 from ldbb_bayes.reading.columns_of_tests import cells_of, columns_that_name_tests
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.loads_in_lines import (
     LoadInLine,
     line_with_unit_of_loads,

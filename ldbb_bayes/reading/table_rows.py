@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.headers import Heading
+from ldbb_bayes.reading.heading import Heading
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
 from ldbb_bayes.reading.sheet import Sheet
 

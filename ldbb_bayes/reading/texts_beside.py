@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from ldbb_bayes.campaign.text_table import Row
-from ldbb_bayes.reading.headers import Heading, unused_columns
+from ldbb_bayes.reading.heading import Heading, unused_columns
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.timestamps import stamps_in

@@ -17,9 +17,9 @@ from ldbb_bayes.reading.cartesian_columns import (
     plane_of_positions,
     position_headers,
 )
-from ldbb_bayes.reading.column_roles import unit_of
 from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.derived_columns import derived_words
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.laps import (
     TURN_DEG,
     angles_from_time,

@@ -14,10 +14,11 @@ import numpy as np
 
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import looks_like_number, number_in_text
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.results import Array
 

@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.reading.column_roles import has_role, unit_of
 from ldbb_bayes.reading.force_laws import states_force_law
+from ldbb_bayes.reading.header_units import unit_of
+from ldbb_bayes.reading.role_words import has_role
 
 
 def written(

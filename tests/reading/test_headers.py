@@ -8,7 +8,7 @@ import math
 import pytest
 from campaigns import cases
 
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.lines_above import directions_stated, statements_in
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, plane_in_name, radius_in_name
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.words import size_of_unit
 

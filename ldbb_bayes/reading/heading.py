@@ -8,28 +8,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import PER_TEST
 from ldbb_bayes.campaign.text_table import Row
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
-from ldbb_bayes.reading.column_roles import (
-    BRACKET,
-    count_numbers,
-    find_columns,
-    has_role,
-    heads_loads,
-    is_rule,
-    names_columns,
-    unit_of,
-)
+from ldbb_bayes.reading.column_roles import find_columns
 from ldbb_bayes.reading.derived_columns import check_none_is_derived, without_remarks
 from ldbb_bayes.reading.formats import advice_on_format, format_of, is_in_latex
+from ldbb_bayes.reading.header_rows import count_numbers, heads_loads, is_rule, names_columns
+from ldbb_bayes.reading.header_units import BRACKET, unit_of
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
+from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_rows import row_of_units, without_comment_sign
 from ldbb_bayes.reading.words import (
@@ -41,11 +34,11 @@ from ldbb_bayes.reading.words import (
     unit_named,
 )
 
-__all__ = ["Heading", "NoTableError", "find_heading", "note_heading", "unused_columns"]
+__all__ = ["Heading", "NoTableError", "find_heading", "unused_columns"]
 
 # A table of numbers begins with this number of successive rows that have the same number of cells.
 # A table at the end of the sheet may have fewer rows.
-_BLOCK_ROWS = 9
+_ROWS_OF_NUMBERS = 9
 # Units that may stand in place of the name of a column.
 _UNITS_ALONE = ("deg", "rad", "um", "mm", "nm")
 # An error message shows at most this number of cells of a row.
@@ -177,12 +170,12 @@ def _no_table(sheet: Sheet) -> NoTableError:
 
 def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
     """Return the header, columns and first row of a sheet's table (see `find_heading`)."""
-    block = _find_block(sheet, layout)
-    header_row = _find_header_row(sheet, layout, block)
+    numbers_row = _first_row_of_numbers(sheet, layout)
+    header_row = _find_header_row(sheet, layout, numbers_row)
     if header_row is None:
-        header = _rows_without_header(sheet, block)
+        header = _rows_without_header(sheet, numbers_row)
     else:
-        header = _rows_of_header(sheet, header_row, block)
+        header = _rows_of_header(sheet, header_row, numbers_row)
     place = sheet.place
     if header.line:
         place = f"{sheet.place}, line {header.line}"
@@ -218,13 +211,13 @@ def _unit_of_reading(header: str) -> str:
     return unit
 
 
-def _rows_without_header(sheet: Sheet, block: int) -> _HeaderRows:
+def _rows_without_header(sheet: Sheet, numbers_row: int) -> _HeaderRows:
     """Return empty names and empty units for the columns of a table without a header.
 
-    ``block`` is the index of the row at which the numbers of the table begin.
+    ``numbers_row`` is the index of the row at which the numbers of the table begin.
     """
-    first = _first_row_without_header(sheet, block)
-    empty = [""] * len(sheet.rows[block].cells)
+    first = _first_row_without_header(sheet, numbers_row)
+    empty = [""] * len(sheet.rows[numbers_row].cells)
     return _HeaderRows(
         line=0,
         start=first,
@@ -237,7 +230,7 @@ def _rows_without_header(sheet: Sheet, block: int) -> _HeaderRows:
     )
 
 
-def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
+def _rows_of_header(sheet: Sheet, header_row: int, numbers_row: int) -> _HeaderRows:
     """Return the names and the units of the columns, and the place of the header rows.
 
     Below the row of names there may be a row of units. A unit in this row replaces the unit that
@@ -249,23 +242,23 @@ def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _Hea
         The sheet, split into rows of cells.
     header_row
         Index of the row of names among the sheet's rows.
-    first_block_row
+    numbers_row
         Index of the first row of numbers below the header.
     """
-    names = _column_names(sheet, header_row, first_block_row)
+    names = _column_names(sheet, header_row, numbers_row)
     units = [unit_of(name).unit or _unit_in_place_of_name(name) for name in names]
     scaled_units: dict[int, str] = {}
     unit_line = 0
     units_below: list[str] = []
-    next_row = _row_below_rules(sheet, header_row + 1, first_block_row)
-    if next_row < first_block_row:
+    next_row = _row_below_rules(sheet, header_row + 1, numbers_row)
+    if next_row < numbers_row:
         units_below = row_of_units(sheet.rows[next_row].cells, sheet.separator)
         if units_below:
             _check_units_align(sheet, next_row, units_below, names)
             units = _units_from_below(names, units_below)
             scaled_units = _scaled_units(names, units_below)
             unit_line = sheet.rows[next_row].line
-            next_row = _row_below_rules(sheet, next_row + 1, first_block_row)
+            next_row = _row_below_rules(sheet, next_row + 1, numbers_row)
     return _HeaderRows(
         line=sheet.rows[header_row].line,
         start=header_row,
@@ -287,12 +280,12 @@ def _unit_in_place_of_name(header: str) -> str:
     return unit if unit in _UNITS_ALONE else ""
 
 
-def _row_below_rules(sheet: Sheet, row: int, first_block_row: int) -> int:
+def _row_below_rules(sheet: Sheet, row: int, numbers_row: int) -> int:
     """Return the index of the first row, from ``row`` on, that is not a line of dashes.
 
-    ``first_block_row`` is the index of the first row of numbers; the result is at most this index.
+    ``numbers_row`` is the index of the first row of numbers; the result is at most this index.
     """
-    while row < first_block_row and is_rule(sheet.rows[row].cells):
+    while row < numbers_row and is_rule(sheet.rows[row].cells):
         row += 1
     return row
 
@@ -377,7 +370,7 @@ def _scaled_units(headers: Sequence[str], units_below: Sequence[str]) -> dict[in
     return scaled
 
 
-def _find_block(sheet: Sheet, layout: Layout) -> int:
+def _first_row_of_numbers(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row at which the numbers of a sheet's table begin.
 
     The table begins at the first nine successive rows that have the same number of cells and at
@@ -399,7 +392,7 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
             start = k
             break
     for k in range(start, min(len(rows) - 1, start + LONGEST_OVERVIEW)):
-        if _is_block(sheet, k):
+        if _numbers_begin_at(sheet, k):
             return k
     if _has_single_column(rows[start:]):
         raise NoTableError(
@@ -408,7 +401,7 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
             " 1 deg' above the numbers."
         )
     raise NoTableError(
-        f"{sheet.place} must hold a table of at least {_BLOCK_ROWS} rows with two columns of"
+        f"{sheet.place} must hold a table of at least {_ROWS_OF_NUMBERS} rows with two columns of"
         f" numbers, got none. {_middle_row(sheet)}Check the separator (--separator), the encoding"
         " (--encoding) and what the file is; units belong into the header, not into cells."
     )
@@ -419,10 +412,10 @@ def _has_single_column(rows: Sequence[Row]) -> bool:
     n_numbers = 0
     for row in rows:
         n_numbers += len(row.cells) == 1 and looks_like_number(row.cells[0])
-    return n_numbers >= max(_BLOCK_ROWS, len(rows) // 2)
+    return n_numbers >= max(_ROWS_OF_NUMBERS, len(rows) // 2)
 
 
-def _is_block(sheet: Sheet, start: int) -> bool:
+def _numbers_begin_at(sheet: Sheet, start: int) -> bool:
     """Return whether the numbers of a table begin at the row with the index ``start``.
 
     This is the case if this row and the next eight rows have the same number of cells and at least
@@ -431,7 +424,7 @@ def _is_block(sheet: Sheet, start: int) -> bool:
     width = len(sheet.rows[start].cells)
     if heads_loads(sheet.rows[start].cells):
         return False
-    for row in sheet.rows[start : start + _BLOCK_ROWS]:
+    for row in sheet.rows[start : start + _ROWS_OF_NUMBERS]:
         if count_numbers(row.cells) < 2 or len(row.cells) != width:
             return False
     return True
@@ -446,16 +439,17 @@ def _middle_row(sheet: Sheet) -> str:
     return f"Line {row.line} reads {cells}. "
 
 
-def _first_row_without_header(sheet: Sheet, block: int) -> int:
+def _first_row_without_header(sheet: Sheet, numbers_row: int) -> int:
     """Return the index of the first row of a table without a header.
 
-    ``block`` is the index of the row at which the numbers of the table begin (see `_is_block`). The
-    row directly above also belongs to the table if it has the same number of cells, at least one of
-    which is a number. Raise an `InputError` if rows further up hold numbers.
+    ``numbers_row`` is the index of the row at which the numbers of the table begin (see
+    `_numbers_begin_at`). The row directly above also belongs to the table if it has the same number
+    of cells, at least one of which is a number. Raise an `InputError` if rows further up hold
+    numbers.
     """
     rows = sheet.rows
-    width = len(rows[block].cells)
-    first = block
+    width = len(rows[numbers_row].cells)
+    first = numbers_row
     while first:
         cells_above = rows[first - 1].cells
         if len(cells_above) != width or count_numbers(cells_above) == 0:
@@ -474,12 +468,13 @@ def _first_row_without_header(sheet: Sheet, block: int) -> int:
     return first
 
 
-def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
+def _find_header_row(sheet: Sheet, layout: Layout, numbers_row: int) -> int | None:
     """Return the index of the header row in a sheet; None for a table without a header.
 
-    ``block`` is the index of the row at which the numbers of the table begin. If the user does not
-    state the line of the header, the header is the last row of words above the numbers, apart from
-    a row of units. Raise an `InputError` if the table has rows of numbers above the header.
+    ``numbers_row`` is the index of the row at which the numbers of the table begin. If the user
+    does not state the line of the header, the header is the last row of words above the numbers,
+    apart from a row of units. Raise an `InputError` if the table has rows of numbers above the
+    header.
     """
     if layout.header_line == 0:
         return None
@@ -487,13 +482,13 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     if layout.header_line is not None:
         header_row = _stated_header_row(sheet, layout.header_line)
     else:
-        rows_of_words = [k for k in range(block) if _is_header(rows[k].cells)]
+        rows_of_words = [k for k in range(numbers_row) if _is_header(rows[k].cells)]
         if not rows_of_words:
             return None
         header_row = rows_of_words[-1]
         if len(rows_of_words) > 1 and row_of_units(rows[header_row].cells, sheet.separator):
             header_row = rows_of_words[-2]
-    width = len(rows[block].cells)
+    width = len(rows[numbers_row].cells)
     numbers_above = [row for row in rows[:header_row] if count_numbers(row.cells) >= 2]
     lines = [row.line for row in numbers_above if len(row.cells) == width]
     place = f"{sheet.place}, line {rows[header_row].line}"
@@ -534,21 +529,21 @@ def _stated_header_row(sheet: Sheet, line: int) -> int:
     return header_row
 
 
-def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
+def _column_names(sheet: Sheet, header_row: int, numbers_row: int) -> list[str]:
     """Return the name of every column from the header row; empty for a column without a name.
 
-    ``header_row`` is the index of the header row in the sheet, and ``block`` the index of the row
-    at which the numbers begin. If blanks separate the cells, a unit in brackets is joined to the
-    name before it. Raise an `InputError` if there are more names than columns, or if a column of
-    the table has numbers but no name.
+    ``header_row`` is the index of the header row in the sheet, and ``numbers_row`` the index of the
+    row at which the numbers begin. If blanks separate the cells, a unit in brackets is joined to
+    the name before it. Raise an `InputError` if there are more names than columns, or if a column
+    of the table has numbers but no name.
     """
     row = sheet.rows[header_row]
     names = without_comment_sign(row.cells)
     if sheet.separator == " ":
         names = _join_units(names)
-    cells_below = sheet.rows[block].cells
+    cells_below = sheet.rows[numbers_row].cells
     width = len(cells_below)
-    if len(names) == width - 1 and _number_rows(sheet.rows[block:]):
+    if len(names) == width - 1 and _are_numbered(sheet.rows[numbers_row:]):
         names.insert(0, "")  # the program R writes row names in a column without a header
     while len(names) > width and not names[-1]:
         names.pop()
@@ -566,7 +561,7 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     return names + [""] * (width - len(names))
 
 
-def _number_rows(rows: Sequence[Row]) -> bool:
+def _are_numbered(rows: Sequence[Row]) -> bool:
     """Return whether the first cells of a table's rows are successive integers, such as 1, 2, 3.
 
     The table ends at the first row with another number of cells than its first row. The first
@@ -575,7 +570,7 @@ def _number_rows(rows: Sequence[Row]) -> bool:
     width = len(rows[0].cells)
     table = list(takewhile(lambda row: len(row.cells) == width, rows))
     first = rows[0].cells[0]
-    if not first.isdecimal() or len(table) < min(_BLOCK_ROWS, len(rows)):
+    if not first.isdecimal() or len(table) < min(_ROWS_OF_NUMBERS, len(rows)):
         return False
     return all(row.cells[0] == str(number) for number, row in enumerate(table, start=int(first)))
 
@@ -594,50 +589,6 @@ def _join_units(words: Sequence[str]) -> list[str]:
     return joined
 
 
-def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log what was assumed about the format of a sheet and the roles of its columns.
-
-    A role is what a column holds, such as angle. What the layout states is not added. ``heading``
-    holds the header and the columns of the table.
-    """
-    _note_format(sheet, heading, layout, log)
-    _note_columns(sheet, heading, layout, log)
-    if _has_numbered_rows(sheet, heading):
-        reason = "the header has one name fewer than the table has columns"
-        log.add(sheet.place, "column 1", "numbers of the rows, not used", reason, "--header-line")
-
-
-def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
-    """Return whether the first column holds row numbers and has no name in the header."""
-    if heading.headers[0]:
-        return False
-    n_names = {row.line: len(row.cells) for row in sheet.rows}
-    return n_names.get(heading.line, 0) == len(heading.headers) - 1
-
-
-def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add a note to the log on the columns that were assumed because the user has not stated them.
-
-    The note names each column together with its role, which is what the column holds, such as
-    angle. The log also stores these columns in the layout with which the files can be read again
-    (see `AssumptionLog.keep`).
-    """
-    columns: dict[str, Any] = {}
-    for role, column in heading.roles.items():
-        if role not in layout.columns:
-            columns[role] = heading.headers[column] or column + 1
-    if len(heading.readings) > 1 and "reading" not in layout.columns:
-        columns["reading"] = [heading.headers[column] for column in heading.readings]
-    if columns:
-        log.keep(columns=dict(layout.columns) | columns)
-        assignments = [f"{role} = {column!r}" for role, column in columns.items()]
-        reason = "their names"
-        if not heading.line:
-            reason = "no header: the first two"
-        options = ", ".join(f"--{role}-column" for role in columns)
-        log.add(sheet.place, "columns", shown_list(assignments, LONGEST_NAME), reason, options)
-
-
 def unused_columns(heading: Heading) -> list[int]:
     """Return the indices of the columns of a table that have a header but no role.
 
@@ -650,25 +601,3 @@ def unused_columns(heading: Heading) -> list[int]:
         if header and column not in columns_in_use and header not in PER_TEST:
             unused.append(column)
     return unused
-
-
-def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add encoding, separator and header line to the log of assumptions.
-
-    Values that the user has stated in the layout are not added. Usual values (utf-8, comma, line 1
-    or no header) are stored, but they are not reported as assumptions.
-    """
-    if sheet.encoding and layout.encoding is None:
-        log.keep(encoding=sheet.encoding)
-        if sheet.encoding != "utf-8":
-            log.add(sheet.place, "encoding", sheet.encoding, "its bytes", "--encoding")
-    if sheet.separator and layout.separator is None:
-        log.keep(separator=sheet.separator)
-        if sheet.separator != ",":
-            reason = "most lines split alike"
-            log.add(sheet.place, "separator", repr(sheet.separator), reason, "--separator")
-    if layout.header_line is None:
-        log.keep(header_line=heading.line)
-        if heading.line > 1:
-            reason = "numbers begin below it"
-            log.add(sheet.place, "header", f"line {heading.line}", reason, "--header-line")
