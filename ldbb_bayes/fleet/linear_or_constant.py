@@ -13,8 +13,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ldbb_bayes.inference.evidence import log_evidence
-from ldbb_bayes.inference.nodes import HyperPosterior, Nodes, ProbabilityInside
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.inference.related_models import RelatedModels
+from ldbb_bayes.inference.truncation_factor import ProbabilityInside
 
 __all__ = ["EvidenceRatio", "linear_over_constant"]
 

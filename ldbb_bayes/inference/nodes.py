@@ -20,24 +20,29 @@ import numpy as np
 from scipy.stats import qmc
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
-from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
+from ldbb_bayes.inference.density_ratio import RatioSampler
 from ldbb_bayes.inference.importance_sampling import (
     importance_sample,
     refit_sample,
     sample_similar,
 )
-from ldbb_bayes.inference.integrals import CHUNK, Index, Integral
+from ldbb_bayes.inference.integrals import CHUNK, Integral
 from ldbb_bayes.inference.mode_search import Mode, ModeSearch
 from ldbb_bayes.inference.normal_scores import NormalScores
 from ldbb_bayes.inference.quadrature import integrate
+from ldbb_bayes.inference.truncation_factor import (
+    ProbabilityInside,
+    TruncationFactor,
+    mean_probability_inside,
+)
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.mixtures import mixture_quantiles
-from ldbb_bayes.model.orthant import NoisyLogProbability, Orthant
+from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import value_and_uncertainty
 
-__all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
+__all__ = ["Evidence", "HyperPosterior", "Nodes"]
 
 # Number of points at which the density is computed to choose the starting points of the search for
 # modes (maxima) of the posterior.
@@ -56,14 +61,6 @@ _PARTS_OF_TOLERANCE = 20.0
 # that no compliance is negative is computed. With a larger tolerance, more nodes are skipped, but
 # together the skipped nodes never hold more than this share of the integral.
 _LARGEST_LEFT_OUT = 5e-4
-# Smallest tolerance [nat] for the log probability that no compliance is negative. The tolerance is
-# a quarter of that of the log evidence, but at least this value.
-_FINEST_TOLERANCE = 1e-3
-# Random error allowed in the log probability that no compliance is negative at one node (value of
-# the hyper-parameters), as a multiple of the tolerance. The probability is computed from
-# quasi-random points. The points differ between nodes, so that the errors cancel in the mean over
-# hundreds of nodes.
-_NOISE_PER_TOLERANCE = 2.0
 # The error of the log evidence is the sum of two errors. One is the error of the integral over the
 # nodes (weighted values of the hyper-parameters), the other that of the probability that no
 # compliance is negative. If the first error is within the tolerance but the sum is not, new nodes
@@ -73,21 +70,9 @@ _NODES_SHARE = 0.7
 # nodes. The error of their integral may be this fraction of the tolerance, because the probability
 # that no compliance is negative is then computed at a few of them, which has an error of its own.
 _SHARE_OF_RESAMPLED = 0.8
-# The probability that no compliance is negative is first averaged over ``_FEWEST_PICKED`` nodes
-# (values of the hyper-parameters). As long as the error of the average is too large, the number of
-# nodes is multiplied by ``_PICKED_GROWTH``.
-_FEWEST_PICKED = 256
-_PICKED_GROWTH = 4
 # Error allowed in the logarithm of the rough posterior probability that no compliance is negative
 # [nat], see `coarse_probability`.
 _PROBABILITY_TOLERANCE = 0.02
-# The probabilities that no compliance is negative are averaged over many values of the
-# hyper-parameters. To avoid underflow, they are first divided by the largest of them. Two limits
-# keep the logarithm of the mean finite. If the logarithm of the largest probability is below
-# ``_LEAST_LOG_PROBABILITY``, this limit is used instead. If the mean of the quotients is below
-# ``_LEAST_SHARE_INSIDE``, that limit is used instead.
-_LEAST_LOG_PROBABILITY = -700.0
-_LEAST_SHARE_INSIDE = 1e-300
 # The nodes (weighted values of the hyper-parameters) of smallest weight are left out of averages,
 # such as the means and variances of the parameters. Together, these nodes hold at most this share
 # of the weight.
@@ -99,14 +84,6 @@ _COMPONENTS = 8192
 # are widened: their standard deviation is raised to this fraction of the scatter (standard
 # deviation) between the means of all Gaussians.
 _LEAST_SD_SHARE = 1e-6
-
-
-class ProbabilityInside(NamedTuple):
-    """Log posterior probability that no compliance is negative, and its error."""
-
-    log_value: float  #: log posterior probability that no compliance is negative
-    #: error of ``log_value``, the log posterior probability that no compliance is negative [nat]
-    error: float
 
 
 class HyperPosterior:
@@ -200,26 +177,26 @@ class HyperPosterior:
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
-    def log_density(self, free: Array, *, smooth: bool = False) -> Array:
+    def log_density(self, free: Array) -> Array:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
         ``free``, shape (w, h), holds w values of the h hyper-parameters φ (such as the standard
         deviation of the noise) in unbounded coordinates, mostly ln(φ − lower bound). If
         ``truncated`` of this object is True, the log probability that no compliance is negative,
-        given φ and the readings, is added. If ``smooth`` is True, this probability is replaced by
-        an upper bound, which is cheaper to compute and is a smooth function of φ. At points where
-        the prior density is zero, the result is −∞.
+        given φ and the readings, is added. At points where the prior density is zero, the result is
+        −∞.
         """
         prior = self.bound.hyper_prior
-        return self._add_likelihood(prior.log_density_of_free(free), prior.phi(free), smooth=smooth)
+        return self._add_likelihood(prior.log_density_of_free(free), prior.phi(free), smooth=False)
 
     def _add_likelihood(self, log_prior: Array, phi: Array, *, smooth: bool) -> Array:
         """Return ``log_prior`` plus the log density of the readings at w points, shape (w,).
 
         ``log_prior``, shape (w,), is the log prior density of the points, in any coordinates;
         points where it is −∞ stay there. ``phi``, shape (w, h), holds the values of the h
-        hyper-parameters at the points. `log_density` explains ``smooth`` and the probability that
-        is added if the field ``truncated`` is true.
+        hyper-parameters at the points. If the field ``truncated`` is true, the log probability that
+        no compliance is negative is added. If ``smooth`` is true, an upper bound of this
+        probability is used instead, which is cheaper to compute and is a smooth function of φ.
         """
         log_density = np.array(log_prior)
         finite = np.isfinite(log_density)
@@ -320,9 +297,8 @@ class HyperPosterior:
         be drawn.
         """
         attempt = None
-        for attempt in RatioSampler(integral).attempts(
-            lambda index: self._log_values(integral, index, tolerance)
-        ):
+        factor = self._truncation_factor(integral, tolerance)
+        for attempt in RatioSampler(integral).attempts(factor.log_values):
             if attempt.error <= tolerance:
                 return Nodes(self, attempt.integral, attempt.value_error)
             if attempt.least_error > tolerance:
@@ -337,30 +313,11 @@ class HyperPosterior:
             seed=self._seed,
         )
         resampled = self._scores.to_free(sample)
-        sampled = RatioSampler(resampled).integrate(
-            lambda index: self._log_values(resampled, index, tolerance, bounded=True), tolerance
-        )
+        resampled_factor = self._truncation_factor(resampled, tolerance, bounded=True)
+        sampled = RatioSampler(resampled).integrate(resampled_factor.log_values, tolerance)
         if sampled is None:
             return None
         return Nodes(self, sampled.integral, sampled.value_error)
-
-    def _log_values(
-        self, integral: Integral, index: Index, tolerance: float, *, bounded: bool = False
-    ) -> LogValues:
-        """Return the log posterior density with truncation at k nodes, and its common error.
-
-        Nodes are values of the hyper-parameters; ``index``, shape (k,), holds their indices in
-        ``integral``. The log density is the one stored in ``integral`` plus ln P, where P is the
-        probability that no compliance is negative. If ``bounded`` is true, the density in
-        ``integral`` contains an upper bound of P, and the log of this bound is subtracted.
-        ``tolerance`` is the error allowed in the log integral [nat].
-        """
-        orthant = self.given(integral.free[index])[1].orthant
-        probability = _log_probability(orthant, tolerance, self._seed)
-        log_density = integral.log_density[index] + probability.log_value
-        if bounded:
-            log_density = log_density - orthant.log_bound
-        return LogValues(log_density, probability.common_error)
 
     def truncate(
         self,
@@ -387,108 +344,33 @@ class HyperPosterior:
             Whether the density in ``integral`` includes an upper bound of P(T | y, φ) as a factor.
             The bound is then replaced by P(T | y, φ).
         """
-        log_factor = np.full(len(integral.free), np.nan)
-        common_error = np.zeros(len(integral.free))
-        noise = np.zeros(len(integral.free))
-
-        def evaluate(index: Index) -> LogValues:
-            # Return the log posterior density at some nodes of ``integral``; ``index`` holds their
-            # indices. (Nodes are values of the hyper-parameters.) The result is the log density
-            # stored in ``integral`` plus ln P, where P is the probability that no compliance is
-            # negative. If the density in ``integral`` contains an upper bound of P, the log of this
-            # bound is subtracted. ln P has two numerical errors. The error that may be common to
-            # all nodes is returned with the density. The random error, which is independent between
-            # nodes, is stored in ``noise``. ``orthant`` computes P from the Gaussian density of the
-            # compliances at each node.
-            orthant = self.given(integral.free[index])[1].orthant
-            probability = _log_probability(orthant, tolerance, self._seed)
-            log_factor[index] = probability.log_value
-            if bounded:
-                log_factor[index] -= orthant.log_bound
-            common_error[index] = probability.common_error
-            noise[index] = probability.noise
-            return LogValues(
-                integral.log_density[index] + log_factor[index], probability.common_error
-            )
-
-        sampled = RatioSampler(integral).integrate(evaluate, tolerance)
+        factor = self._truncation_factor(integral, tolerance, bounded=bounded)
+        sampled = RatioSampler(integral).integrate(factor.log_values, tolerance)
         if sampled is not None:
             return Nodes(self, sampled.integral, sampled.value_error)
-
-        def log_factor_at(index: Index) -> Array:
-            # Return the log probability that no compliance is negative at some nodes of
-            # ``integral``; ``index`` holds their indices. (Nodes are values of the
-            # hyper-parameters.) If the density in ``integral`` contains an upper bound of this
-            # probability, the log of the bound is subtracted. The probability is already known at
-            # the nodes of the sample above.
-            unknown = index[np.isnan(log_factor[index])]
-            for start in range(0, len(unknown), CHUNK):
-                evaluate(unknown[start : start + CHUNK])
-            return log_factor[index]
-
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
-        truncated = integral.times(log_factor_at, spare)
-        # At each node (value of the hyper-parameters), the probability that no compliance is
-        # negative has two errors. One error may have the same sign at all nodes. It does not cancel
-        # in a sum over the nodes; its values at the nodes are therefore added. The other error is
-        # random and independent between nodes; the squares of its values are added.
-        has_weight = truncated.weight > 0.0
-        weight = truncated.weight[has_weight]
-        error = float(
-            weight @ common_error[has_weight] + np.linalg.norm(weight * noise[has_weight])
+        truncated = integral.times(factor.log_factor, spare)
+        return Nodes(self, truncated, factor.error(truncated.weight))
+
+    def _truncation_factor(
+        self, integral: Integral, tolerance: float, *, bounded: bool = False
+    ) -> TruncationFactor:
+        """Return the density with truncation at the nodes of ``integral``, to be computed there.
+
+        The arguments are those of `truncate`.
+        """
+        return TruncationFactor(
+            self.bound, integral, tolerance=tolerance, seed=self._seed, bounded=bounded
         )
-        return Nodes(self, truncated, error)
 
     def probability_inside(self, integral: Integral, tolerance: float) -> ProbabilityInside:
         """Return the posterior probability that no compliance is negative, from a few nodes.
 
-        P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ, of the
-        condition T that no compliance is negative. The result holds the logarithm of the mean of
-        P(T | y, φ) over nodes (values of φ) that are picked from ``integral`` in proportion to
-        their weights. At first 256 nodes are picked. As long as the error exceeds the tolerance,
-        the number of picked nodes is multiplied by four, but it does not exceed the number of nodes
-        of ``integral``.
-
-        Parameters
-        ----------
-        integral : Integral
-            Integral of the density that allows negative compliances, with its nodes.
-        tolerance : float
-            Error allowed in ln P(T | y) [nat].
+        ``integral`` is that of the density that allows negative compliances, with its nodes, and
+        ``tolerance`` is the error allowed in the log probability [nat]. `mean_probability_inside`
+        explains how many nodes are used.
         """
-        picked = _FEWEST_PICKED
-        while True:
-            free = integral.resample(picked, np.random.default_rng(self._seed))
-            probability = self._mean_probability(free, tolerance)
-            picked *= _PICKED_GROWTH
-            if probability.error <= tolerance or picked > len(integral.free):
-                return probability
-
-    def _mean_probability(self, free: Array, tolerance: float) -> ProbabilityInside:
-        """Return the mean of P(T | y, φ) over n values of the hyper-parameters φ, with its error.
-
-        P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
-        The result holds the logarithm of the mean, and the error of this logarithm. ``free``, shape
-        (n, h), holds the values of the h hyper-parameters in unbounded coordinates (mostly
-        ln(value − lower bound)). The error is twice the standard error, plus the mean numerical
-        error of P(T | y, φ), both divided by the mean. The standard error follows from the scatter
-        of P(T | y, φ) between these values. ``tolerance`` is the error allowed in ln P(T | y)
-        [nat].
-        """
-        log_values = []
-        errors = []
-        for start in range(0, len(free), CHUNK):
-            orthant = self.given(free[start : start + CHUNK])[1].orthant
-            probability = _log_probability(orthant, tolerance, self._seed)
-            log_values.append(probability.log_value)
-            errors.append(probability.common_error)
-        log_value = np.concatenate(log_values)
-        highest = max(float(log_value.max()), _LEAST_LOG_PROBABILITY)
-        share = np.exp(log_value - highest)
-        mean = max(float(share.mean()), _LEAST_SHARE_INSIDE)
-        scatter = 2.0 * float(share.std(ddof=1)) / np.sqrt(len(share))
-        numerical_error = float(share @ np.minimum(np.concatenate(errors), 1.0)) / len(share)
-        return ProbabilityInside(highest + float(np.log(mean)), (scatter + numerical_error) / mean)
+        return mean_probability_inside(self.bound, integral, tolerance=tolerance, seed=self._seed)
 
     @cached_property
     def without_truncation(self) -> HyperPosterior:
@@ -632,24 +514,6 @@ class HyperPosterior:
         """
         phi = self.bound.hyper_prior.phi(self._scores.free(scores))
         return self._add_likelihood(self._scores.log_prior(scores), phi, smooth=True)
-
-
-def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogProbability:
-    """Return ln P(T | y, φ) at nodes φ (values of the hyper-parameters), with errors.
-
-    P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
-    no compliance is negative. The probability is an integral of the Gaussian density of the
-    parameters; ``orthant`` holds this density for every node. ``tolerance`` is the error allowed in
-    the logarithm of the mean of P over many nodes [nat]. ``seed`` is the seed of the quasi-random
-    points from which P is computed. The error of ln P has two parts. The part that all nodes have
-    in common is allowed to be a quarter of the tolerance. The random part, which differs between
-    nodes and cancels in the mean, is allowed to be larger.
-    """
-    return orthant.log_probability_with_noise(
-        max(tolerance / 4.0, _FINEST_TOLERANCE),
-        max(_NOISE_PER_TOLERANCE * tolerance, _FINEST_TOLERANCE),
-        seed=seed,
-    )
 
 
 @dataclass(frozen=True)

@@ -87,13 +87,13 @@ def test_no_probability_is_computed_twice(
     inside, _ = conditional.orthant.log_probability(1e-3)
     expected = np.logaddexp.reduce(nodes.log_density + nodes.log_volume + inside)
     evaluated: list[np.ndarray] = []
-    given = posterior.given
+    given = soft.given
 
-    def counted(free: np.ndarray) -> object:
-        evaluated.append(free)
-        return given(free)
+    def counted(phi: np.ndarray) -> object:
+        evaluated.append(phi)
+        return given(phi)
 
-    monkeypatch.setattr(posterior, "given", counted)
+    monkeypatch.setattr(soft, "given", counted)
     truncated = posterior.truncate(nodes, 2e-3)
     assert truncated.integral.log_integral == pytest.approx(expected, abs=1e-3)
     every = np.concatenate(evaluated)
