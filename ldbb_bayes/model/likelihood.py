@@ -98,20 +98,9 @@ class _Batch(NamedTuple):
     log_density: Array
 
     @property
-    def numbers(self) -> slice:
-        """Slice that selects this batch from all values of the hyper-parameters.
-
-        A batch consists of values that are processed together.
-        """
+    def selection(self) -> slice:
+        """Slice that selects this batch from all values of the hyper-parameters."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
-
-    @property
-    def size(self) -> int:
-        """Number of values of the hyper-parameters in the batch, before the last value is repeated.
-
-        The last value is repeated to fill up the batch to a multiple of eight values.
-        """
-        return int(self.phi_index[-1] + 1 - self.phi_index[0])
 
 
 class StructuredGaussian:
@@ -195,10 +184,10 @@ class StructuredGaussian:
         squares = np.zeros((len(reduced) + 1, len(first)))
         np.add.at(count, (rows.test, self._kinds), rows.readings)
         np.add.at(squares, (rows.test, self._kinds), known_values**2)
-        all_tests = np.ones((1, len(reduced) + 1))
-        self._count = all_tests @ count
-        self._squares = all_tests @ squares
-        self._log_constant = all_tests @ observed.log_constants
+        self._count = count.sum(axis=0)
+        # These sums are products with ones, because NumPy's sum rounds the last digit differently.
+        self._squares = np.ones(len(squares)) @ squares
+        self._log_constant = float(observed.log_constants.sum())
 
     def log_density(self, phi: Array, beta: Array | None = None) -> Array:
         """Return the log density ln p(z | β, φ) of the readings z, shape (w,).
@@ -264,8 +253,8 @@ class StructuredGaussian:
             elimination.copy_factor(
                 workspace,
                 indices,
-                lower=lower[:, :, batch.numbers],
-                white_shift=white_shift[:, batch.numbers],
+                lower=lower[:, :, batch.selection],
+                white_shift=white_shift[:, batch.selection],
             )
         unit = self._unit[indices]
         mean = solve_columns(lower, white_shift).T * unit
@@ -372,18 +361,17 @@ class StructuredGaussian:
             index = np.minimum(index, len(phi) - 1)
             magnitude = self._variances(phi[index])
             weight = self._kind_signs[:, None] / magnitude
-            log_variance = np.log(magnitude)
-            log_determinant = np.einsum("tk,kw->tw", self._count, log_variance)
-            square = log_determinant + np.einsum("tk,kw->tw", self._squares, weight)
+            log_determinant = np.einsum("k,kw->w", self._count, np.log(magnitude))
+            log_density_loss = log_determinant + np.einsum("k,kw->w", self._squares, weight)
             shift = None
             if beta is not None:
                 stacked = np.broadcast_to(beta, (len(phi), beta.shape[-1]))[index]
                 rows = self._interest_rows
                 residual = rows.values[:, None] - rows.interest @ stacked.T
                 weighted = residual * weight[rows.kinds]
-                square += np.ones((1, len(residual))) @ (residual * weighted)
+                log_density_loss += np.ones(len(residual)) @ (residual * weighted)
                 shift = rows.transposed_columns @ weighted
-            log_density = self._log_constant - 0.5 * square[0]
+            log_density = self._log_constant - 0.5 * log_density_loss
             yield _Batch(index, weight, shift, log_density)
 
     def _variances(self, phi: Array) -> Array:

@@ -150,7 +150,7 @@ def test_blocks_that_have_no_row_in_common_are_eliminated_together() -> None:
         shared=48,
     )
     elimination = design.elimination(0)
-    assert [front.shape for front in elimination.fronts] == [(12, 4, 5)]
+    assert [front.shape for front in elimination.plan.fronts] == [(12, 4, 5)]
     _, gain = elimination.factorize(problem.weight, np.tile(problem.shift, (12, 1)))
     _, expected = problem.design.elimination(0).factorize(problem.weight, problem.shift)
     np.testing.assert_allclose(gain, 12.0 * expected, rtol=1e-12)
@@ -167,13 +167,13 @@ def test_gram_entries_without_zeros_are_dense(name: str, dense: int) -> None:
 def test_designs_with_zeros_in_the_same_places_share_their_plan() -> None:
     problem = PROBLEMS["sparse"]
     other = replace(problem, columns=2.0 * problem.columns)
-    plan = problem.design.elimination(7)._plan
-    assert other.design.elimination(7)._plan is plan
+    plan = problem.design.elimination(7).plan
+    assert other.design.elimination(7).plan is plan
 
 
 def test_plans_differ_where_other_columns_are_eliminated_last() -> None:
     design = PROBLEMS["sparse"].design
-    assert design.elimination(7)._plan is not design.elimination(0)._plan
+    assert design.elimination(7).plan is not design.elimination(0).plan
 
 
 def test_a_coefficient_without_reading_and_prior_is_refused() -> None:
@@ -358,14 +358,14 @@ def test_cost_follows_the_structure(name: str) -> None:
     if name == "one plane, arcs":
         assert multiplied(elimination) <= size**3
     else:
-        assert elimination.entries < dense
+        assert elimination.plan.entries < dense
         assert multiplied(elimination) < size**3 / 20
 
 
 def multiplied(elimination: Elimination) -> float:
     """Multiplications for one value of the hyper-parameters."""
     total = 0.0
-    for front in elimination.fronts:
+    for front in elimination.plan.fronts:
         groups = front.shape[0]
         remaining = front.shape[2] - np.arange(front.shape[1])
         total += groups * (remaining**2).sum() / 2
