@@ -13,6 +13,7 @@ import pytest
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, cheapest_search, goals_in, minutes_of
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
+from ldbb_bayes.analysis.design.judged_campaigns import JudgedCampaign
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import states_before
 
@@ -132,7 +133,7 @@ class SearchOfOneNumbers:
             return None
         self.has_found = True
         tests = (None,) * family.needed
-        return cheapest_search.FoundCampaign(family, tests, *(None,) * 3)  # type: ignore[arg-type]
+        return JudgedCampaign(family, tests, *(None,) * 3)  # type: ignore[arg-type]
 
 
 def searched(monkeypatch: pytest.MonkeyPatch, *families: FamilyOfOneNumber) -> list[Any]:

@@ -13,15 +13,15 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design import Costs, GoalDesign, cheapest_search, goals_in, minutes_of
 from ldbb_bayes.analysis.design.bound_plans import bind_tests
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
-from ldbb_bayes.analysis.design.cheapest_search import (
-    FoundCampaign,
-    _judged_on_fresh_machines,
-    _Search,
-    judge_plan,
-    shares_of_machines,
-)
+from ldbb_bayes.analysis.design.cheapest_search import _Search
 from ldbb_bayes.analysis.design.goal_design import _near_misses
 from ldbb_bayes.analysis.design.goals import Goal
+from ldbb_bayes.analysis.design.judged_campaigns import (
+    JudgedCampaign,
+    judge_plan,
+    judged_on_fresh_machines,
+    shares_of_machines,
+)
 from ldbb_bayes.analysis.design.simulated_analyses import StatedByMachines
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters, states_before
@@ -447,7 +447,7 @@ def test_no_goal_is_left_where_all_are_reached_or_no_campaign_is_found(cheapest,
 
 def test_a_campaign_is_judged_on_fresh_machines_too(family):
     campaign = judge_plan(family, family.tests_of(np.array([1, 0, 2, 0, 0, 1, 0, 1])))
-    again = _judged_on_fresh_machines(campaign).stated.u
+    again = judged_on_fresh_machines(campaign).stated.u
     machines = len(campaign.stated.u)
     assert len(again) > machines
     np.testing.assert_array_equal(again[:machines], campaign.stated.u)
@@ -462,7 +462,7 @@ def test_the_probability_is_that_of_one_more_machine(met, probability, reached):
     """Of 64 machines and one more, the new one is the worst with probability 1/65."""
     u = np.where(np.arange(64) < met, 1e-6, 3e-6)[:, None]
     stated = StatedByMachines(("C_XXX",), np.full((64, 1), 5e-5), u)
-    campaign = FoundCampaign(None, (), None, None, stated)
+    campaign = JudgedCampaign(None, (), None, None, stated)
     goals = {"C_XXX": Goal("C_XXX", "mm/N", absolute=4e-6)}
     assert _Search(goals, Costs(), probability)._is_met(campaign) == reached
 
@@ -474,7 +474,7 @@ def test_a_goal_that_most_machines_reach_is_no_near_miss(monkeypatch):
     u = np.full((64, 2), 1e-6)
     u[58:, 1] = 3e-6
     stated = StatedByMachines(("C_XXX", "C_YYY"), np.full((64, 2), 5e-5), u)
-    nearest = FoundCampaign(None, (), None, None, stated)
+    nearest = JudgedCampaign(None, (), None, None, stated)
     goals = {name: Goal(name, "mm/N", absolute=4e-6) for name in ("C_XXX", "C_YYY")}
     by_goal = dict.fromkeys(goals, nearest)
     assert _near_misses(nearest, by_goal, goals, 0.9) == {"C_YYY": 58 / 64}
@@ -490,7 +490,7 @@ def test_a_goal_that_another_campaign_reaches_is_no_near_miss(monkeypatch):
     for u_of_second in (3e-6, 1e-6):
         u = np.tile([3e-6, u_of_second], (64, 1))
         stated = StatedByMachines(tuple(goals), np.full((64, 2), 5e-5), u)
-        search._keep_nearest(FoundCampaign(None, (), None, None, stated))
+        search._keep_nearest(JudgedCampaign(None, (), None, None, stated))
     missed = _near_misses(search.nearest, search.nearest_by_goal, goals, 0.9)
     assert missed == {"C_XXX": 0.0}
 
@@ -533,11 +533,11 @@ def test_the_averaged_u_of_the_cheapest_campaign_is_that_of_identify(cheapest):
 @pytest.mark.slow
 def test_a_search_that_no_campaign_ends_says_why(monkeypatch):
     """All campaigns miss the goals on fresh machines, although the largest seemed to reach them."""
-    monkeypatch.setattr(cheapest_search, "_judged_on_fresh_machines", _all_unlucky)
+    monkeypatch.setattr(cheapest_search, "judged_on_fresh_machines", _all_unlucky)
     design = lb.design(MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES)
     assert not design.plans
     assert list(design.near_misses) == ["E_C0YX"]
 
 
-def _all_unlucky(campaign: FoundCampaign) -> FoundCampaign:
+def _all_unlucky(campaign: JudgedCampaign) -> JudgedCampaign:
     return replace(campaign, stated=replace(campaign.stated, u=1e3 * campaign.stated.u))

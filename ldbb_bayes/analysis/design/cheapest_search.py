@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,24 +21,17 @@ from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.forecast import forecast_plan
 from ldbb_bayes.analysis.design.goals import Goal
-from ldbb_bayes.analysis.design.simulated_analyses import (
-    SimulatedAnalyses,
-    StatedByMachines,
-    simulate_analyses,
-    stated_by_machines,
+from ldbb_bayes.analysis.design.judged_campaigns import (
+    JudgedCampaign,
+    are_enough,
+    judge_plan,
+    judged_on_fresh_machines,
+    log_ratios_to_goals,
+    shares_of_machines,
 )
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.results import Array
 
-__all__ = [
-    "CheapestCampaigns",
-    "FoundCampaign",
-    "are_enough",
-    "find_cheapest",
-    "judge_plan",
-    "shares_of_machines",
-    "truncation_ratios",
-]
+__all__ = ["CheapestCampaigns", "find_cheapest", "truncation_ratios"]
 
 # Largest number of circles that a campaign may have in the search for the cheapest campaign.
 _MOST_CIRCLES = 40
@@ -66,38 +59,9 @@ _MOST_FORECASTS = 8
 # circle. A fast forecast with this number of possible machines shows whether the slower forecast
 # with all 64 possible machines is worthwhile.
 _FEW_MACHINES = 16
-# Seed of the fresh machines on which a campaign that reaches the goals is judged once more.
-_SEED_OF_FRESH_MACHINES = 2
 # The search for further campaigns ends when the cheapest campaign that reaches the goals was found
 # and the computing effort (`_Search.effort`) exceeds this number.
 _MOST_EFFORT = 700
-
-
-@dataclass(frozen=True, eq=False)
-class FoundCampaign:
-    """A campaign that was found by the search for the cheapest campaign, with its forecast."""
-
-    #: family to which the campaign belongs: campaigns with the same angles of the balls in their
-    #: sockets, radii and certificates
-    family: CampaignFamily
-    #: tests of the campaign, each repeated as often as it is run
-    tests: tuple[CircularTest, ...]
-    #: the campaign as a plan: its tests in the order in which to run them, and the instrument with
-    #: its certificates
-    plan: Campaign
-    #: analyses of the campaign, simulated on the possible machines
-    analyses: SimulatedAnalyses
-    #: standard uncertainties to expect for the parameters on every possible machine, including the
-    #: fresh machines if the campaign was judged on these too
-    stated: StatedByMachines
-
-    def price(self, costs: Costs) -> float:
-        """Return the price of the campaign: its machine time plus its certificates.
-
-        ``costs`` holds the price of an hour and the time that each circle, set-up and turn of the
-        balls takes.
-        """
-        return self.family.price(costs, self.tests)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,31 +69,17 @@ class CheapestCampaigns:
     """Campaigns that reach all uncertainty goals; if none does, the one that comes nearest."""
 
     #: the campaigns that reach all goals for uncertainties, the cheapest first
-    campaigns: tuple[FoundCampaign, ...]
+    campaigns: tuple[JudgedCampaign, ...]
     #: campaign that comes nearest to the goals for uncertainties: the one that meets all goals on
     #: the largest share of the possible machines (random draws of the parameters and
     #: hyper-parameters). Only campaigns for which a forecast with unknown hyper-parameters was made
     #: are considered. None if there is no such campaign.
-    nearest: FoundCampaign | None
+    nearest: JudgedCampaign | None
     #: the same for every goal alone: the campaign that meets the goal on the largest share of the
     #: possible machines. The keys are the names of the goals' parameters.
-    nearest_by_goal: Mapping[str, FoundCampaign] = field(default_factory=dict)
+    nearest_by_goal: Mapping[str, JudgedCampaign] = field(default_factory=dict)
     #: whether campaigns were left out because they exceed the longest machine time allowed
     is_too_long: bool = False
-
-
-def judge_plan(
-    family: CampaignFamily, tests: Sequence[CircularTest], machines: int | None = None
-) -> FoundCampaign:
-    """Return a campaign of the given tests, with the forecast of its uncertainties.
-
-    ``family`` is the family of campaigns to which the tests belong. ``machines`` is the number of
-    possible machines over which the forecast averages. The default, None, gives a full forecast
-    with 64 machines.
-    """
-    plan = family.plan_of(tests)
-    analyses = simulate_analyses(family.space.model, plan, machines=machines)
-    return FoundCampaign(family, tuple(tests), plan, analyses, stated_by_machines(analyses))
 
 
 def truncation_ratios(family: CampaignFamily) -> dict[str, float]:
@@ -150,71 +100,6 @@ def truncation_ratios(family: CampaignFamily) -> dict[str, float]:
         expected = forecast.expected[name]
         ratios[name] = min(1.0, expected.sd / expected.untruncated_sd)
     return ratios
-
-
-def _judged_on_fresh_machines(campaign: FoundCampaign) -> FoundCampaign:
-    """Return a campaign with the uncertainties to expect on as many machines again.
-
-    A search judges one campaign after the other on the same possible machines, and takes the first
-    that reaches the goals on enough of them. This campaign is more often lucky than the others, but
-    not on fresh machines.
-    """
-    model = campaign.family.space.model
-    analyses = simulate_analyses(model, campaign.plan, seed=_SEED_OF_FRESH_MACHINES)
-    fresh = stated_by_machines(analyses)
-    stated = StatedByMachines(
-        fresh.names,
-        np.concatenate([campaign.stated.beta, fresh.beta]),
-        np.concatenate([campaign.stated.u, fresh.u]),
-    )
-    return replace(campaign, stated=stated)
-
-
-def _log_ratios_to_goals(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
-    """Return ln(u/u*) of every goal on every possible machine, shape (machines, goals).
-
-    u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
-    that the goal permits.
-    """
-    columns = []
-    for name, goal in goals.items():
-        k = stated.names.index(name)
-        columns.append(np.log(stated.u[:, k] / goal.limit_u(stated.beta[:, k])))
-    return np.stack(columns, axis=1)
-
-
-def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> dict[str, float]:
-    """Return the share of the possible machines on which each goal is met.
-
-    ``stated`` holds the uncertainties to expect on every possible machine. The result is a dict;
-    its keys are the names of the goals' parameters. An additional entry with an empty string as its
-    key is the share of the machines on which all goals are met together.
-    """
-    is_met = _log_ratios_to_goals(stated, goals) <= 0.0
-    shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
-    shares[""] = float(is_met.all(axis=1).mean())
-    return shares
-
-
-def are_enough(share: float, machines: int, probability: float) -> bool:
-    """Return whether so many possible machines reach a goal that one more will probably reach it.
-
-    One more machine is like the n possible machines, which are random draws of the parameters and
-    hyper-parameters. All n + 1 machines are equally likely to be the one with the largest
-    uncertainties. If k of the n machines reach the goal, the probability that one more does is
-    therefore k / (n + 1) or more.
-
-    Parameters
-    ----------
-    share
-        Share of the possible machines that reach the goal, k / n.
-    machines
-        Number n of possible machines.
-    probability
-        Required probability that one more machine reaches the goal.
-    """
-    needed = min(np.ceil(probability * (machines + 1)), machines)
-    return bool(round(share * machines) >= needed)
 
 
 @dataclass
@@ -300,7 +185,7 @@ def find_cheapest(
     """
     search = _Search(goals, costs, probability)
     queue = _queue_of(families, costs)
-    campaigns: list[FoundCampaign] = []
+    campaigns: list[JudgedCampaign] = []
     reported = 0
     while queue and not _is_complete(campaigns, number, queue[0].price, search.effort, costs):
         entry = heapq.heappop(queue)
@@ -335,7 +220,7 @@ def find_cheapest(
 
 
 def _is_complete(
-    campaigns: Sequence[FoundCampaign], number: int, lowest_price: float, effort: int, costs: Costs
+    campaigns: Sequence[JudgedCampaign], number: int, lowest_price: float, effort: int, costs: Costs
 ) -> bool:
     """Return whether no family that is still in the queue need be searched.
 
@@ -375,7 +260,7 @@ def _retry_skipped(queue: Sequence[_QueuedFamily], costs: Costs) -> list[_Queued
 
 
 def _buys_in_vain(
-    family: CampaignFamily, minutes: float, cheaper: FoundCampaign, costs: Costs
+    family: CampaignFamily, minutes: float, cheaper: JudgedCampaign, costs: Costs
 ) -> bool:
     """Return whether a campaign buys a certificate that saves no time.
 
@@ -390,8 +275,8 @@ def _buys_in_vain(
 
 
 def _not_in_vain(
-    campaigns: Sequence[FoundCampaign], cheaper: FoundCampaign, costs: Costs
-) -> list[FoundCampaign]:
+    campaigns: Sequence[JudgedCampaign], cheaper: JudgedCampaign, costs: Costs
+) -> list[JudgedCampaign]:
     """Return the campaigns that buy no certificate in vain, compared with one found after them.
 
     ``campaigns`` are those found before, and ``cheaper`` is the one found after them.
@@ -420,11 +305,11 @@ def _queue_of(families: Sequence[CampaignFamily], costs: Costs) -> list[_QueuedF
 
 
 def _with_more_circles(
-    campaigns: Sequence[FoundCampaign],
+    campaigns: Sequence[JudgedCampaign],
     number: int,
     costs: Costs,
     on_campaign: Callable[[], object],
-) -> list[FoundCampaign]:
+) -> list[JudgedCampaign]:
     """Return campaigns that have 1, 2, …, ``number`` circles more than the cheapest one found.
 
     They are the best campaigns of the same family. They cost more, but are more likely to meet the
@@ -469,9 +354,9 @@ class _Search:
         self.is_too_long = False
         #: campaign that comes nearest to the goals for uncertainties without reaching them: the one
         #: that meets all goals on the largest share of the possible machines
-        self.nearest: FoundCampaign | None = None
+        self.nearest: JudgedCampaign | None = None
         #: the same for every goal alone; the keys are the names of the goals' parameters
-        self.nearest_by_goal: dict[str, FoundCampaign] = {}
+        self.nearest_by_goal: dict[str, JudgedCampaign] = {}
         #: computing effort of the search so far: sum of n² over full forecasts of campaigns of n
         #: circles. Not counted are the forecast with which the search in a family starts, and
         #: those of the bisection, unless the campaign meets the goals.
@@ -506,7 +391,7 @@ class _Search:
         progress.first = progress.circles
         return True
 
-    def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
+    def _inflation_of(self, campaign: JudgedCampaign, counts: Array) -> float:
         """Return the difference of ln(u/u*) between the full and the quick forecast of a campaign.
 
         u is the standard uncertainty of a goal's parameter after the campaign, and u* the largest
@@ -516,11 +401,11 @@ class _Search:
         value, which is subtracted. It is computed from ``counts``, the campaign's number of circles
         of every candidate test.
         """
-        excess = _log_ratios_to_goals(campaign.stated, self._goals).max(axis=1)
+        excess = log_ratios_to_goals(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
 
-    def _keep_nearest(self, campaign: FoundCampaign) -> None:
+    def _keep_nearest(self, campaign: JudgedCampaign) -> None:
         """Store a campaign as ``nearest`` if it is better than the campaign stored before.
 
         A campaign is better if it reaches all goals for uncertainties on a larger share of the
@@ -534,26 +419,26 @@ class _Search:
             if best is None or self._rank(campaign, name) > self._rank(best, name):
                 self.nearest_by_goal[name] = campaign
 
-    def _rank(self, campaign: FoundCampaign, name: str = "") -> tuple[float, int]:
+    def _rank(self, campaign: JudgedCampaign, name: str = "") -> tuple[float, int]:
         """Return the share of machines on which a campaign reaches goals, and its circles.
 
         ``name`` is the name of a goal's parameter; an empty string means all goals together.
         """
         return self._share_met(campaign, name), len(campaign.tests)
 
-    def _share_met(self, campaign: FoundCampaign, name: str = "") -> float:
+    def _share_met(self, campaign: JudgedCampaign, name: str = "") -> float:
         """Return the share of machines on which a campaign reaches goals for uncertainties.
 
         ``name`` is the name of a goal's parameter; an empty string means all goals together.
         """
         return shares_of_machines(campaign.stated, self._goals)[name]
 
-    def _is_met(self, campaign: FoundCampaign) -> bool:
+    def _is_met(self, campaign: JudgedCampaign) -> bool:
         """Return whether a campaign reaches all uncertainty goals with the required probability."""
         machines = len(campaign.stated.u)
         return are_enough(self._share_met(campaign), machines, self._probability)
 
-    def attempt(self, progress: _Progress) -> FoundCampaign | None:
+    def attempt(self, progress: _Progress) -> JudgedCampaign | None:
         """Return a campaign of a family that meets the uncertainty goals, or None if this fails.
 
         ``progress`` holds the family and the number of circles to try. The result has this number
@@ -582,7 +467,7 @@ class _Search:
             return None
         return self._with_fewer_circles(progress, campaign)
 
-    def _found_by_bisection(self, progress: _Progress) -> FoundCampaign | None:
+    def _found_by_bisection(self, progress: _Progress) -> JudgedCampaign | None:
         """Return a campaign of a family that narrowly misses the goals with fewer circles.
 
         The largest campaign that fits the machine time is judged first. If it meets the goals, a
@@ -616,7 +501,7 @@ class _Search:
                 best = shorter
         return best
 
-    def _confirmed(self, campaign: FoundCampaign) -> FoundCampaign | None:
+    def _confirmed(self, campaign: JudgedCampaign) -> JudgedCampaign | None:
         """Return a campaign judged on fresh machines too, or None if it misses the goals.
 
         The result is None if the campaign misses the goals on the machines on which it was judged
@@ -627,13 +512,13 @@ class _Search:
             self._keep_nearest(campaign)
             return None
         self.effort += len(campaign.tests) ** 2
-        judged_again = _judged_on_fresh_machines(campaign)
+        judged_again = judged_on_fresh_machines(campaign)
         if not self._is_met(judged_again):
             self._keep_nearest(judged_again)
             return None
         return judged_again
 
-    def _forecast_fully(self, progress: _Progress, counts: Array) -> FoundCampaign:
+    def _forecast_fully(self, progress: _Progress, counts: Array) -> JudgedCampaign:
         """Return a campaign with its full forecast, and update ``progress``.
 
         The function stores in ``progress`` how much larger the uncertainties of the full forecast
@@ -646,7 +531,7 @@ class _Search:
         self._store_inflation(progress, campaign, counts)
         return campaign
 
-    def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
+    def _with_fewer_circles(self, progress: _Progress, campaign: JudgedCampaign) -> JudgedCampaign:
         """Return ``campaign``, or a campaign with fewer circles that also meets the goals.
 
         Circles are removed one by one as long as the campaign still meets the goals. ``progress``
@@ -668,7 +553,9 @@ class _Search:
             best = shorter
         return best
 
-    def _store_inflation(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
+    def _store_inflation(
+        self, progress: _Progress, campaign: JudgedCampaign, counts: Array
+    ) -> None:
         """Store how much larger the uncertainties are in the full forecast than in the quick one.
 
         `_expected_inflation` states the formula. Its coefficient ``progress.inflation`` is computed

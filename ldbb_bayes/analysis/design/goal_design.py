@@ -26,18 +26,17 @@ from ldbb_bayes.analysis.design.certificate_offers import (
     offers_in,
     sets_of_offers,
 )
-from ldbb_bayes.analysis.design.cheapest_search import (
-    FoundCampaign,
-    are_enough,
-    find_cheapest,
-    judge_plan,
-    shares_of_machines,
-    truncation_ratios,
-)
+from ldbb_bayes.analysis.design.cheapest_search import find_cheapest, truncation_ratios
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_forces
 from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, USUAL_PROBABILITY, Goal, goals_in
+from ldbb_bayes.analysis.design.judged_campaigns import (
+    JudgedCampaign,
+    are_enough,
+    judge_plan,
+    shares_of_machines,
+)
 from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.possible_certificates import require_possible
 from ldbb_bayes.analysis.design.present_estimates import (
@@ -498,7 +497,7 @@ class _Searched(NamedTuple):
     near_misses: Mapping[str, NearMiss] = MappingProxyType({})
     without_limit: GoalPlan | None = None
     #: the cheapest campaign as the search found it; None if ``plans`` is empty
-    cheapest: FoundCampaign | None = None
+    cheapest: JudgedCampaign | None = None
 
 
 def _search_reachable(
@@ -581,8 +580,8 @@ def _reachable(
 
 
 def _near_misses(
-    nearest: FoundCampaign,
-    nearest_by_goal: Mapping[str, FoundCampaign],
+    nearest: JudgedCampaign,
+    nearest_by_goal: Mapping[str, JudgedCampaign],
     goals: Mapping[str, Goal],
     probability: float,
 ) -> dict[str, NearMiss]:
@@ -601,7 +600,7 @@ def _near_misses(
     ``probability`` (`are_enough`). If each goal is met on enough machines by some campaign, but no
     campaign meets all of them, the goal is included that ``nearest`` meets on the fewest machines.
     """
-    campaigns: dict[str, FoundCampaign] = {}
+    campaigns: dict[str, JudgedCampaign] = {}
     for name, campaign in nearest_by_goal.items():
         share = shares_of_machines(campaign.stated, goals)[name]
         if not are_enough(share, len(campaign.stated.u), probability):
@@ -622,7 +621,7 @@ def _near_misses(
 
 
 def _plans_of(
-    campaigns: Sequence[FoundCampaign], goals: Mapping[str, Goal], costs: Costs, steps: _Steps
+    campaigns: Sequence[JudgedCampaign], goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[GoalPlan, ...]:
     """Return a plan for every campaign, with its costs and its forecast for every uncertainty goal.
 
@@ -641,7 +640,7 @@ def _plans_of(
     return tuple(plans)
 
 
-def _with_averaged_uncertainties(plan: GoalPlan, campaign: FoundCampaign) -> GoalPlan:
+def _with_averaged_uncertainties(plan: GoalPlan, campaign: JudgedCampaign) -> GoalPlan:
     """Return a plan with uncertainties that are averaged over constant and linear compliance."""
     averaged = averaged_uncertainties(campaign.analyses)
     if not averaged:
@@ -654,7 +653,7 @@ def _with_averaged_uncertainties(plan: GoalPlan, campaign: FoundCampaign) -> Goa
     return replace(plan, goals=goals)
 
 
-def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
+def _plan_of(campaign: JudgedCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
     """Return a campaign with its costs and with the forecast for every uncertainty goal.
 
     The keys of ``goals`` are the names of the parameters, and ``costs`` are the times and prices.
@@ -688,7 +687,7 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 
 
 def _customary_plans(
-    best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, steps: _Steps
+    best: JudgedCampaign, goals: Mapping[str, Goal], costs: Costs, steps: _Steps
 ) -> tuple[CustomaryPlan, ...]:
     """Return campaigns as they are usually run, each with the best campaign of the same size.
 
