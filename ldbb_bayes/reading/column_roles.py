@@ -18,13 +18,7 @@ from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous
 from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.travel_direction import direction_named, senses_in, senses_of_header
 from ldbb_bayes.reading.unit_lines import partner_of_units
-from ldbb_bayes.reading.words import (
-    LONGEST_NAME,
-    ROLES,
-    UNITS,
-    WORDS,
-    comparable,
-)
+from ldbb_bayes.reading.words import LONGEST_NAME, ROLES, UNITS, WORDS, comparable
 
 __all__ = ["ColumnRoles", "find_columns", "names_circle", "names_runs"]
 

@@ -8,9 +8,7 @@ from collections.abc import Sequence
 from ldbb_bayes.reading.header_units import unit_of
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
 from ldbb_bayes.reading.role_words import has_role
-from ldbb_bayes.reading.words import (
-    ROLES,
-)
+from ldbb_bayes.reading.words import ROLES
 
 __all__ = ["RULE", "count_numbers", "heads_loads", "is_rule", "names_any_role", "names_columns"]
 

@@ -8,9 +8,7 @@ from ldbb_bayes.reading.assumptions import AssumptionLog, shown_list
 from ldbb_bayes.reading.heading import Heading
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import (
-    LONGEST_NAME,
-)
+from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["note_heading"]
 

@@ -10,13 +10,7 @@ from typing import Any, NamedTuple
 
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table
-from ldbb_bayes.units import (
-    Statement,
-    display_name,
-    display_unit,
-    state,
-    value_and_uncertainty,
-)
+from ldbb_bayes.units import Statement, display_name, display_unit, state, value_and_uncertainty
 
 __all__ = ["ResultCells", "change_cells", "change_parts", "change_table", "statement_cells"]
 

@@ -21,13 +21,10 @@ from ldbb_bayes.analysis.design.candidate_covariances import (
     CandidateCovariances,
     covariances_with_scatter,
 )
+from ldbb_bayes.analysis.design.circles_to_go import count_circles_to_go
 from ldbb_bayes.analysis.design.criteria import Determinant
-from ldbb_bayes.analysis.design.next_circle import (
-    NextCircle,
-    _circles_to_go,
-    _ModelOdds,
-    next_circle,
-)
+from ldbb_bayes.analysis.design.model_odds import ModelOdds
+from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.present_estimates import present_estimates
 from ldbb_bayes.analysis.rival_explanations import compare_explanations
@@ -495,13 +492,17 @@ def test_circles_to_go_are_not_counted_where_very_many_do_not_suffice(
     floor = np.array([_dense(objective, k, [0, 1, 2] * 10_000) for k in range(2)])
     aim = UncertaintyAim(np.array([1.0, 0.0]), 1.0, 1.0, is_reached=False)
     lowest = _rms(aim.sd(floor))
-    assert _circles_to_go([replace(aim, target=0.99 * lowest)], objective, floor).number is None
+    assert (
+        count_circles_to_go([replace(aim, target=0.99 * lowest)], objective, floor).number is None
+    )
     for circles in (1, 3):
         nearest = CandidateCovariances(objective)
         for _ in range(circles):
             nearest.run(int(np.argmin(aim.distance(nearest.after()))))
         target = 1.001 * _rms(aim.sd(nearest.before))
-        assert _circles_to_go([replace(aim, target=target)], objective, floor).number == circles
+        assert (
+            count_circles_to_go([replace(aim, target=target)], objective, floor).number == circles
+        )
 
 
 # ---- refusals
@@ -595,17 +596,17 @@ def test_planes_that_are_foreseen_are_weighed_too() -> None:
 # ---- the choice between constant and linear compliance
 
 
-def _odds(step: NextCircle, log_bayes_factor: float) -> _ModelOdds:
+def _odds(step: NextCircle, log_bayes_factor: float) -> ModelOdds:
     """The choice between the models as if the readings so far spoke for one of them by so much."""
     bound = step.chosen.space.model.bind(step.chosen.space.pilot)
     columns = [k for k, parameter in enumerate(bound.parameters) if parameter.group == "slope"]
     phi = bound.hyper_prior.quantile(np.full((2, len(bound.hyper_prior.names)), 0.5))
     nothing = np.zeros((0, len(bound.names)))
     known = Known(bound, nothing, nothing, nothing, phi, phi)
-    return _ModelOdds(known, columns, log_bayes_factor, 0.1, threshold=float(np.log(19.0)))
+    return ModelOdds(known, columns, log_bayes_factor, 0.1, threshold=float(np.log(19.0)))
 
 
-def _covariances(odds: _ModelOdds, share: float) -> np.ndarray:
+def _covariances(odds: ModelOdds, share: float) -> np.ndarray:
     """Covariances of the parameters of which circles leave this share."""
     bound = odds.known.bound
     posterior = bound.given(odds.known.phi)[1]

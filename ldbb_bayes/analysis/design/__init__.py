@@ -14,7 +14,8 @@ from ldbb_bayes.analysis.design.discrimination import Discrimination
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, forecast_plan
 from ldbb_bayes.analysis.design.goal_design import GoalDesign, GoalPlan
 from ldbb_bayes.analysis.design.goals import Goal, goals_in
-from ldbb_bayes.analysis.design.next_circle import ModelSoFar, NextCircle, next_circle
+from ldbb_bayes.analysis.design.model_odds import ModelSoFar
+from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.shares import Optimum, certificate, optimal_shares

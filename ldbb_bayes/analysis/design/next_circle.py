@@ -24,10 +24,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from pydantic import Field
-from scipy.special import expit
 
 from ldbb_bayes.analysis.averaging import average
-from ldbb_bayes.analysis.design.aims import Aim, SlopesAim, total_distance
+from ldbb_bayes.analysis.design.aims import Aim, total_distance
 from ldbb_bayes.analysis.design.aims_so_far import (
     GoalSoFar,
     GoalState,
@@ -46,9 +45,10 @@ from ldbb_bayes.analysis.design.candidate_covariances import (
     covariances_with_scatter,
 )
 from ldbb_bayes.analysis.design.candidates import Clocking
+from ldbb_bayes.analysis.design.circles_to_go import CirclesToGo, count_circles_to_go
 from ldbb_bayes.analysis.design.criteria import Determinant
-from ldbb_bayes.analysis.design.discrimination import discrimination_of
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
+from ldbb_bayes.analysis.design.model_odds import ModelOdds, ModelSoFar
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.present_estimates import (
     EVIDENCE_TOLERANCE,
@@ -58,31 +58,23 @@ from ldbb_bayes.analysis.design.present_estimates import (
 )
 from ldbb_bayes.analysis.design.shares import largest_positions
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.analysis.rival_explanations import average_explanations
 from ldbb_bayes.analysis.tolerances import Tolerance
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, require_campaign
 from ldbb_bayes.errors import check_seed, require
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.fit import Concern, contradicted_priors
 from ldbb_bayes.inference.sample import sample
-from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByParameter, EitherSpelling, Records, Result
 
-__all__ = ["ModelSoFar", "NextCircle", "next_circle"]
+__all__ = ["NextCircle", "next_circle"]
 
-# Largest number of further circles that is tried when the number of circles that a campaign still
-# needs is estimated.
-_MOST_CIRCLES = 40
 # The uncertainty after very many circles is computed as if each possible circle were run this
 # number of times.
 _VERY_MANY = 1e6
 # Number of possible next circles that the result lists, the best first.
 _LISTED = 5
-# Smallest error that is assumed for the probability of a model. Two models count as equally
-# probable if their probabilities differ from 0.5 by less than this.
-_SMALLEST_ERROR_OF_PROBABILITY = 0.01
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9
 
@@ -93,44 +85,6 @@ class CircleKind(StrEnum):
     DIRECTIONS = "both directions"
     BALLS = "turned balls"
     RADII = "a second radius"
-
-
-@dataclass(frozen=True)
-class ModelSoFar(Result):
-    """State of the decision between constant compliance and compliance linear in force."""
-
-    #: log Bayes factor of linear over constant compliance [nat], averaged over alternative
-    #: explanations of an apparent change of compliance with force
-    log_bayes_factor: float
-    #: numerical error of the log Bayes factor of linear over constant compliance [nat]
-    log_bayes_factor_error: float
-    #: posterior probability that compliance is linear in force, not constant
-    probability_linear: float
-    #: whether one of the two models, constant or linear compliance, is probable enough for a
-    #: decision
-    decided: bool
-    #: probability that a decision between constant and linear compliance is possible after the best
-    #: next circle
-    decided_next: float
-    #: whether very many of the possible circles are expected to decide between the two models, or
-    #: the decision is already made
-    decidable: bool
-
-    @property
-    def probability(self) -> float:
-        """Larger of the posterior probabilities of constant and of linear compliance."""
-        return max(self.probability_linear, 1.0 - self.probability_linear)
-
-    @property
-    def equally_probable(self) -> bool:
-        """Whether numerical errors leave open which of the two models is the more probable.
-
-        The error of the probability p follows from that of the log Bayes factor, because the
-        derivative of p with respect to the log Bayes factor is p (1 − p).
-        """
-        p = self.probability_linear
-        error = p * (1.0 - p) * self.log_bayes_factor_error
-        return abs(p - 0.5) < max(error, _SMALLEST_ERROR_OF_PROBABILITY)
 
 
 class _Chosen(NamedTuple):
@@ -309,24 +263,24 @@ def next_circle(
     # The model is applied to the circles run so far, followed by all possible circles.
     bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
     objective = _objective(bound, space, known)
-    circles = CandidateCovariances(objective)
-    of_goals = goal_states(read_goals, known, circles.before, confidence)
+    candidates = CandidateCovariances(objective)
+    of_goals = goal_states(read_goals, known, candidates.before, confidence)
     if of_goals:
         stated = sds_of_fit(model, campaign, nodes)
         of_goals = _with_other_uncertainties(of_goals, stated, confidence)
     of_tolerances = _states_of_tolerances(
-        tolerances, space, known, evidences, circles.before, confidence
+        tolerances, space, known, evidences, candidates.before, confidence
     )
     evidences_of_sheets = _evidences_of_sheets(evidences, model, campaign, known)
     of_tolerances = _decided_on_sheets(
         of_tolerances, tolerances, space, known, evidences_of_sheets, confidence
     )
-    odds = _ModelOdds.of(model, known, evidences_of_sheets, confidence)
+    odds = ModelOdds.of(model, known, evidences_of_sheets, confidence)
     model_is_aim = odds is not None and (decide_model or not has_goals)
     odds_to_decide = odds if model_is_aim else None
     aims = _aims_of(of_goals, of_tolerances, odds_to_decide)
 
-    covariances = circles.after()
+    covariances = candidates.after()
     distances = total_distance(aims, covariances)
     order = largest_positions(-distances, len(distances))
     after = covariances[:, order[0]]
@@ -334,9 +288,9 @@ def next_circle(
     after_very_many = _covariances_after_very_many(objective)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
-    to_go = _CirclesToGo(0, after_very_many)
+    to_go = CirclesToGo(0, after_very_many)
     if not finished:
-        to_go = _circles_to_go(aims, objective, after_very_many)
+        to_go = count_circles_to_go(aims, objective, after_very_many)
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
@@ -353,7 +307,7 @@ def next_circle(
         concerns=tuple(contradicted_priors(known.bound, known.phi_of_draws, known.draws)),
         direction=space.tests[order[0]].direction,
         table=_best_circles(
-            space, order[:_LISTED], float(total_distance(aims, circles.before)), distances
+            space, order[:_LISTED], float(total_distance(aims, candidates.before)), distances
         ),
         chosen=_Chosen(space, space.tests[order[0]]),
         unreached_goals=to_go.unreached(of_goals),
@@ -375,7 +329,7 @@ def _kinds_not_allowed(space: Space) -> tuple[CircleKind, ...]:
 def _aims_of(
     goals: Mapping[str, GoalState],
     tolerances: Mapping[str, ToleranceState],
-    odds: _ModelOdds | None,
+    odds: ModelOdds | None,
 ) -> list[Aim]:
     """Return the aims of a campaign: its goals, its tolerances, and the choice between two models.
 
@@ -511,11 +465,8 @@ def _tolerances_so_far(
 ) -> dict[str, ToleranceSoFar]:
     """Return, for each tolerance, the present decision and what the best next circle may decide.
 
-    The present decision states whether the quantity conforms with its tolerance. For the best next
-    circle, the probability is given that a decision is then possible. ``after`` are the covariances
-    of the parameters after this circle, and ``floor`` those after very many circles. ``scattering``
-    are equally likely covariances after this circle, which may scatter more or less than other
-    circles. The result is a dict; its keys are the names of the quantities with tolerances.
+    The keys of the result are the names of the quantities with tolerances. The other arguments are
+    those of `_goals_so_far`.
     """
     return {name: state.so_far(after, floor, scattering) for name, state in tolerances.items()}
 
@@ -609,55 +560,6 @@ def _covariances_after_very_many(objective: Objective) -> Array:
     ]
 
 
-class _CirclesToGo(NamedTuple):
-    """Number of further circles after which all aims of a campaign should be reached."""
-
-    #: number of circles; None if 40 are not enough
-    number: int | None
-    #: covariances of the p parameters after so many circles, after 40 circles, or after very many
-    #: circles if even these do not reach an aim, at K values of the hyper-parameters, shape (K, p,
-    #: p)
-    covariances: Array
-
-    def reaches(self, aim: Aim) -> bool:
-        """Return whether an aim is reached already, or expected to be after these circles."""
-        return bool(aim.is_reached or aim.is_expected(self.covariances))
-
-    def decides(self, odds: _ModelOdds | None) -> bool:
-        """Return whether these circles decide between constant and linear compliance.
-
-        ``odds`` are None if that is not to be decided; the result is then true.
-        """
-        return odds is None or self.reaches(odds.aim)
-
-    def unreached(
-        self, states: Mapping[str, GoalState] | Mapping[str, ToleranceState]
-    ) -> tuple[str, ...]:
-        """Return the names of the goals or tolerances that these circles do not reach."""
-        if self.number is not None:
-            return ()
-        return tuple(name for name, state in states.items() if not self.reaches(state.aim))
-
-
-def _circles_to_go(aims: Sequence[Aim], objective: Objective, floor: Array) -> _CirclesToGo:
-    """Return the number of further circles after which a campaign should reach all its aims.
-
-    The circles are chosen one after another from the candidates of ``objective``. Each circle is
-    the best choice after the circles chosen before; a candidate may be chosen several times. The
-    number is None if the aims are not reached after 40 circles. ``floor``, shape (K, p, p), are the
-    covariances of the p parameters after very many circles, at K values of the hyper-parameters. An
-    aim that they do not reach is not reached after 40 circles either.
-    """
-    if not all(aim.is_reached or aim.is_expected(floor) for aim in aims):
-        return _CirclesToGo(None, floor)
-    circles = CandidateCovariances(objective)
-    for number in range(1, _MOST_CIRCLES + 1):
-        circles.run(int(largest_positions(-total_distance(aims, circles.after()))[0]))
-        if all(aim.is_reached or aim.is_expected(circles.before) for aim in aims):
-            return _CirclesToGo(number, circles.before)
-    return _CirclesToGo(None, circles.before)
-
-
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
@@ -681,102 +583,3 @@ def _progress_of_circles(distance_now: float, distances: Array) -> Array:
     if distance_now <= 0.0:
         return np.ones(len(distances))
     return np.clip((distance_now - distances) / distance_now, 0.0, 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class _ModelOdds:
-    """Comparison of linear with constant compliance, given the circles run so far."""
-
-    known: Known
-    # indices of the slopes in the list of the model's parameters
-    columns: list[int]
-    log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
-    error: float  # numerical error of the log Bayes factor of linear over constant compliance [nat]
-    # smallest absolute value of the log Bayes factor [nat] that decides between linear and constant
-    # compliance
-    threshold: float
-
-    @classmethod
-    def of(
-        cls, model: HybridModel, known: Known, evidences: Evidences, confidence: float
-    ) -> _ModelOdds | None:
-        """Return the odds of linear over constant compliance; None if the model has no slopes.
-
-        The odds are averaged over alternative explanations of an apparent change of compliance with
-        force. ``known`` is the posterior given the circles run so far. ``evidences`` computes the
-        evidences of the two models, as a report does (`_evidences_of_sheets`). ``confidence`` is
-        the minimum probability at which a decision is made.
-        """
-        parameters = known.bound.parameters
-        columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]
-        if not columns:
-            return None
-        pair = {"constant": model.with_degree(0), "linear": model}
-        averaged = average_explanations(pair, evidences)
-        threshold = float(np.log(confidence / (1.0 - confidence)))
-        return cls(
-            known,
-            columns,
-            averaged.log_bayes_factor,
-            averaged.log_bayes_factor_error,
-            threshold,
-        )
-
-    @property
-    def is_decided(self) -> bool:
-        """Whether the log Bayes factor decides between constant and linear compliance."""
-        return abs(self.log_bayes_factor) >= self.threshold
-
-    @property
-    def aim(self) -> SlopesAim:
-        """The aim to decide between constant and linear compliance."""
-        return SlopesAim(self.columns, self.threshold, self.is_decided)
-
-    def probability_decided(self, covariance: Array) -> float:
-        """Return the probability that a decision is possible after one more circle.
-
-        The log Bayes factor after this circle is the present one, which is averaged over
-        alternative explanations, plus the change that the circle causes in the model with all of
-        them. ``covariance``, shape (n K, p, p), are covariances of the p parameters after the
-        circle, in units of their prior standard deviations: n times one for each of the K values of
-        the hyper-parameters.
-        """
-        scale = self.known.bound.scale[self.columns]
-        repeated = np.tile(self.known.phi, (len(covariance) // len(self.known.phi), 1))
-        _, present = self.known.bound.given(repeated)
-        slopes = Gaussian.factored(present.mean, present.root, present.scale).marginal(self.columns)
-        # ``slopes`` is the posterior of the slopes before the next circle. Its mean and standard
-        # deviations are divided by ``scale``. They are then in units of the prior standard
-        # deviations, as ``covariance`` is. ``size`` has no effect on the fields of ``expected``
-        # that are used here.
-        expected = discrimination_of(
-            covariance[:, self.columns][:, :, self.columns],
-            tuple(self.known.bound.names[k] for k in self.columns),
-            size=1.0,
-            before=Gaussian.factored(slopes.mean / scale, slopes.root, slopes.scale / scale),
-            threshold=self.threshold,
-            present=self.log_bayes_factor,
-        )
-        with_slopes = expected.decisive_with + expected.misleading_with
-        without_slopes = expected.decisive_without + expected.misleading_without
-        probability = float(expit(self.log_bayes_factor))
-        return probability * with_slopes + (1.0 - probability) * without_slopes
-
-    def so_far(self, scattering: Array, floor: Array) -> ModelSoFar:
-        """Return the present and the expected decision between constant and linear compliance.
-
-        The result states the odds of linear over constant compliance, given the circles run so far,
-        and the probability that a decision between the two is possible after the best next circle.
-        ``scattering``, shape (n, p, p), are equally likely covariances of the p parameters after
-        the best next circle, which may scatter more or less than other circles, in units of their
-        prior standard deviations. ``floor``, shape (K, p, p), in the same units, are the
-        covariances after very many circles, at K values of the hyper-parameters.
-        """
-        return ModelSoFar(
-            log_bayes_factor=self.log_bayes_factor,
-            log_bayes_factor_error=self.error,
-            probability_linear=float(expit(self.log_bayes_factor)),
-            decided=self.is_decided,
-            decided_next=self.probability_decided(scattering),
-            decidable=self.is_decided or self.aim.is_expected(floor),
-        )
