@@ -22,13 +22,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from ldbb_bayes.campaign.campaign import (
-    Campaign,
-    CircularTest,
-    distinct_forces,
-    require_campaign,
-)
-from ldbb_bayes.errors import InputError, check_known, check_seed, require, suggestion
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces, require_campaign
+from ldbb_bayes.errors import InputError, check_known, check_seed, require
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
@@ -56,7 +51,6 @@ from ldbb_bayes.model.parameter_kinds import (
     check_possible,
     degree_of,
     parameter_to_inside,
-    settings_of_sd,
 )
 from ldbb_bayes.model.prior import Prior
 from ldbb_bayes.model.reduced_readings import reduced_readings
@@ -71,19 +65,14 @@ from ldbb_bayes.model.simulation import (
     true_hyper_parameters,
     true_parameters,
 )
+from ldbb_bayes.model.term_checks import check_coefficient_names, check_terms
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, Scale, Term
 from ldbb_bayes.model.terms.editions import first_edition
 from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import display_unit, inside_name
 
-__all__ = [
-    "DEGREE_NAMES",
-    "BoundModel",
-    "HybridModel",
-    "Preset",
-    "require_model",
-]
+__all__ = ["DEGREE_NAMES", "BoundModel", "HybridModel", "Preset", "require_model"]
 
 # Names of the models in which compliance is a polynomial in force of degree 0, 1 and 2.
 DEGREE_NAMES = ("constant", "linear", "quadratic")
@@ -187,24 +176,10 @@ class HybridModel(Result):
     def _check_terms(self) -> None:
         """Raise an `InputError` unless the model's nuisance terms are valid and fit together.
 
-        Each term must be an object of a dataclass derived from `Term`, and each class may occur
-        only once. Names of hyper-parameters must differ. A model with a flat prior must have no
-        nuisance terms.
+        Names of hyper-parameters must differ. A model with a flat prior must have no nuisance
+        terms. For each term alone, see `check_terms`.
         """
-        for term in self.nuisances:
-            _check_is_object(term)
-        kinds = [type(term) for term in self.nuisances]
-        for kind in kinds:
-            derived = issubclass(kind, Term) and "__dataclass_fields__" in vars(kind)
-            require(
-                derived,
-                f"nuisances must be terms, got {kind.__name__}."
-                " Derive its class from Term, under @dataclass(frozen=True).",
-            )
-            require(
-                kinds.count(kind) == 1,
-                f"nuisances must differ, got {kind.__name__} twice. Remove one.",
-            )
+        check_terms(self.nuisances)
         names = [scale.name for scale in dict.fromkeys(self.scales)]
         require(
             len(set(names)) == len(names),
@@ -219,10 +194,10 @@ class HybridModel(Result):
                 f" {scale.prior_um}. To drop the effect, leave its term out.",
             )
         require(
-            not (self.prior.flat and kinds),
+            not (self.prior.flat and self.nuisances),
             "a flat prior must stand without nuisances, got"
-            f" {', '.join(kind.__name__ for kind in kinds)}: what they share with the parameters"
-            " would be undetermined. Use proper priors or remove the nuisances.",
+            f" {', '.join(type(term).__name__ for term in self.nuisances)}: what they share with"
+            " the parameters would be undetermined. Use proper priors or remove the nuisances.",
         )
 
     @classmethod
@@ -579,28 +554,28 @@ class HybridModel(Result):
         else:
             beta = true_parameters(parameters, bound.names, bound.interest)
         phi = true_hyper_parameters(hyper_um or {}, bound.hyper_prior, rng)
-        truth = bound.linearised_at(beta)
+        true_setting = bound.linearised_at(beta)
         without_nuisances = bound.interest @ beta + bound.known_offset
-        drawn = draw_nuisances(
-            self.nuisances, truth, phi, rng, without_nuisances, known=effects or {}
+        nuisances = draw_nuisances(
+            self.nuisances, true_setting, phi, rng, without_nuisances, known=effects or {}
         )
         tests = []
-        for test, coefficients_of_test in zip(plan.tests, drawn.readings_mm, strict=True):
+        for test, coefficients_of_test in zip(plan.tests, nuisances.readings_mm, strict=True):
             noise = rng.normal(0.0, phi["sigma"], len(test.angle_deg))
             reading = basis(test.angles_rad()) @ coefficients_of_test + noise
             if exact:
                 reading = reading + bound.linearisation_error_mm(test, beta)
             tests.append(test.with_reading_um(reading * 1e3))
-        forces_N = np.append(np.unique(truth.force_N), truth.reference_force_N)
+        forces_N = np.append(np.unique(true_setting.force_N), true_setting.reference_force_N)
         at_forces = np.stack([bound.compliance_at(force) @ beta for force in forces_N])
         units = {parameter.name: parameter.unit for parameter in bound.parameters}
         return Simulation(
             replace(plan, tests=tuple(tests)),
             dict(zip(bound.names, beta.tolist(), strict=True)),
             bound.hyper_prior.named(np.array([*phi.values()])),
-            units | drawn.units,
-            drawn.effects,
-            true_changes(bound.compliances, forces_N, at_forces, drawn.effects, truth),
+            units | nuisances.units,
+            nuisances.effects,
+            true_changes(bound.compliances, forces_N, at_forces, nuisances.effects, true_setting),
         )
 
 
@@ -709,7 +684,7 @@ class BoundModel(Shown):
         )
         parameters = self._of_interest.with_prior(model.prior, campaign_setting)
         check_known("fixed parameter", model.fixed, [parameter.name for parameter in parameters])
-        self._free = np.array([parameter.name not in model.fixed for parameter in parameters])
+        self._is_free = np.array([parameter.name not in model.fixed for parameter in parameters])
         self.parameters = tuple(
             parameter for parameter in parameters if parameter.name not in model.fixed
         )
@@ -853,7 +828,7 @@ class BoundModel(Shown):
         An effect is the change of a test's 25 Fourier coefficients per unit of the parameter. Free
         parameters are the parameters that are not fixed at zero.
         """
-        return interest_columns(self.setting, self.model.degree)[:, :, self._free]
+        return interest_columns(self.setting, self.model.degree)[:, :, self._is_free]
 
     @property
     def untested_parameters(self) -> frozenset[str]:
@@ -940,7 +915,7 @@ class BoundModel(Shown):
         """
         if not self.model.prior.flat:
             return self.prior_sd
-        return self._of_interest.prior_sd(Prior.first(), self.setting)[self._free]
+        return self._of_interest.prior_sd(Prior.first(), self.setting)[self._is_free]
 
     def prior_sd_for_sizes(self, compliance_size: Array) -> Array:
         """Return the prior sds that the parameters have if the compliances have other magnitudes.
@@ -950,7 +925,7 @@ class BoundModel(Shown):
         ones. The result has the shape (p,), in mm, N and rad.
         """
         setting = replace(self.setting, compliance_size_estimate=compliance_size)
-        return self._of_interest.prior_sd(self.model.prior, setting)[self._free]
+        return self._of_interest.prior_sd(self.model.prior, setting)[self._is_free]
 
     @cached_property
     def centre(self) -> Array:
@@ -981,7 +956,7 @@ class BoundModel(Shown):
         """
         columns = {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
         for kind, columns_of_term in columns.items():
-            _check_coefficient_names(kind, columns_of_term)
+            check_coefficient_names(kind, columns_of_term)
         return columns
 
     @property
@@ -1149,7 +1124,7 @@ class BoundModel(Shown):
             return self.draw_parameters(1, rng)[0]
         for _ in range(_MOST_MACHINES):
             beta = self.prior_mean + rng.standard_normal(len(self.names)) * self.prior_sd
-            sd = self._of_interest.prior_sd(prior, self.linearised_at(beta))[self._free]
+            sd = self._of_interest.prior_sd(prior, self.linearised_at(beta))[self._is_free]
             beta = self.prior_mean + (beta - self.prior_mean) * sd / self.prior_sd
             if self.truncation.holds(beta):
                 return np.asarray(beta)
@@ -1188,8 +1163,8 @@ class BoundModel(Shown):
         are taken from ``beta``; they replace the estimated ones. ``beta``, shape (p,), holds the p
         parameters of interest in mm, N and rad.
         """
-        every_parameter = np.zeros(len(self._free))
-        every_parameter[self._free] = beta
+        every_parameter = np.zeros(len(self._is_free))
+        every_parameter[self._is_free] = beta
         first_geometric = len(every_parameter) - len(self.geometric_errors)
         estimate = MachineEstimate.known(
             every_parameter[: len(self.compliances)], every_parameter[first_geometric:]
@@ -1235,65 +1210,6 @@ def require_model(model: object) -> None:
         isinstance(model, HybridModel),
         f"model must be a HybridModel, got {type(model).__name__}. Make one with"
         " lb.HybridModel.default(degree=1); the model comes first, then the campaign.",
-    )
-
-
-def _check_coefficient_names(kind: type[Term], columns: Sequence[Columns | BasisNoise]) -> None:
-    """Raise an `InputError` if a coefficient has a name of a parameter or of another term.
-
-    Results find the unit and the words of a coefficient, and its correlation between campaigns, by
-    its name. A name that belongs to no term is allowed if the unit and the correlation that it then
-    gets, those of `Term`, are those of the term. A term that is derived from another one may keep
-    its names. ``kind`` is the class of the nuisance term, and ``columns`` are its columns.
-    """
-    owners = [base for base in kind.__mro__ if base is not Term]
-    if kind.unit == Term.unit and kind.campaign_correlation == Term.campaign_correlation:
-        owners.append(Term)
-    for block in columns:
-        for name in block.names if isinstance(block, Columns) else ():
-            require(
-                not settings_of_sd(name),
-                f"a coefficient of {kind.__name__} must not be named like a parameter, got"
-                f" {name!r}. Let its name begin with the term's stem ({kind.stem!r}).",
-            )
-            owner = Term.owner(name)
-            of_owner = "" if owner is Term else f", a name of {owner.__name__}"
-            require(
-                owner in owners,
-                f"the coefficients of {kind.__name__} must have names that begin with its stem"
-                f" ({kind.stem!r}), got {name!r}{of_owner}. Rename them, or set another stem.",
-            )
-
-
-def _check_is_object(term: object) -> None:
-    """Raise an `InputError` if ``term`` is the name or the class of a term, and not an object.
-
-    The message states the call that makes the object. For a name that no term has, it lists the
-    classes of terms, and suggests the one with the most similar name, if there is one.
-    """
-    if isinstance(term, str):
-        class_by_name: dict[str, type] = dict(Term.kinds)
-        for known_class in Term.kinds.values():
-            class_by_name[known_class.key()] = known_class
-        if term not in class_by_name:
-            raise InputError(
-                f"a term must be an object of one of the classes {', '.join(Term.kinds)}, got"
-                f" {term!r}.{suggestion(term, Term.kinds)} Write for example"
-                " lb.terms.BarLength(...), with its settings in the brackets, if any."
-            )
-        term_text = repr(term)
-        term_class = class_by_name[term]
-    elif isinstance(term, type) and issubclass(term, Term):
-        term_text = f"the class {term.__name__}"
-        term_class = term
-    else:
-        return
-    name = term_class.__name__
-    if term_class.__module__.startswith("ldbb_bayes."):
-        name = f"lb.terms.{name}"
-    raise InputError(
-        f"a term must be an object, got {term_text}. Write {name}(...), with its settings in the"
-        " brackets, if any."
     )
 
 
