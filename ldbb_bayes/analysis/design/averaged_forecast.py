@@ -71,13 +71,13 @@ def averaged_uncertainties(analyses: SimulatedAnalyses) -> dict[str, AveragedUnc
         Simulated analyses of the planned tests under the model with linear compliance.
     """
     models = NestedModels.of(analyses.bound)
-    if models is None or analyses.scales is None:
+    if models is None or analyses.believed_phi is None:
         return {}
     rng = np.random.default_rng(analyses.seed)
     known = _known_before(models, analyses)
     machines = _draw_machines(models, known, rng)
-    scales = analyses.scales[machines.state]
-    sd = np.sqrt(_stated_variances(models, analyses, known, machines, scales))
+    believed_phi = analyses.believed_phi[machines.state]
+    sd = np.sqrt(_stated_variances(models, analyses, known, machines, believed_phi))
     uncertainties = {}
     for k, name in models.stated.items():
         uncertainties[name] = AveragedUncertainty(
@@ -200,19 +200,19 @@ def _stated_variances(
     analyses: SimulatedAnalyses,
     known: Coefficients,
     machines: _Machines,
-    scales: Array,
+    believed_phi: Array,
 ) -> Array:
     """Return the averaged variances that analyses of the planned tests state, shape (K, p).
 
     ``known`` are the coefficients in each state before the planned tests, and ``machines`` are the
-    K possible machines. ``scales``, shape (K, n, h), are n sets of the h hyper-parameters that the
-    analysis of each machine finds likely. The variances are in internal units (products of powers
-    of mm, N and rad).
+    K possible machines. ``believed_phi``, shape (K, n, h), are n sets of the h hyper-parameters
+    that the analysis of each machine finds likely. The variances are in internal units (products of
+    powers of mm, N and rad).
     """
     bound = models.bound
-    number, beliefs, h = scales.shape
+    number, beliefs, h = believed_phi.shape
     q = len(models.prior_sd)
-    of_beliefs = models.coefficients_given(scales.reshape(-1, h))
+    of_beliefs = models.coefficients_given(believed_phi.reshape(-1, h))
     covariance = of_beliefs.covariance.reshape(number, beliefs, q, q)
     identity = np.eye(q)
     before = Coefficients(np.zeros((number, q)), np.tile(identity, (number, 1, 1)))
@@ -273,14 +273,15 @@ def _added_precision(
 def _posterior_means(
     before: Coefficients, truth: Array, covariance: Array, standard: Array
 ) -> Array:
-    """Draw posterior means of the q coefficients, for K machines and n sets of scales, (K, n, q).
+    """Draw posterior means of the q coefficients, shape (K, n, q).
 
-    Let m₁ be the mean and P₁ the precision before the tests (here the second field of ``before``),
-    C the covariance after them, and W = 1 − C P₁. On a machine with the coefficients β, the
-    posterior mean has the mean m₁ + W (β − m₁) and the covariance W C. ``truth``, shape (K, q), are
-    the machines' coefficients, ``covariance``, shape (K, n, q, q), is C, and ``standard``, shape
-    (K, q), are standard normal numbers. They are the same for all n sets of scales, because these
-    belong to the same readings.
+    They are for K machines and n sets of hyper-parameters each. Let m₁ be the mean and P₁ the
+    precision before the tests (here the second field of ``before``), C the covariance after them,
+    and W = 1 − C P₁. On a machine with the coefficients β, the posterior mean has the mean m₁ + W
+    (β − m₁) and the covariance W C. ``truth``, shape (K, q), are the machines' coefficients,
+    ``covariance``, shape (K, n, q, q), is C, and ``standard``, shape (K, q), are standard normal
+    numbers. They are the same for all n sets of hyper-parameters, because these belong to the same
+    readings.
     """
     mean, precision = before
     weight = np.eye(truth.shape[1]) - covariance @ precision[:, None]

@@ -83,7 +83,7 @@ class SimulatedAnalyses:
     covariance: Array
     #: the n random draws of the h hyper-parameters for each of the K machines, shape (K, n, h),
     #: with lengths in mm; None if the analyses know the hyper-parameters
-    scales: Array | None = None
+    believed_phi: Array | None = None
     seed: int = SEED  #: seed of the random numbers for the readings of the planned tests
 
     @property
@@ -169,11 +169,11 @@ def analyses_on_machines(
     ``run`` is the number of tests of ``bound`` that have already been run; they come first.
     ``seed`` is the seed of the random numbers.
     """
-    scales = _scales_of_machines(bound, states, run, seed)
-    covariance = _believed_covariance(bound, scales)
+    believed_phi = _believed_hyper_parameters(bound, states, run, seed)
+    covariance = _believed_covariance(bound, believed_phi)
     prior = bound.model.prior
     if prior.flat or not prior.slopes_of_estimate or bound.model.degree == 0:
-        return SimulatedAnalyses(bound, run, states, states, covariance, scales, seed)
+        return SimulatedAnalyses(bound, run, states, states, covariance, believed_phi, seed)
     estimates = _draw_estimates(bound, states, covariance, run, seed)
     added = precision_added_by_slope_priors(bound, estimates)
     scale = bound.scale
@@ -182,10 +182,10 @@ def analyses_on_machines(
     before = states.before + Gaussian(precision, precision @ bound.prior_mean)
     covariance = np.linalg.inv(np.linalg.inv(covariance) + matrix[:, None])
     of_analyses = replace(states, before=before)
-    return SimulatedAnalyses(bound, run, states, of_analyses, covariance, scales, seed)
+    return SimulatedAnalyses(bound, run, states, of_analyses, covariance, believed_phi, seed)
 
 
-def _scales_of_machines(bound: BoundModel, states: States, run: int, seed: int) -> Array:
+def _believed_hyper_parameters(bound: BoundModel, states: States, run: int, seed: int) -> Array:
     """Return random draws from the hyper-parameters' posterior for the machines ``states``.
 
     The hyper-parameters are quantities such as the standard deviation of the noise. The result has
@@ -199,18 +199,18 @@ def _scales_of_machines(bound: BoundModel, states: States, run: int, seed: int) 
     return believed_scales(bound, phi, _BELIEFS, seed, run=run_with_readings)
 
 
-def _believed_covariance(bound: BoundModel, scales: Array) -> Array:
+def _believed_covariance(bound: BoundModel, believed_phi: Array) -> Array:
     """Return the covariances of the p parameters at given hyper-parameters, shape (K, n, p, p).
 
-    ``scales``, shape (K, n, h), are n sets of the h hyper-parameters for each of K machines. The
-    covariances are in units of the prior standard deviations of the parameters. The condition that
-    no compliance is negative is ignored.
+    ``believed_phi``, shape (K, n, h), are n sets of the h hyper-parameters for each of K machines.
+    The covariances are in units of the prior standard deviations of the parameters. The condition
+    that no compliance is negative is ignored.
     """
-    _, posterior = bound.given(scales.reshape(-1, scales.shape[-1]))
+    _, posterior = bound.given(believed_phi.reshape(-1, believed_phi.shape[-1]))
     relative_spread = posterior.spread() / bound.scale[:, None]
     covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
     p = len(bound.names)
-    return np.asarray(covariance.reshape(*scales.shape[:2], p, p))
+    return np.asarray(covariance.reshape(*believed_phi.shape[:2], p, p))
 
 
 def precision_added_by_slope_priors(bound: BoundModel, estimates: Array) -> Array:
