@@ -222,7 +222,7 @@ def average(
     sampler = {
         "kind": "independent",
         "by_emcee": False,
-        **asdict(assess(_free_coordinates(beta[order], phi[order]))),
+        **asdict(assess(_varying_coordinates(beta[order], phi[order]))),
         "converged": not concerns,
         "draws": _CHAINS * draws_per_chain,
         "seconds": time.perf_counter() - clock,
@@ -377,7 +377,7 @@ def _truncation_of_most_probable(weighted: _WeightedModels) -> tuple[float, floa
     return log_prob_truncation(HyperPosterior(most_probable, truncated=True, near=near))
 
 
-def _free_coordinates(beta: Array, phi: Array) -> Array:
+def _varying_coordinates(beta: Array, phi: Array) -> Array:
     """Return the draws of those parameters β and hyper-parameters φ that are not constant.
 
     A parameter or hyper-parameter is omitted if it has the same value in all draws. ``beta`` holds

@@ -24,14 +24,16 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Explained", "Explanations", "average_explanations", "compare_explanations", "subsets"]
 
+# Label of the Bayes factor from evidences averaged over the alternative explanations.
+_AVERAGED = "averaged over other explanations"
 # Name of the slopes in the list of explanations.
 _SLOPES = "slopes"
 # The readings support slopes if the log Bayes factor of the model with slopes over the model
 # without slopes is above this number [nat].
-_ASKING = 1.0
+_SUPPORTING_LOG_BAYES_FACTOR = 1.0
 # Posterior probability from which on an alternative explanation counts as supported by the
 # readings. Before the readings it is 0.5.
-_SUPPORTED = 0.75
+_SUPPORTED_PROBABILITY = 0.75
 # A model hardly counts in an average if its log evidence is below that of another model by at least
 # this number [nat].
 _NEGLIGIBLE = 10.0
@@ -82,11 +84,15 @@ class Explanations:
         explanations in the most probable combination without slopes. Those that are hardly more
         probable than before the readings are left out, unless this is so for all of them.
         """
-        if not self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
+        is_supported_alone = self.alone.log_bayes_factor > _SUPPORTING_LOG_BAYES_FACTOR
+        is_unsupported_on_average = self.averaged.log_bayes_factor < _SUPPORTING_LOG_BAYES_FACTOR
+        if not (is_supported_alone and is_unsupported_on_average):
             return ()
         combination = next(model.by for model in self.models if _SLOPES not in model.by)
         probability = self.inclusion_probability
-        supported = tuple(name for name in combination if probability[name] >= _SUPPORTED)
+        supported = tuple(
+            name for name in combination if probability[name] >= _SUPPORTED_PROBABILITY
+        )
         return supported or combination
 
 
@@ -164,9 +170,7 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     return Explanations(
         inclusion_probability=inclusion_probability,
         models=tuple(ranked(explained, lambda model: model.probability)),
-        averaged=_compare_slopes(
-            "averaged over other explanations", pair, averaged, averaged_error
-        ),
+        averaged=_compare_slopes(_AVERAGED, pair, averaged, averaged_error),
         alone=_compare_slopes("no other explanation", pair, alone, alone_error),
     )
 
@@ -198,7 +202,7 @@ def average_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
                 errors.append(nodes.evidence.error)
         averages.append(np.logaddexp.reduce(log_evidences) - np.log(len(combinations)))
         error += max(errors)
-    return _compare_slopes("averaged over other explanations", pair, np.array(averages), error)
+    return _compare_slopes(_AVERAGED, pair, np.array(averages), error)
 
 
 def _compare_slopes(

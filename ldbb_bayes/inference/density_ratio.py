@@ -137,9 +137,9 @@ class _Sample:
     degree: int
 
     @cached_property
-    def polynomials(self) -> Array:
+    def polynomial_terms(self) -> Array:
         """Terms of a polynomial, such as x and x y, at all n nodes (points), shape (n, terms)."""
-        return _polynomials(self.integral, self.degree)
+        return _polynomial_terms(self.integral, self.degree)
 
     @cached_property
     def _decomposition(self) -> _Decomposition:
@@ -148,7 +148,7 @@ class _Sample:
         The matrix has a row for each of the m nodes (points) to which the polynomial is fitted, and
         a column for each term of the polynomial.
         """
-        return _decompose(self.polynomials[self.nodes] * np.sqrt(self.weight)[:, None])
+        return _decompose(self.polynomial_terms[self.nodes] * np.sqrt(self.weight)[:, None])
 
     @cached_property
     def leverage(self) -> Array:
@@ -168,7 +168,7 @@ class _Sample:
         ``values``, so that the polynomial is not extrapolated too far.
         """
         projected = self._decomposition.orthonormal.T @ (values * np.sqrt(self.weight))
-        fitted = self.polynomials @ (self._decomposition.coefficients @ projected)
+        fitted = self.polynomial_terms @ (self._decomposition.coefficients @ projected)
         margin = np.ptp(values)
         return np.asarray(np.clip(fitted, values.min() - margin, values.max() + margin))
 
@@ -302,8 +302,8 @@ class RatioSampler:
             nodes, count = np.unique(drawn[::step], return_counts=True)
             degree = _largest_degree(self.integral.free.shape[1], len(nodes))
             if len(weight) >= _NODES_PER_SAMPLE * len(nodes) and degree > 0:
-                of_f = count * weight[nodes] / probability[nodes]
-                samples.append(_Sample(nodes, of_f, self.integral, degree))
+                sample_weight = count * weight[nodes] / probability[nodes]
+                samples.append(_Sample(nodes, sample_weight, self.integral, degree))
         return samples
 
     def integrate(
@@ -354,12 +354,12 @@ class RatioSampler:
                 return
             fitted = sample.fit(log_ratio)
             mean = _mean_ratio(sample, log_ratio, fitted[sample.nodes])
-            of_ratio = replace(
+            integral = replace(
                 self.integral,
                 log_density=self.integral.log_density + fitted + mean.log_mean,
                 ratio_error=mean.error,
             )
-            yield RatioIntegral(of_ratio, float(mean.share @ error[sample.nodes]))
+            yield RatioIntegral(integral, float(mean.share @ error[sample.nodes]))
 
 
 def _pick_probabilities(weight: Array) -> Array:
@@ -401,7 +401,7 @@ def _largest_degree(dimensions: int, size: int) -> int:
     return max((d for d, count in coefficients_by_degree.items() if count <= largest), default=0)
 
 
-def _polynomials(integral: Integral, degree: int) -> Array:
+def _polynomial_terms(integral: Integral, degree: int) -> Array:
     """Return the terms of a polynomial at the n nodes of ``integral``, shape (n, coefficients).
 
     Nodes are points. The terms are all products of at most ``degree`` (1 or 2) coordinates of a

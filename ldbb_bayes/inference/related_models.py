@@ -35,7 +35,7 @@ _FINER = 0.5
 # If the finer nodes of the given model miss the tolerance themselves, new nodes of a related model
 # would most probably miss it as well. Its log evidence from the given nodes is then allowed this
 # multiple of the given model's error.
-_OF_GIVEN_ERROR = 1.5
+_MULTIPLE_OF_GIVEN_ERROR = 1.5
 # If the error of the given model is larger than this [nat], new nodes are computed nevertheless.
 _LARGEST_GIVEN_ERROR = 0.2
 
@@ -104,20 +104,20 @@ class RelatedModels:
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance), False
-        nodes = self._nodes_of_some(posterior, self._ratios)
+        nodes = self._nodes_from_sample(posterior, self._ratios)
         if nodes is None and self._may_be_refined:
             self._refine()
-            nodes = self._nodes_of_some(posterior, self._ratios)
-        if nodes is None and self._attainable > self._tolerance:
-            nodes = self._nodes_of_some(posterior, self._ratios, self._attainable)
+            nodes = self._nodes_from_sample(posterior, self._ratios)
+        if nodes is None and self._attainable_error > self._tolerance:
+            nodes = self._nodes_from_sample(posterior, self._ratios, self._attainable_error)
         if nodes is not None:
             return nodes, False
         if np.isfinite(below):
             for ratios in self._further_ratios:
-                nodes = self._nodes_of_some(posterior, ratios)
+                nodes = self._nodes_from_sample(posterior, ratios)
                 if nodes is not None and nodes.evidence.log_value + nodes.error <= below:
                     return nodes, True
-        nodes = self._nodes_of_all(posterior)
+        nodes = self._nodes_from_all_values(posterior)
         if nodes.meet(self._tolerance):
             return nodes, False
         nodes = posterior.nodes(self._tolerance)
@@ -126,7 +126,7 @@ class RelatedModels:
         return nodes, False
 
     @property
-    def _attainable(self) -> float:
+    def _attainable_error(self) -> float:
         """Error of a log evidence that nodes may be expected to reach [nat].
 
         It is the tolerance, unless the given model misses it although its nodes have been refined.
@@ -135,7 +135,7 @@ class RelatedModels:
         is_between = self._tolerance < error <= _LARGEST_GIVEN_ERROR
         if self._may_be_refined or not is_between:
             return self._tolerance
-        return _OF_GIVEN_ERROR * error
+        return _MULTIPLE_OF_GIVEN_ERROR * error
 
     def _refine(self) -> None:
         """Replace the nodes of the given model by nodes with half of the allowed error.
@@ -149,7 +149,7 @@ class RelatedModels:
         self._ratios = RatioSampler(finer.integral)
         self._may_be_refined = False
 
-    def _nodes_of_some(
+    def _nodes_from_sample(
         self, posterior: HyperPosterior, ratios: RatioSampler, tolerance: float | None = None
     ) -> Nodes | None:
         """Return nodes of an earlier model, with new weights for the posterior of another model.
@@ -169,7 +169,7 @@ class RelatedModels:
             return None
         return Nodes(posterior, sampled.integral, sampled.value_error)
 
-    def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
+    def _nodes_from_all_values(self, posterior: HyperPosterior) -> Nodes:
         """Return the nodes of the given model, with new weights for the posterior of another model.
 
         Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior density of
