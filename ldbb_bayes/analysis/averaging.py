@@ -207,9 +207,6 @@ def average(
     concerns = []
     if not weighted.probability_error <= _LARGEST_ERROR:
         concerns.append(Concern(ConcernKind.NOT_CONVERGED, draws_per_chain, draws))
-    prior_levels = [
-        draws_of_model.bound.log_prior(draws_of_model.beta).mean() for draws_of_model in prior_draws
-    ]
     fit = assess_fit(
         bound,
         posterior_draws,
@@ -217,21 +214,12 @@ def average(
         _truncation_of_most_probable(weighted),
         concerns,
         check_rng,
-        np.array(prior_levels)[model_of_draw[order]],
+        _mean_log_priors(prior_draws)[model_of_draw[order]],
     )
-    sampler = {
-        "kind": "independent",
-        "by_emcee": False,
-        **asdict(assess(_varying_coordinates(beta[order], phi[order]))),
-        "converged": not concerns,
-        "draws": _CHAINS * draws_per_chain,
-        "seconds": time.perf_counter() - clock,
-        "steps": draws_per_chain,
-        "walkers": 1,
-        "acceptance": 1.0,
-        "target_ess": float(draws),
-        "target_rhat": StoppingRule().rhat,
-    }
+    seconds = time.perf_counter() - clock
+    sampler = _describe_sampler(
+        beta[order], phi[order], draws, converged=not concerns, seconds=seconds
+    )
     record = record_from(bound, sampler, fit, seed, started)
     record["model"] |= _averaged_prior(weighted, record["model"]["prior_sd"])
     record["averaged"] = _describe_models(weighted)
@@ -364,6 +352,42 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
     for name in by_model[0]:
         pooled[name] = np.concatenate([densities[name] for densities in by_model])[order]
     return pooled
+
+
+def _mean_log_priors(prior_draws: Sequence[ModelDraws]) -> Array:
+    """Return the expected log prior density of the parameters under each model, shape (models,).
+
+    ``prior_draws`` holds draws from the prior of each model.
+    """
+    means = []
+    for draws_of_model in prior_draws:
+        means.append(draws_of_model.bound.log_prior(draws_of_model.beta).mean())
+    return np.array(means)
+
+
+def _describe_sampler(
+    beta: Array, phi: Array, target_ess: int, *, converged: bool, seconds: float
+) -> dict[str, Any]:
+    """Return how the draws were made, to be stored with the posterior.
+
+    ``beta``, shape (chains, draws, p), and ``phi``, shape (chains, draws, h), are the draws of the
+    parameters and hyper-parameters, of which ``target_ess`` were asked for. They are independent,
+    as if a single walker had accepted every step. ``seconds`` is the time that was needed.
+    """
+    chains, steps = phi.shape[:2]
+    return {
+        "kind": "independent",
+        "by_emcee": False,
+        **asdict(assess(_varying_coordinates(beta, phi))),
+        "converged": converged,
+        "draws": chains * steps,
+        "seconds": seconds,
+        "steps": steps,
+        "walkers": 1,
+        "acceptance": 1.0,
+        "target_ess": float(target_ess),
+        "target_rhat": StoppingRule().rhat,
+    }
 
 
 def _truncation_of_most_probable(weighted: _WeightedModels) -> tuple[float, float]:
