@@ -12,7 +12,7 @@ from ldbb_bayes.analysis.design.design_result import (
 )
 from ldbb_bayes.analysis.design.discrimination import Discrimination
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, forecast_plan
-from ldbb_bayes.analysis.design.goal_design import GoalDesign, GoalPlan
+from ldbb_bayes.analysis.design.goal_design_result import GoalDesign, GoalPlan
 from ldbb_bayes.analysis.design.goals import Goal, goals_in
 from ldbb_bayes.analysis.design.model_odds import ModelSoFar
 from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle

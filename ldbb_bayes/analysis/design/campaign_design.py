@@ -30,7 +30,8 @@ from ldbb_bayes.analysis.design.design_result import (
     Planned,
 )
 from ldbb_bayes.analysis.design.forecast import Forecast
-from ldbb_bayes.analysis.design.goal_design import GoalDesign, design_for_goals
+from ldbb_bayes.analysis.design.goal_design import design_for_goals
+from ldbb_bayes.analysis.design.goal_design_result import GoalDesign
 from ldbb_bayes.analysis.design.goals import USUAL_PROBABILITY, Goal
 from ldbb_bayes.analysis.design.search import MAX_TESTS, ExactDesign
 from ldbb_bayes.analysis.design.shares import Optimum

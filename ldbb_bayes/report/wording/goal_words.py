@@ -19,7 +19,7 @@ from ldbb_bayes.units import (
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.design import GoalDesign
     from ldbb_bayes.analysis.design.aims_so_far import GoalSoFar
-    from ldbb_bayes.analysis.design.goal_design import StatedGoal
+    from ldbb_bayes.analysis.design.goal_design_result import StatedGoal
 
 __all__ = ["goal_design_head", "goal_design_sentences", "goal_notes", "holder_in_words"]
 
