@@ -6,6 +6,7 @@ import resource
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +59,14 @@ def plan(
             CircularTest(force, angle, work_ball_deg=work_deg * i, tool_ball_deg=tool_deg * i)
         )
     return Campaign(tuple(tests), mount=MountCompensation(compensated=compensated))
+
+
+def in_setups(circles: Campaign, *setups: int | None) -> Campaign:
+    """The circles in these set-ups; those of set-up 2 are in another plane."""
+    tests = []
+    for test, setup in zip(circles.tests, setups, strict=True):
+        tests.append(replace(test, setup=setup, plane="YZ" if setup == 2 else "XY"))
+    return replace(circles, topology="wXFYZSt", tests=tuple(tests))
 
 
 def clocked(turns: tuple[tuple[float, float], ...]) -> Campaign:

@@ -18,7 +18,7 @@ import pytest
 import typer
 from campaigns import Invoke
 from hypothesis import HealthCheck, settings
-from reports import fitted
+from reports import fitted, undrawn
 
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import simulated_analyses, space
@@ -42,6 +42,14 @@ settings.load_profile("house")
 def pytest_collection_finish() -> None:
     """Keep what collection has made, which stays to the end, from the garbage collector."""
     gc.freeze()
+
+
+@pytest.fixture(scope="module")
+def without_figures() -> Iterator[None]:
+    """Reports of a module without their figures, which take time to draw."""
+    with pytest.MonkeyPatch.context() as patch:
+        undrawn(patch)
+        yield
 
 
 @pytest.fixture(scope="session")

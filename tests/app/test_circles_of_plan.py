@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from campaigns import plan, simulated
+from campaigns import in_setups, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.app import requests
@@ -20,14 +20,6 @@ MOUNT = {
     "en": "Mount the bar anew before circle 3 (set-up 2).",
     "de": "Vor Kreis 3 das Messgerät neu einsetzen (Aufspannung 2).",
 }
-
-
-def in_setups(circles: lb.Campaign, *setups: int) -> lb.Campaign:
-    """The circles in these set-ups; those of set-up 2 are in another plane."""
-    tests = []
-    for test, setup in zip(circles.tests, setups, strict=True):
-        tests.append(replace(test, setup=setup, plane="YZ" if setup == 2 else "XY"))
-    return replace(circles, topology="wXFYZSt", tests=tuple(tests))
 
 
 def sheet(planned: lb.Campaign, language: str) -> str:

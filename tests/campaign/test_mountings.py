@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
-from campaigns import plan, simulated
+from campaigns import in_setups, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.mountings import last_setup, mounted_anew, setups_as_run
@@ -15,21 +15,13 @@ from ldbb_bayes.campaign.mountings import last_setup, mounted_anew, setups_as_ru
 def planned(setups: Sequence[int | None]) -> lb.Campaign:
     """A plan with a circle in each of these set-ups."""
     circles = plan((40,) * len(setups), forces_N=range(100, 100 + len(setups)))
-    return in_setups(circles, setups)
-
-
-def in_setups(circles: lb.Campaign, setups: Sequence[int | None]) -> lb.Campaign:
-    """The circles in these set-ups; those of set-up 2 are in another plane."""
-    tests = []
-    for test, setup in zip(circles.tests, setups, strict=True):
-        tests.append(replace(test, setup=setup, plane="YZ" if setup == 2 else "XY"))
-    return replace(circles, topology="wXFYZSt", tests=tuple(tests))
+    return in_setups(circles, *setups)
 
 
 def run(*setups: int) -> lb.Campaign:
     """A campaign with readings of a circle in each of these set-ups."""
     circles = plan((40,) * len(setups), forces_N=range(100, 100 + len(setups)))
-    return in_setups(simulated(circles), setups)
+    return in_setups(simulated(circles), *setups)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 import pytest
 from campaigns import plan, simulated
-from reports import NOT_COMPARED, fitted, undrawn
+from reports import NOT_COMPARED, fitted
 from scipy.stats import norm
 
 import ldbb_bayes as lb
@@ -30,11 +29,7 @@ MODEL = lb.HybridModel.first(0)
 SAME_INSTRUMENT = Shared(instrument=True)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def without_figures() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        undrawn(patch)
-        yield
+pytestmark = pytest.mark.usefixtures("without_figures")
 
 
 @pytest.fixture(scope="module")

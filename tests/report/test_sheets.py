@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from campaigns import plan, refuses, simulated
-from reports import NOT_COMPARED, awkward, fitted, plan_of_three_planes, undrawn
+from reports import NOT_COMPARED, awkward, fitted, plan_of_three_planes
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
@@ -44,11 +43,7 @@ LANGUAGES = ("en", "de")
 EN = words_of("en")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def without_figures() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        undrawn(patch)
-        yield
+pytestmark = pytest.mark.usefixtures("without_figures")
 
 
 def test_a_ratio_is_independent_of_the_scale_of_the_force_alone() -> None:
