@@ -172,12 +172,10 @@ class NestedModels:
         The first posterior is that of the largest model. Models that are improbable at all values
         of the hyper-parameters are left out. For the arguments, see `restrict`.
         """
-        restricted = []
-        for k in range(len(self.zeros)):
-            restricted.append((k, *self.restrict(k, coefficients, precision)))
-        most_probable = np.max([log_ratio for _, log_ratio, _ in restricted], axis=0)
+        restricted = [self.restrict(k, coefficients, precision) for k in range(len(self.zeros))]
+        most_probable = np.max([log_ratio for log_ratio, _ in restricted], axis=0)
         posteriors = []
-        for k, log_ratio, given_zeros in restricted:
+        for k, (log_ratio, given_zeros) in enumerate(restricted):
             is_largest = not self.zeros[k]
             if not is_largest and np.max(log_ratio - most_probable) < -_NEGLIGIBLE:
                 continue
@@ -285,7 +283,7 @@ def averaged_variances(posteriors: list[_PosteriorOfModel], log_weight: Array) -
 def averaged_sds(bound: BoundModel, phi: Array, *, truncated: bool) -> dict[str, float]:
     """Return standard uncertainties that are averaged over constant and linear compliance.
 
-    They are about those that `average` gives. The keys of the result are the names of the
+    They approximate those of `average`. The keys of the result are the names of the
     compliances and geometric errors, without slopes. The result is empty if there is nothing to
     average (see `NestedModels`).
 
