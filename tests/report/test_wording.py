@@ -463,11 +463,11 @@ def test_a_change_that_is_almost_certainly_none_is_not_stated_by_the_few_draws()
         "probability_of_decrease": 0.013,
         "change": {"mean": 0.06e-6, "sd": 0.91e-6, "ci_low": 0.0, "ci_high": 0.91e-6},
     }
-    assert _change_cells(change) == ("0", "–", "–", "–", "nm/N")
+    assert change_cells(change) == ("0", "–", "–", "–", "nm/N")
     words = "no change shown (increase 0.029, decrease 0.013, exactly none 0.958"
     assert wording.direction_words(change) == f"{words}; if any, −3.1 to 4.2 nm/N)"
     rarer = change | {"probability_of_increase": 0.05}
-    assert _change_cells(rarer).interval == "[0.00, 0.91]"
+    assert change_cells(rarer).interval == "[0.00, 0.91]"
     assert "if any" not in wording.direction_words(rarer)
 
 
