@@ -84,13 +84,15 @@ def _with_angles_named_below(rows: Sequence[Row]) -> Sequence[Row]:
 
     In a header of two rows, the upper row may name the angles and the loads, as in ``Angle;100
     N;;300 N;``, and the lower row the columns below each load, as in ``°;CCW [µm];CW [µm];CCW
-    [µm];CW [µm]``. The first cell of the lower row is empty or a unit of angles. The name of the
-    angles is moved down into this cell. Other rows are returned unchanged.
+    [µm];CW [µm]``. Directions or planes may stand in the place of the loads, as in
+    ``Angle;CW;;CCW;`` above ``;100 N;300 N;100 N;300 N``. The first cell of the lower row is empty
+    or a unit of angles. The name of the angles is moved down into this cell. Other rows are
+    returned unchanged.
     """
     for k in range(min(len(rows) - 1, LONGEST_OVERVIEW)):
         above = rows[k]
         below = rows[k + 1]
-        if not _names_angles_and_loads(above.cells) or len(below.cells) != len(above.cells):
+        if not _names_angles_and_conditions(above.cells) or len(below.cells) != len(above.cells):
             continue
         name = _name_of_angles(above.cells[0], below.cells[0])
         are_units = all(unit_named(cell.strip("[](){} ")) for cell in below.cells[1:])
@@ -101,12 +103,21 @@ def _with_angles_named_below(rows: Sequence[Row]) -> Sequence[Row]:
     return rows
 
 
-def _names_angles_and_loads(cells: Sequence[str]) -> bool:
-    """Return whether the first cell of a row names angles, and the other filled cells are loads."""
+def _names_angles_and_conditions(cells: Sequence[str]) -> bool:
+    """Return whether a row names the angles in its first cell, and conditions in its other cells.
+
+    The conditions are either loads, directions or planes. Cells may be empty, but not all of them.
+    """
     if not cells or not has_role(unit_of(cells[0]).name, "angle"):
         return False
-    loads = [cell for cell in cells[1:] if cell]
-    return bool(loads) and all(load_in_name([cell]) is not None for cell in loads)
+    conditions = [cell for cell in cells[1:] if cell]
+    if not conditions:
+        return False
+    return (
+        all(load_in_name([cell]) is not None for cell in conditions)
+        or {direction_named(cell) for cell in conditions} <= {"CW", "CCW"}
+        or all(plane_named(cell) in PLANES for cell in conditions)
+    )
 
 
 def _name_of_angles(name: str, below: str) -> str:

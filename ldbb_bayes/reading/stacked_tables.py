@@ -21,6 +21,7 @@ from ldbb_bayes.reading.role_words import has_role
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.timestamps import stamps_in, without_stamps
 from ldbb_bayes.reading.travel_direction import direction_named, directions_stated
+from ldbb_bayes.reading.unit_rows import row_of_units
 from ldbb_bayes.reading.words import comparable
 
 __all__ = [
@@ -149,15 +150,17 @@ def first_header(rows: Sequence[Row]) -> int | None:
     """Return the index of the first header of a table; None if there is no header.
 
     A header names columns, and a table of numbers begins below it, directly or below a row of units
-    or a line of dashes. A row is not a header if it states loads or
-    directions for the columns, or if the row below it names angles and readings.
+    or a line of dashes. A row is not a header if it states loads or directions for the columns, or
+    if the row below it names angles and readings. A row of directions is a header if its first cell
+    names the angles, and numbers or units stand directly below it.
     """
     for k in range(len(rows) - 1):
         cells = rows[k].cells
         if not (names_columns(cells) and any(names_any_role(cell) for cell in cells)):
             continue
         # A row above the header, for example a row of loads, may look like a header.
-        if _describes_columns(cells) or _names_circle(rows[k + 1].cells):
+        is_above_header = _describes_columns(cells) and not _heads_directions(rows, k)
+        if is_above_header or _names_circle(rows[k + 1].cells):
             continue
         if _stands_above_numbers(rows, k):
             return k
@@ -203,6 +206,21 @@ def _describes_columns(cells: Sequence[str]) -> bool:
     label = unit_of(cells[0]).name
     is_load = has_role(label, "force") or has_role(label, "pressure")
     return is_load and all(load_in_name([cell]) is not None for cell in stated)
+
+
+def _heads_directions(rows: Sequence[Row], k: int) -> bool:
+    """Return whether row ``k`` is a header of directions, such as ``Angle;CW;CCW;CW;CCW``.
+
+    Its first cell names the angles, each other cell is a direction, and the row directly below
+    holds numbers or units.
+    """
+    cells = rows[k].cells
+    below = rows[k + 1].cells
+    if not has_role(unit_of(cells[0]).name, "angle"):
+        return False
+    if not {direction_named(cell) for cell in cells[1:]} <= {"CW", "CCW"}:
+        return False
+    return is_row_of_numbers(below, len(cells)) or bool(row_of_units(below, ","))
 
 
 def _row_below_units(rows: Sequence[Row], first_header: int, header: int) -> int:

@@ -93,3 +93,40 @@ def test_radii_above_loads_are_those_of_their_columns(above: str, tmp_path: Path
     tests = lb.import_campaign(path).campaign.tests
     stated = [(test.radius_mm, test.force_N) for test in tests]
     assert stated == [(100.0, 36.0), (100.0, 490.0), (150.0, 36.0), (150.0, 490.0)]
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        ["Angle [deg];36 N;;490 N;", ";CW;CCW;CW;CCW"],
+        ["Angle;36 N;;490 N;", ";CW;CCW;CW;CCW", "°;µm;µm;µm;µm"],
+        [";36 N;;490 N;", "Winkel;G2;G3;G2;G3", "°;µm;µm;µm;µm"],
+    ],
+)
+def test_below_loads_directions_may_be_the_only_names(header: list[str], tmp_path: Path) -> None:
+    path = four_columns(tmp_path)
+    numbers = path.read_text().split("\n")[1:]
+    path.write_text("\n".join([*header, *numbers]))
+    tests = lb.import_campaign(path).campaign.tests
+    stated = [(test.force_N, test.direction) for test in tests]
+    assert stated == [(36.0, "CW"), (36.0, "CCW"), (490.0, "CW"), (490.0, "CCW")]
+    assert [test.reading_um[1] for test in tests] == [0.1, 0.2, 0.3, 0.4]
+
+
+@pytest.mark.parametrize(
+    ("above", "field", "stated"),
+    [
+        ("Angle [deg];CW;;CCW;", "direction", ["CW", "CW", "CCW", "CCW"]),
+        ("Angle [deg];im Uhrzeigersinn;;G3;", "direction", ["CW", "CW", "CCW", "CCW"]),
+        ("Winkel [°];XY;;YZ;", "plane", ["XY", "XY", "YZ", "YZ"]),
+    ],
+)
+def test_the_angles_may_be_named_beside_conditions_above_loads(
+    above: str, field: str, stated: list[str], tmp_path: Path
+) -> None:
+    path = four_columns(tmp_path, above)
+    path.write_text(path.read_text().replace("\nAngle [deg];", "\n;"))
+    tests = lb.import_campaign(path).campaign.tests
+    assert [getattr(test, field) for test in tests] == stated
+    assert [test.force_N for test in tests] == [36.0, 490.0, 36.0, 490.0]
+    assert [test.angle_deg[1] for test in tests] == [5.0] * 4
