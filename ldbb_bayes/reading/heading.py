@@ -19,6 +19,7 @@ from ldbb_bayes.reading.formats import advice_on_format, format_of, is_in_latex
 from ldbb_bayes.reading.header_rows import count_numbers, heads_loads, is_rule, names_columns
 from ldbb_bayes.reading.header_units import BRACKET, unit_of
 from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
@@ -41,6 +42,8 @@ __all__ = ["Heading", "NoTableError", "find_heading", "unused_columns"]
 _ROWS_OF_NUMBERS = 9
 # Units that may stand in place of the name of a column.
 _UNITS_ALONE = ("deg", "rad", "um", "mm", "nm")
+# Fields that a row of labels and numbers above a table may state.
+_STATED_IN_ROWS = frozenset({"force_N", "pressure_bar", "radius_mm", "feed_mm_per_min"})
 # An error message shows at most this number of cells of a row.
 _CELLS_SHOWN = 6
 # An error message shows at most this number of characters of a cell.
@@ -488,9 +491,23 @@ def _find_header_row(sheet: Sheet, layout: Layout, numbers_row: int) -> int | No
         header_row = rows_of_words[-1]
         if len(rows_of_words) > 1 and row_of_units(rows[header_row].cells, sheet.separator):
             header_row = rows_of_words[-2]
+    _check_no_numbers_above(sheet, header_row, numbers_row)
+    return header_row
+
+
+def _check_no_numbers_above(sheet: Sheet, header_row: int, numbers_row: int) -> None:
+    """Raise an `InputError` if the table of a sheet has rows of numbers above its header.
+
+    ``header_row`` and ``numbers_row`` are the indices of the header and of the row at which the
+    numbers of the table begin.
+    """
+    rows = sheet.rows
     width = len(rows[numbers_row].cells)
     numbers_above = [row for row in rows[:header_row] if count_numbers(row.cells) >= 2]
-    lines = [row.line for row in numbers_above if len(row.cells) == width]
+    lines = []
+    for row in numbers_above:
+        if len(row.cells) == width and not _states_quantities(sheet, row.cells):
+            lines.append(row.line)
     place = f"{sheet.place}, line {rows[header_row].line}"
     if len(lines) == 1:
         raise InputError(
@@ -502,7 +519,20 @@ def _find_header_row(sheet: Sheet, layout: Layout, numbers_row: int) -> int | No
             f"{place}: the header must stand above all numbers, got numbers in lines {lines[0]} to"
             f" {lines[-1]}. Remove lines {lines[0]} to {lines[-1]}, or correct --header-line."
         )
-    return header_row
+
+
+def _states_quantities(sheet: Sheet, cells: Sequence[str]) -> bool:
+    """Return whether a row names a quantity before each number: ``Force [N];36;Radius [mm];100``.
+
+    One of the quantities must be a load, the radius or the feed.
+    """
+    is_label = [bool(cell) and not looks_like_number(cell) for cell in cells]
+    follows_label = [False, *is_label]
+    for k, cell in enumerate(cells):
+        if looks_like_number(cell) and not follows_label[k]:
+            return False
+    stated = statements_in([(0, sheet.text_of(cells))])
+    return not _STATED_IN_ROWS.isdisjoint(stated)
 
 
 def _is_header(cells: Sequence[str]) -> bool:

@@ -81,13 +81,14 @@ def _count_index_names(row: Row, above: Row, below: Row) -> int:
 
     The index consists of the first column or columns of the table, such as the angles. The result
     is zero unless three conditions hold: the row has names of index columns and nothing else, the
-    row ``above`` has names in all other columns, and the row ``below`` has numbers.
+    row ``above`` has names in all other columns, and the row ``below`` has numbers, one of them in
+    another column. Thus, ``Angle;Reading;;`` below ``Force;36 N;Radius;100 mm`` is a whole header.
     """
     width = len(below.cells)
     n_index = sum(bool(cell) for cell in row.cells)
     if not 0 < n_index < width or any(row.cells[n_index:]) or count_numbers(below.cells) < 2:
         return 0
-    if is_rule(row.cells):
+    if is_rule(row.cells) or not count_numbers(below.cells[n_index:]):
         return 0
     has_names_above = len(above.cells) == width and all(above.cells[n_index:])
     if not has_names_above or count_numbers([*row.cells, *above.cells]):

@@ -366,7 +366,7 @@ def _stated_number(
     value = number_in_text(match["number"])
     if not unit or value is None or (not named and _is_no_start(quantity, value)):
         return None
-    if may_be_thousands(quantity.field, match["number"]):
+    if may_be_thousands(quantity.field, match["number"], quantity.units[unit]):
         return LineStatement(math.nan, named, line)
     if quantity.field in _FIELDS_OF_ONE_NUMBER and _lists_numbers(match, quantity.units):
         return LineStatement(math.nan, named, line, _LIST_OF_NUMBERS)

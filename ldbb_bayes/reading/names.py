@@ -127,7 +127,8 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
         if len(written) != 1 or _AMBIGUOUS_LOAD.search(name):
             continue
         load = written[0]
-        if load.key == "force_N" and may_be_thousands(load.key, load.text):
+        is_force = load.key == "force_N"
+        if is_force and may_be_thousands(load.key, load.text, load.unit_size):
             continue
         value = number_in_text(load.text)
         if value is not None:

@@ -119,17 +119,18 @@ def could_be_thousands(cell: str) -> bool:
     return re.fullmatch(r"[+\-−–]?[1-9]\d{0,2}[.,]\d{3}", cell) is not None
 
 
-def may_be_thousands(key: str, text: str) -> bool:
+def may_be_thousands(key: str, text: str, unit_size: float) -> bool:
     """Return whether the comma or point in the value of a quantity may separate thousands.
 
-    ``key`` is the field of the quantity, such as force_N, and ``text`` is the number as written.
-    The comma in ``1,000`` N may separate thousands. The point in ``150.000`` mm may not, because no
-    circle has a radius of 150 000 mm.
+    ``key`` is the field of the quantity, such as force_N, ``text`` is the number as written, and
+    ``unit_size`` the size of its unit in that of the field, such as 1000 for a force in kN. The
+    comma in ``1,000`` N may separate thousands. The point in ``150.000`` mm may not, because no
+    circle has a radius of 150 000 mm, and that in ``1.100`` kN may not for the same reason.
     """
     if not could_be_thousands(text):
         return False
     digits = re.sub(r"[^\d]", "", text)
-    return float(digits) <= _LARGEST_THOUSANDS.get(key, 0.0)
+    return float(digits) * unit_size <= _LARGEST_THOUSANDS.get(key, 0.0)
 
 
 def _is_grouped(text: str, mark: str) -> bool:
