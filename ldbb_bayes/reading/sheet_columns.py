@@ -32,7 +32,13 @@ from ldbb_bayes.reading.numbering_columns import (
     columns_that_number,
     conditions_that_number,
 )
-from ldbb_bayes.reading.numerals import constant_value, is_clock, is_missing, numbers_in
+from ldbb_bayes.reading.numerals import (
+    constant_value,
+    is_clock,
+    is_missing,
+    looks_like_number,
+    numbers_in,
+)
 from ldbb_bayes.reading.planes import plane_named
 from ldbb_bayes.reading.recording import RowUnits
 from ldbb_bayes.reading.sheet import Sheet
@@ -210,18 +216,27 @@ class SheetColumns:
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
         # A radius both identifies a circle and is a number of the test.
         for column in self.numbering:
-            if not _states_radius(self.heading.headers[column], self.cells[column][rows[0]]):
+            if not _states_radius(self.heading, column, self.cells[column][rows[0]]):
                 in_use.add(column)
         for column, header in enumerate(self.heading.headers):
-            cells = set(self.cells_with_units(column, rows))
+            cells = {self._with_unit_of_format(column, k) for k in rows}
             if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
                 lines.append(
                     (
                         self.place_of_column(column),
-                        f"{_with_unit_in_brackets(header)}: {cells.pop()}",
+                        f"{_header_with_unit(self.heading, column)}: {cells.pop()}",
                     )
                 )
         return lines
+
+    def _with_unit_of_format(self, column: int, row: int) -> str:
+        """Return a cell with the unit behind its number, or else with that of its number format.
+
+        ``column`` and ``row`` are the indices of the column and of the row.
+        """
+        cell = self.cells_with_units(column, [row])[0]
+        unit = unit_named(self.sheet.format_units.get((self.lines[row], column), ""))
+        return f"{cell} {unit}" if unit and looks_like_number(cell) else cell
 
     def place_of_column(self, column: int) -> str:
         """Return a text that names a column in messages by its line and its header.
@@ -260,12 +275,17 @@ class SheetColumns:
         return words
 
 
-def _with_unit_in_brackets(header: str) -> str:
+def _header_with_unit(heading: Heading, column: int) -> str:
     """Return a header with its unit in brackets: ``Radius [m]`` for ``Radius_m``.
 
-    A header that has brackets or no known unit is returned unchanged.
+    A unit that stands in the row of units below the header takes precedence. A header that has
+    brackets or no known unit is returned unchanged. ``column`` is the index of the column from 0.
     """
+    header = heading.headers[column]
     stated = unit_of(header)
+    unit_below = heading.units[column] if column in heading.columns_with_unit_below else ""
+    if unit_below and unit_below != stated.unit:
+        return f"{stated.name.replace('_', ' ')} [{unit_below}]"
     if BRACKET.search(header) or stated.name == header or not unit_named(stated.unit):
         return header
     return f"{stated.name.replace('_', ' ')} [{stated.unit}]"
@@ -445,7 +465,7 @@ def _columns_without_role(heading: Heading, cells: Sequence[Sequence[str]]) -> l
     for column, header in enumerate(heading.headers):
         if column in heading.roles.values() or column in heading.readings or not cells[column]:
             continue
-        if header in _CONDITIONS or _states_radius(header, cells[column][0]):
+        if header in _CONDITIONS or _states_radius(heading, column, cells[column][0]):
             columns.append(column)
     return columns
 
@@ -467,7 +487,7 @@ def _check_radii_have_a_unit(
         return
     for column in numbering:
         header = heading.headers[column][:LONGEST_NAME]
-        line = f"{_with_unit_in_brackets(header)}: {cells[column][0]}"
+        line = f"{_header_with_unit(heading, column)}: {cells[column][0]}"
         if not names_circle(header) or "radius_mm" in statements_in([(0, line)]):
             continue
         raise InputError(
@@ -476,10 +496,13 @@ def _check_radii_have_a_unit(
         )
 
 
-def _states_radius(header: str, cell: str) -> bool:
-    """Return whether a column with this header and cell states the radius of a circle."""
-    line = f"{_with_unit_in_brackets(header)}: {cell}"
-    return names_circle(header) or "radius_mm" in statements_in([(0, line)])
+def _states_radius(heading: Heading, column: int, cell: str) -> bool:
+    """Return whether a column with this cell states the radius of a circle.
+
+    ``column`` is the index of the column from 0.
+    """
+    line = f"{_header_with_unit(heading, column)}: {cell}"
+    return names_circle(heading.headers[column]) or "radius_mm" in statements_in([(0, line)])
 
 
 def _without_test_column(heading: Heading) -> Heading:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import python_calamine
 
+from ldbb_bayes.campaign.circular_test import FEWEST_READINGS
 from ldbb_bayes.campaign.text_table import (
     ARCHIVE_SIGNATURE,
     COMPOUND_SIGNATURE,
@@ -22,7 +23,7 @@ from ldbb_bayes.campaign.text_table import (
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.reading.cell_units import number_in_cell
 from ldbb_bayes.reading.sheet import Sheet
-from ldbb_bayes.reading.words import LONGEST_NAME
+from ldbb_bayes.reading.words import LONGEST_NAME, unit_named
 from ldbb_bayes.reading.workbook_parts import SheetParts, parts_of_sheets
 
 __all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
@@ -136,7 +137,7 @@ def _wanted_sheets(
     for name in wanted or visible or hidden:
         sheet_parts = parts.get(name, SheetParts())
         values = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
-        rows = _visible_rows(values, sheet_parts.hidden_lines)
+        rows = _visible_rows(values, sheet_parts)
         if rows:
             sheets.append(
                 Sheet(
@@ -203,18 +204,56 @@ def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _visible_rows(values: Sequence[Sequence[object]], hidden_lines: Collection[int]) -> list[Row]:
+def _visible_rows(values: Sequence[Sequence[object]], parts: SheetParts) -> list[Row]:
     """Return the rows of a sheet with their line numbers. Hidden and empty rows are left out.
 
-    ``values`` holds the values of the cells, row by row, and ``hidden_lines`` the line numbers of
-    the hidden rows.
+    Outside a table of readings, the unit that a number format shows is written behind the number:
+    the number 0.3 in the format ``0.0 "kN"`` becomes the text ``0.3 kN``. ``values`` holds the
+    values of the cells, row by row.
     """
+    lines_of_table = _lines_of_table(values)
     rows = []
     for line, values_of_row in enumerate(values, start=1):
         texts = [_cell_text(value) for value in values_of_row]
-        if line not in hidden_lines and any(texts):
-            rows.append(Row(line, texts))
+        if line in parts.hidden_lines or not any(texts):
+            continue
+        if line not in lines_of_table:
+            for column, value in enumerate(values_of_row):
+                unit = unit_named(parts.units.get((line, column), ""))
+                if unit and isinstance(value, float):
+                    texts[column] += f" {unit}"
+        rows.append(Row(line, texts))
     return rows
+
+
+def _lines_of_table(values: Sequence[Sequence[object]]) -> set[int]:
+    """Return the line numbers of the rows that may belong to a table of readings.
+
+    These are rows of at least ``FEWEST_READINGS`` numbers, which may hold a circle each, and
+    sequences of at least as many rows that hold two numbers or more. The first row of a sequence is
+    a header of loads, such as ``Angle;100;300``, if it alone begins with a word. ``values`` holds
+    the values of the cells, row by row.
+    """
+    lines_of_table: set[int] = set()
+    sequence: list[int] = []
+    for line, values_of_row in enumerate(values, start=1):
+        n_numbers = sum(_is_number(value) for value in values_of_row)
+        if n_numbers >= FEWEST_READINGS:
+            lines_of_table.add(line)
+        if n_numbers < 2:
+            sequence = []
+            continue
+        if len(sequence) == 1 and _is_number(values_of_row[0]):
+            sequence = [number for number in sequence if _is_number(values[number - 1][0])]
+        sequence.append(line)
+        if len(sequence) >= FEWEST_READINGS:
+            lines_of_table.update(sequence)
+    return lines_of_table
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a cell holds a number, also one that is stored as text, such as ``1,5 µm``."""
+    return isinstance(value, float) or number_in_cell(str(value).strip()) is not None
 
 
 def _holds_numbers_as_text(values: Iterable[Iterable[object]]) -> bool:
