@@ -24,6 +24,7 @@ from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.role_words import has_role
+from ldbb_bayes.reading.sexagesimal import check_angle_is_whole
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.unit_rows import row_of_units, without_comment_sign
 from ldbb_bayes.reading.words import (
@@ -183,6 +184,7 @@ def _heading_of_table(sheet: Sheet, layout: Layout) -> Heading:
     if header.line:
         place = f"{sheet.place}, line {header.line}"
     column_roles = find_columns(place, layout, header.headers, header.units)
+    check_angle_is_whole(place, header.headers, column_roles.columns.get("angle"))
     if "reading" not in layout.columns:
         check_none_is_derived(place, [header.headers[column] for column in column_roles.readings])
     units = list(header.units)

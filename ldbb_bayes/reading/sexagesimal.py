@@ -5,7 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-__all__ = ["SECONDS_UNIT", "columns_in_sexagesimal", "names_sexagesimal", "seconds_in"]
+from ldbb_bayes.errors import InputError
+
+__all__ = [
+    "SECONDS_UNIT",
+    "check_angle_is_whole",
+    "columns_in_sexagesimal",
+    "names_sexagesimal",
+    "seconds_in",
+]
 
 # Unit of the numbers that `seconds_in` returns, in this package's notation.
 SECONDS_UNIT = "arcsec"
@@ -29,6 +37,11 @@ _NAMED = re.compile(
     r"|度[-. :,/]?分[-. :,/]?秒|도[-. :,/]?분[-. :,/]?초",
     re.IGNORECASE,
 )
+# Regular expressions for the headers of columns with the minutes and the seconds of angles.
+_HEADS_MINUTES = re.compile(r"\W*(?:arc[ -]?)?min(?:ut\w*)?\W*|['′’]", re.IGNORECASE)
+_HEADS_SECONDS = re.compile(
+    r"\W*(?:arc[ -]?)?se[ck](?:[ou]nd\w*)?\W*|\"|″|”|''|′′|’’", re.IGNORECASE
+)
 # Number of minutes in a degree, and of seconds in a minute.
 _SIXTY = 60
 
@@ -36,6 +49,32 @@ _SIXTY = 60
 def names_sexagesimal(header: str) -> bool:
     """Return whether a header says that its angles are in degrees, minutes and seconds."""
     return _NAMED.search(header) is not None
+
+
+def check_angle_is_whole(place: str, headers: Sequence[str], angle: int | None) -> None:
+    """Raise an `InputError` if two further columns hold the minutes and the seconds of the angles.
+
+    An example is a table with the columns ``Deg``, ``Min`` and ``Sec``, of which only the first is
+    taken for the angle.
+
+    Parameters
+    ----------
+    place
+        Name of the table in the error message.
+    headers
+        Headers of all columns.
+    angle
+        Index of the column of angles from 0; None if there is none.
+    """
+    if angle is None or len(headers) < angle + 3:
+        return
+    names = list(headers[angle : angle + 3])
+    if _HEADS_MINUTES.fullmatch(names[1]) and _HEADS_SECONDS.fullmatch(names[2]):
+        shown = ", ".join(repr(name) for name in names)
+        raise InputError(
+            f"{place}: the angle must stand in one column, got {shown}. Join them, for example"
+            " 12°30'15\"."
+        )
 
 
 def columns_in_sexagesimal(rows: Iterable[Sequence[str]]) -> set[int]:
