@@ -40,6 +40,7 @@ from ldbb_bayes.reading.travel_direction import (
     directions_stated,
     senses_of_header,
 )
+from ldbb_bayes.reading.words import size_of_unit
 from ldbb_bayes.results import Array
 
 __all__ = ["direction_of", "loads_of", "quantity_of"]
@@ -140,7 +141,7 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     if not certain:
         statements = recording.statements.get(key)
         reason = evidence.source
-        if statements and not statements[0].unit:
+        if statements and not statements[0].unit and not _unit_of_all_loads(recording, key):
             if key in LOAD_ROLES:
                 _check_unit_of_loads(recording, key, f"line {statements[0].line}")
             reason = with_words(reason, ", no unit there")
@@ -221,9 +222,13 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     and everything that the file or the user states about the test.
     """
     evidence = []
+    unit = _unit_of_all_loads(recording, key)
     for statement in recording.statements.get(key, ()):
         source = cited_line(statement.line)
-        evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE, statement.doubt))
+        value = statement.value
+        if unit and not statement.unit:
+            value *= size_of_unit(LOAD_ROLES[key], unit) or 1.0
+        evidence.append(_Evidence(value, source, _ROUNDED_IN_LINE, statement.doubt))
     evidence.sort(key=lambda stated: bool(stated.doubt))
     if key in LOAD_ROLES:
         load = load_in_name(recording.names(), key)
@@ -239,6 +244,16 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
             source = cited_line(statement.line)
             evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
     return evidence
+
+
+def _unit_of_all_loads(recording: Recording, key: str) -> str:
+    """Return the unit that the user states for all loads, such as kN; empty if there is none.
+
+    ``key`` is the field of a quantity, such as force_N; the result is empty if it is no load.
+    """
+    if key not in LOAD_ROLES:
+        return ""
+    return getattr(recording.layout, f"{LOAD_ROLES[key]}_unit") or ""
 
 
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:

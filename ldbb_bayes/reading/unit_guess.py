@@ -115,7 +115,7 @@ def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -
     deviations = [recording for recording in unstated if not _is_distance(recording)]
     if deviations:
         _assume_reading_unit(deviations, campaign)
-    _check_unit_of_forces([entry for entry in recordings if _lacks_unit(entry, "force")])
+    _check_unit_of_forces(recordings)
     unstated = [entry for entry in recordings if _lacks_unit(entry, "angle")]
     if unstated:
         _assume_angle_unit(unstated)
@@ -127,18 +127,38 @@ def _lacks_unit(recording: Recording, role: str) -> bool:
 
 
 def _check_unit_of_forces(recordings: Sequence[Recording]) -> None:
-    """Raise an error if forces whose unit is not stated are too small to be in newtons.
-
-    ``recordings`` are the tests with forces whose unit is not stated.
-    """
-    largest = max((float(np.abs(entry.numbers["force"]).max()) for entry in recordings), default=0)
-    if recordings and largest < _SMALLEST_LOAD_N:
+    """Raise an error if forces whose unit is not stated are too small to be in newtons."""
+    without_unit = []
+    largest = 0.0
+    for recording in recordings:
+        force = _force_without_unit(recording)
+        if force is not None:
+            without_unit.append(recording)
+            largest = max(largest, force)
+    if without_unit and largest < _SMALLEST_LOAD_N:
         raise OpenQuestionError(
-            f"{recordings[0].place}: forces must have a unit, got none, and numbers up to"
+            f"{without_unit[0].place}: forces must have a unit, got none, and numbers up to"
             f" {largest:.4g}, which are few newtons. Say which: --force-unit.",
             "force_unit",
             list(UNITS["force"]),
         )
+
+
+def _force_without_unit(recording: Recording) -> float | None:
+    """Return the largest force of a test as the file writes it, if nothing states its unit.
+
+    The force stands in a column, or in a line above the table or of a list of tests. Return None if
+    its unit is known, or if the test has no such force.
+    """
+    if _lacks_unit(recording, "force"):
+        return float(np.abs(recording.numbers["force"]).max())
+    is_stated = recording.stated_value("force_N") is not None or "force" in recording.numbers
+    if is_stated or recording.layout.force_unit is not None:
+        return None
+    for statement in recording.statements.get("force_N", ())[:1]:
+        if not statement.unit:
+            return abs(statement.value)
+    return None
 
 
 def _is_distance(recording: Recording) -> bool:

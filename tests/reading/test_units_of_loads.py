@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -114,3 +114,32 @@ def test_a_sentence_on_the_unit_of_a_column_of_forces_is_not_passed_over(tmp_pat
 @pytest.mark.parametrize("line", ["all forces in N", "max. load in kN: see manual"])
 def test_the_usual_unit_in_a_sentence_changes_nothing(line: str, tmp_path: Path) -> None:
     assert forces_of(text(tmp_path, [line, "Force: 100"])) == [100.0]
+
+
+def files_with_lines(folder: Path) -> list[Path]:
+    """Write a file for each circle whose force stands in kN above its table, without the unit."""
+    paths = []
+    for force_N in FORCES_N:
+        lines = [f"Force: {force_N / 1000.0}", "Angle [deg];Reading [um]"]
+        lines += [f"{angle};{reading}" for angle, reading in circle(force_N)]
+        paths.append(folder / f"run{force_N / 100.0:.0f}.csv")
+        paths[-1].write_text("\n".join(lines))
+    return paths
+
+
+def list_without_unit(folder: Path) -> list[Path]:
+    """Write a workbook whose list of tests states forces in kN, without the unit."""
+    rows: list[Sequence[object]] = [("Name", "Kraft")]
+    rows += [(f"M{number}", force_N / 1000.0) for number, force_N in enumerate(FORCES_N, start=1)]
+    return [book(folder, rows)]
+
+
+@pytest.mark.parametrize("write", [files_with_lines, list_without_unit])
+def test_small_forces_without_a_unit_are_asked(
+    write: Callable[[Path], list[Path]], tmp_path: Path
+) -> None:
+    paths = write(tmp_path)
+    with pytest.raises(lb.errors.InputError, match=r"up to 0\.6, .* Say which: --force-unit"):
+        lb.import_campaign(paths)
+    tests = lb.import_campaign(paths, layout=Layout(force_unit="kN")).campaign.tests
+    assert [test.force_N for test in tests] == list(FORCES_N)
