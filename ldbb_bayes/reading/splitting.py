@@ -22,6 +22,7 @@ from ldbb_bayes.reading.overview import overview_lines
 from ldbb_bayes.reading.placeholders import placeholders_in
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.row_labels import labels_of
+from ldbb_bayes.reading.rows_of_one_machine import check_rows_are_of_one_machine
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.sheet_columns import NOT_SHARED, SheetColumns, read_columns
 from ldbb_bayes.reading.statistics_rows import label_of_statistics, rows_of_statistics
@@ -93,9 +94,8 @@ def split_sheet(
     columns = read_columns(sheet, heading, layout, campaign.get("plane"), log)
     shared_numbers = _shared_numbers(columns, layout)
     labels = labels_of(columns, log)
-    rows_by_label: dict[str, list[int]] = {}
-    for row, label in enumerate(labels):
-        rows_by_label.setdefault(label, []).append(row)
+    rows_by_label = _rows_by_label(labels)
+    check_rows_are_of_one_machine(columns, rows_by_label, campaign)
     field_columns = _field_columns(columns, labels, log)
     holds_several = len(rows_by_label) > 1 or len(heading.readings) > 1 or bool(sheet.name_in_file)
     texts_below = _texts_below(sheet, columns.lines)
@@ -150,6 +150,17 @@ def split_sheet(
                 numbering_headers=columns.numbering_headers,
                 unused_columns=unused,
             )
+
+
+def _rows_by_label(labels: Sequence[str]) -> dict[str, list[int]]:
+    """Return a dict with the indices of the rows of each test; the keys are the names of the tests.
+
+    ``labels`` holds the name of the test of each row.
+    """
+    rows_by_label: dict[str, list[int]] = {}
+    for row, label in enumerate(labels):
+        rows_by_label.setdefault(label, []).append(row)
+    return rows_by_label
 
 
 def _texts_below(sheet: Sheet, lines_of_table: Sequence[int]) -> list[tuple[int | str, str]]:
