@@ -49,6 +49,12 @@ __all__ = ["read_sheets"]
 
 # Table that replaces the wide characters of East Asian text, including the wide blank, by ASCII.
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
+# Table that replaces the marks of Arabic numbers for decimals and thousands.
+_ARABIC_MARKS = {0x066B: ".", 0x066C: ","}
+_PLAIN: dict[int, int | str] = {**_NARROW, **_ARABIC_MARKS}
+# Regular expression for a decimal number with its minus sign behind it, as some programs for
+# accounting and stocks write it.
+_MINUS_BEHIND = re.compile(r"(?P<number>\d[\d.,]*[.,]\d+)[-−–]")
 # Regular expression for the beginning of a page in HTML, which some programs save as a workbook.
 _WEB_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)", re.IGNORECASE)
 # Number of bytes at the beginning of a file that are examined for HTML.
@@ -178,14 +184,22 @@ def _sheets_of_entries(sheet: Sheet, text: str) -> list[Sheet]:
 def _with_plain_cells(sheet: Sheet) -> Sheet:
     """Return a sheet whose cells have no wide characters and no units after numbers.
 
-    The wide characters of East Asian text are replaced by ASCII. The units are moved to the field
-    ``cell_units`` of the sheet.
+    The wide characters of East Asian text are replaced by ASCII, and Arabic decimal marks by
+    points. A minus sign behind a decimal number, as in ``3.45-``, is put before it. The units are
+    moved to the field ``cell_units`` of the sheet.
     """
     rows = []
     for row in sheet.rows:
-        rows.append(Row(row.line, [cell.translate(_NARROW).strip() for cell in row.cells]))
+        rows.append(Row(row.line, [_plain_cell(cell) for cell in row.cells]))
     split = split_units(rows)
     return replace(sheet, rows=split.rows, cell_units=split.units)
+
+
+def _plain_cell(cell: str) -> str:
+    """Return a cell as `_with_plain_cells` describes it, with its unit."""
+    plain = cell.translate(_PLAIN).strip()
+    minus_behind = _MINUS_BEHIND.fullmatch(plain)
+    return f"-{minus_behind['number']}" if minus_behind else plain
 
 
 def _find_separator(lines: Sequence[str]) -> str:
