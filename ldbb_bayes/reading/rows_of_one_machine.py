@@ -7,7 +7,7 @@ from datetime import date, timedelta
 
 from ldbb_bayes.campaign.text_table import LONGEST_CELL_SHOWN
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.headers import unused_columns
+from ldbb_bayes.reading.heading import unused_columns
 from ldbb_bayes.reading.lines_above import statements_in
 from ldbb_bayes.reading.recording import option_for
 from ldbb_bayes.reading.sheet_columns import SheetColumns
