@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from make_campaign import FORCES_N, PRESSURES_BAR, READINGS, recover
@@ -72,6 +73,8 @@ MIDDLE_N = 0.5 * (FORCES_N.min() + FORCES_N.max())
 RANGE_N = float(np.ptp(FORCES_N))
 # Points of the grid below the best by more [nat] do not count.
 _UNLIKELY = 12.0
+# A bound so many posterior standard deviations away is taken as kept for certain.
+_FAR_SD = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,45 +98,48 @@ class Data:
     sd: Array
 
     def without(self, circle: int) -> Data:
-        """What is known whatever the harmonics of one circle are: numbers projected on what does
-        not see it, each known to 1."""
-        own = (
-            self.jacobian[:, circle * len(self.order) : (circle + 1) * len(self.order)]
-            / self.sd[:, None]
-        )
-        unseen = null_space(own.T).T / self.sd
+        """Return what is known whatever the harmonics of one circle are.
+
+        The numbers are projected on what does not depend on that circle, each known to 1.
+        """
+        count = len(self.order)
+        columns = slice(circle * count, (circle + 1) * count)
+        of_circle = self.jacobian[:, columns] / self.sd[:, None]
+        projection = null_space(of_circle.T).T / self.sd
         return replace(
             self,
-            values=unseen @ self.values,
-            jacobian=unseen @ self.jacobian,
-            sd=np.ones(len(unseen)),
+            values=projection @ self.values,
+            jacobian=projection @ self.jacobian,
+            sd=np.ones(len(projection)),
         )
+
+    def harmonics_of(self, traces: Array) -> Array:
+        """Return the harmonics of traces around a circle: (720, j) gives (k, j)."""
+        return np.linalg.lstsq(self.basis, traces, rcond=None)[0]
 
     @cached_property
     def columns(self) -> dict[str, Array]:
         """Harmonics of the columns of Eq. 20 and 21 at every force, each (6, k) [mm per unit]."""
-        jacobian = [
-            lb.machine.hybrid_jacobian(lb.Machine(), lb.machine.Circle(), angles(), force)
-            for force in FORCES_N
+        jacobians = [
+            lb.machine.hybrid_jacobian(lb.Machine(), lb.machine.Circle(), angles_rad(), force_N)
+            for force_N in FORCES_N
         ]
-        fitted = np.array(
-            [np.linalg.lstsq(self.basis, own.to_numpy(), rcond=None)[0] for own in jacobian]
-        )
-        return {name: fitted[:, :, j] for j, name in enumerate(jacobian[0].columns)}
+        harmonics = np.array([self.harmonics_of(jacobian.to_numpy()) for jacobian in jacobians])
+        return {name: harmonics[:, :, j] for j, name in enumerate(jacobians[0].columns)}
 
 
 def printed_numbers() -> Data:
     """Tables 5 to 8, in units of what each number is known to."""
-    found = recover()
-    sd = np.array([number.half_unit for number in found.numbers]) / np.sqrt(3.0)
-    values = np.array([number.value for number in found.numbers])
+    recovered = recover()
+    sd = np.array([number.half_unit for number in recovered.numbers]) / np.sqrt(3.0)
+    values = np.array([number.value for number in recovered.numbers])
     order = np.array([0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 4.0])
     return Data(
-        order,
-        trigonometric(order, angles()),
-        values / sd,
-        1e3 * found.jacobian / sd[:, None],
-        np.ones(len(sd)),
+        order=order,
+        basis=trigonometric(order, angles_rad()),
+        values=values / sd,
+        jacobian=1e3 * recovered.jacobian / sd[:, None],
+        sd=np.ones(len(sd)),
     )
 
 
@@ -141,43 +147,45 @@ def all_harmonics(campaign: lb.Campaign) -> Data:
     """Orders 0 to 12 of every circle, known to the white noise."""
     order = np.array([0.0, *np.repeat(np.arange(1.0, 13.0), 2)])
     basis = trigonometric(order, campaign.tests[0].angles_rad())
-    readings = 1e-3 * np.array([test.reading_um for test in campaign.tests]).T
-    values = np.linalg.lstsq(basis, readings, rcond=None)[0]
-    sigma = np.sqrt(
-        np.sum((readings - basis @ values) ** 2) / (values.shape[1] * (len(basis) - len(order)))
-    )
+    readings_mm = 1e-3 * np.array([test.reading_um for test in campaign.tests]).T
+    harmonics = np.linalg.lstsq(basis, readings_mm, rcond=None)[0]
+    circles = harmonics.shape[1]
+    squares = np.sum((readings_mm - basis @ harmonics) ** 2)
+    sigma = np.sqrt(squares / (circles * (len(basis) - len(order))))
     sd = sigma * np.sqrt(np.where(order == 0.0, 1.0, 2.0) / len(basis))
-    circles = values.shape[1]
     return Data(
-        order,
-        trigonometric(order, angles()),
-        values.T.ravel(),
-        np.eye(values.size),
-        np.tile(sd, circles),
+        order=order,
+        basis=trigonometric(order, angles_rad()),
+        values=harmonics.T.ravel(),
+        jacobian=np.eye(harmonics.size),
+        sd=np.tile(sd, circles),
     )
 
 
-def angles() -> Array:
+def angles_rad() -> Array:
     """Of one circle [rad]."""
     return np.arange(READINGS) * 2.0 * np.pi / READINGS
 
 
-def trigonometric(order: Array, angle_rad: Array) -> Array:
+def trigonometric(orders: Array, angle_rad: Array) -> Array:
     """1, cos θ, sin θ, cos 2θ …: of each order the cosine first."""
-    again = [bool(k and n == order[k - 1]) for k, n in enumerate(order)]
-    return np.column_stack(
-        [
-            np.sin(n * angle_rad) if sine else np.cos(n * angle_rad)
-            for n, sine in zip(order, again, strict=True)
-        ]
-    )
+    columns: list[Array] = []
+    for index, order in enumerate(orders):
+        repeats_the_order = index > 0 and order == orders[index - 1]
+        if repeats_the_order:
+            columns.append(np.sin(order * angle_rad))
+        else:
+            columns.append(np.cos(order * angle_rad))
+    return np.column_stack(columns)
 
 
 @cache
 def estimate() -> dict[str, float]:
     """Ĉ: the compliances of Table 5."""
-    numbers = [number for number in recover().numbers if len(number.forces_N) == len(FORCES_N)]
-    return {name: numbers[k].value for k, name in enumerate(COMPLIANCES)}
+    of_all_forces = [
+        number for number in recover().numbers if len(number.forces_N) == len(FORCES_N)
+    ]
+    return {name: of_all_forces[j].value for j, name in enumerate(COMPLIANCES)}
 
 
 @dataclass(frozen=True)
@@ -199,27 +207,82 @@ class Sizes:
     third: bool = False
 
 
-def of_first() -> Sizes:
-    """Slopes of the first edition: measured against what any machine's compliance may be."""
+def sizes_of_first_edition() -> Sizes:
+    """Slopes are measured against what any machine's compliance may be."""
     return Sizes(PRIOR_SD, estimate())
 
 
-def of_second() -> Sizes:
-    """Slopes of the second edition: measured against their own compliance, Ĉ of Table 5."""
-    slope = {
-        name: max(abs(value), PRIOR_SD[name] / LEAST_SHARE) for name, value in estimate().items()
-    }
-    return Sizes(slope, estimate())
+def sizes_of_second_edition() -> Sizes:
+    """Slopes are measured against their own compliance, Ĉ of Table 5."""
+    return Sizes(slope=_no_less_than_a_share(estimate()), joint=estimate())
 
 
-def of_third() -> Sizes:
-    """The third edition: Ĉ and u(Ĉ) as `lb` finds them from the shipped readings, added in
-    squares."""
+def sizes_of_third_edition() -> Sizes:
+    """Slopes are measured against Ĉ and u(Ĉ), added in squares, as `lb` finds them from the
+    shipped readings."""
     campaign = lb.read_campaign(DATA / "recovered_experiment")
     setting = lb.HybridModel.default(1).bind(campaign).setting
     size = dict(zip(COMPLIANCES, setting.compliance_size_estimate.tolist(), strict=True))
-    slope = {name: max(value, PRIOR_SD[name] / LEAST_SHARE) for name, value in size.items()}
-    return Sizes(slope, size, third=True)
+    return Sizes(slope=_no_less_than_a_share(size), joint=size, third=True)
+
+
+def _no_less_than_a_share(size: Mapping[str, float]) -> dict[str, float]:
+    """The absolute sizes, but no less than a share of the prior sd."""
+    return {name: max(abs(value), PRIOR_SD[name] / LEAST_SHARE) for name, value in size.items()}
+
+
+class NormalEquations(NamedTuple):
+    """Weighted least squares of all parameters X on the numbers y, with noise N, at g points.
+
+    Attributes
+    ----------
+    information : ndarray, shape (g, 19, 19)
+        XᵀN⁻¹X.
+    projected : ndarray, shape (g, 19)
+        XᵀN⁻¹y.
+    misfit : ndarray, shape (g,) [nat]
+        yᵀN⁻¹y + ln det N + m ln 2π.
+    """
+
+    information: Array
+    projected: Array
+    misfit: Array
+
+
+class Conditional(NamedTuple):
+    """Numbers and parameters given the hyper-parameters φ, at g points.
+
+    Attributes
+    ----------
+    log_density : ndarray, shape (g,) [nat]
+        ln p(numbers | φ).
+    precision : ndarray, shape (g, k, k)
+        Of the k parameters, in units of the prior sd.
+    projected : ndarray, shape (g, k)
+        Precision times mean.
+    """
+
+    log_density: Array
+    precision: Array
+    projected: Array
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the grid says of one subset of slopes.
+
+    Attributes
+    ----------
+    log_evidence : float
+        ln Z with truncation [nat].
+    mean_mm : dict of str to float
+        Posterior means of the hyper-parameters.
+    sd_of_kappa_mm : float
+    """
+
+    log_evidence: float
+    mean_mm: Mapping[str, float]
+    sd_of_kappa_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +316,7 @@ class Model:
     decay: float = 1.0
     unexplained_mm: float = 0.0
     rivals: tuple[str, ...] = ()
-    sizes: Sizes = field(default_factory=of_first)
+    sizes: Sizes = field(default_factory=sizes_of_first_edition)
     grid: Mapping[str, Array] = field(default_factory=lambda: GRID)
 
     def slope_size(self, name: str) -> float:
@@ -263,84 +326,115 @@ class Model:
     @cached_property
     def parameters(self) -> Array:
         """Columns of 13 parameters and 6 slopes times their prior sd, shape (m, 19)."""
-        column = self.data.columns
-        lever = (FORCES_N - MIDDLE_N)[:, None]
-        own = [sd * column[name] for name, sd in PRIOR_SD.items()]
-        own += [self.slope_size(name) / RANGE_N * lever * column[name] for name in COMPLIANCES]
-        return self.data.jacobian @ np.array([c.ravel() for c in own]).T
+        columns = self.data.columns
+        lever_N = (FORCES_N - MIDDLE_N)[:, None]
+        patterns = [sd * columns[name] for name, sd in PRIOR_SD.items()]
+        for name in COMPLIANCES:
+            patterns.append(self.slope_size(name) / RANGE_N * lever_N * columns[name])
+        return self._numbers_of(patterns)
 
     @cached_property
     def fixed(self) -> Array:
-        """Covariance of length, mount, force error, common mode and what is unexplained, shape (m,
-        m)."""
-        one = (self.data.order == 0.0).astype(float)
-        deflection: Array = np.sum(
-            [value * self.data.columns[name] for name, value in estimate().items()], axis=0
-        )
-        columns = [
-            np.outer(np.full(len(FORCES_N), LENGTH_MM), one),
-            MOUNT_MM_PER_BAR * np.outer(PRESSURES_BAR, one),
-            GAIN * deflection,
-        ]
-        columns += [
-            RANDOM_N * np.outer(circle, [1.0]) * deflection / FORCES_N[:, None]
-            for circle in np.eye(len(FORCES_N))
-        ]
+        """Covariance of length, mount, force error, common mode, rivals and what is unexplained,
+        shape (m, m)."""
+        patterns = self._bar_and_mount() + self._force_errors()
         if self.common_mode:
-            curve = (
-                self.slope_scale * PRIOR_SD["C_XXX"] / RANGE_N * FORCES_N * (FORCES_N - MIDDLE_N)
-            )
-            columns.append(np.outer(curve, one))
-        bow = 4.0 * FORCES_N * (FORCES_N.max() - FORCES_N) / FORCES_N.max() ** 2
-        if "curved mount" in self.rivals:
-            columns.append(CURVE_MM * np.outer(bow, one))
-        if "curved force law" in self.rivals:
-            columns.append(CURVE_OF_FORCE * FORCES_N.max() * (bow / FORCES_N)[:, None] * deflection)
-        if "joint load" in self.rivals:
-            columns += self._own_load()
+            patterns.append(self._common_mode())
+        patterns += self._rivals()
         if self.sizes.third:
-            columns += self._drift() + self._one_way()
-        own = _square(self.data.jacobian @ np.array([c.ravel() for c in columns]).T)
-        return own + self.unexplained_mm**2 * _square(self.data.jacobian)
+            patterns += self._drift() + self._one_way()
+        unexplained = self.unexplained_mm**2 * _square(self.data.jacobian)
+        return _square(self._numbers_of(patterns)) + unexplained
 
-    def _own_load(self) -> list[Array]:
+    def _numbers_of(self, patterns: Sequence[Array]) -> Array:
+        """What patterns of harmonics, each (6, k) [mm], do to the numbers: one column each."""
+        return self.data.jacobian @ np.array([pattern.ravel() for pattern in patterns]).T
+
+    def _order_zero(self) -> Array:
+        """One in the mean of a circle, zero in its other harmonics, shape (k,)."""
+        return (self.data.order == 0.0).astype(float)
+
+    def _deflection(self) -> Array:
+        """Harmonics of the deflection by Ĉ at every force, shape (6, k) [mm]."""
+        columns = self.data.columns
+        deflection: Array = np.sum(
+            [value * columns[name] for name, value in estimate().items()], axis=0
+        )
+        return deflection
+
+    def _bar_and_mount(self) -> list[Array]:
+        """One sd of the bar's length and of the deflection of the mount, each (6, k) [mm]."""
+        length = np.outer(np.full(len(FORCES_N), LENGTH_MM), self._order_zero())
+        mount = MOUNT_MM_PER_BAR * np.outer(PRESSURES_BAR, self._order_zero())
+        return [length, mount]
+
+    def _force_errors(self) -> list[Array]:
+        """One sd of the gain of the force, and of the force of every circle, each (6, k) [mm]."""
+        deflection = self._deflection()
+        patterns = [GAIN * deflection]
+        for circle in np.eye(len(FORCES_N)):
+            patterns.append(RANDOM_N * np.outer(circle, [1.0]) * deflection / FORCES_N[:, None])
+        return patterns
+
+    def _common_mode(self) -> Array:
+        """One sd of a length that changes with F (F − F0), shape (6, k) [mm]."""
+        sd = self.slope_scale * PRIOR_SD["C_XXX"] / RANGE_N
+        return np.outer(sd * FORCES_N * (FORCES_N - MIDDLE_N), self._order_zero())
+
+    def _rivals(self) -> list[Array]:
+        """One sd of the rivals of slopes that the model has, each (6, k) [mm]."""
+        bow = 4.0 * FORCES_N * (FORCES_N.max() - FORCES_N) / FORCES_N.max() ** 2
+        patterns = []
+        if "curved mount" in self.rivals:
+            patterns.append(CURVE_MM * np.outer(bow, self._order_zero()))
+        if "curved force law" in self.rivals:
+            share_of_force = CURVE_OF_FORCE * FORCES_N.max() * (bow / FORCES_N)
+            patterns.append(share_of_force[:, None] * self._deflection())
+        if "joint load" in self.rivals:
+            patterns += self._joint_load()
+        return patterns
+
+    def _joint_load(self) -> list[Array]:
         """One sd of what yields to the load of its own axis: stiffening and contact of X and of Y,
         and the third edition's seats, each (6, k) [mm]."""
-        force = FORCES_N[:, None]
+        force_N = FORCES_N[:, None]
+        cube_root = np.cbrt(force_N**2 * MIDDLE_N)
         share = THIRD_OWN_LOAD if self.sizes.third else OWN_LOAD
-        found = []
-        for name, u in (("C_XXX", np.cos(angles())), ("C_YYY", np.sin(angles()))):
-            stiffening = force * u**2 * (force * np.abs(u) - MIDDLE_N) / FORCES_N.max()
-            cube_root = np.cbrt(force**2 * MIDDLE_N)
-            contact = cube_root * np.abs(u) ** (5.0 / 3.0) - force * u**2
+        patterns = []
+        for name, u in (("C_XXX", np.cos(angles_rad())), ("C_YYY", np.sin(angles_rad()))):
+            stiffening = force_N * u**2 * (force_N * np.abs(u) - MIDDLE_N) / FORCES_N.max()
+            contact = cube_root * np.abs(u) ** (5.0 / 3.0) - force_N * u**2
             traces = [stiffening, contact]
             if self.sizes.third:
-                traces.append((cube_root - force) * u**2)
+                seat = (cube_root - force_N) * u**2
+                traces.append(seat)
             for trace in traces:
-                fitted = np.linalg.lstsq(self.data.basis, trace.T, rcond=None)[0].T
-                found.append(share * self.sizes.joint[name] * fitted)
-        return found
+                harmonics = self.data.harmonics_of(trace.T).T
+                patterns.append(share * self.sizes.joint[name] * harmonics)
+        return patterns
 
     def _drift(self) -> list[Array]:
         """One sd of a drift of the bar's length and of the centre in the order listed, each (6, k)
         [mm]."""
         hours = LISTED_H * np.arange(len(FORCES_N))
         hours = hours - hours.mean()
-        first = np.flatnonzero(self.data.order == 1.0)
         unit = np.eye(len(self.data.order))
-        length = DRIFT_OF_LENGTH_MM_PER_H * np.outer(hours, unit[0])
-        return [length, *(DRIFT_OF_CENTRE_MM_PER_H * np.outer(hours, unit[k]) for k in first)]
+        patterns = [DRIFT_OF_LENGTH_MM_PER_H * np.outer(hours, unit[0])]
+        for harmonic in np.flatnonzero(self.data.order == 1.0):
+            patterns.append(DRIFT_OF_CENTRE_MM_PER_H * np.outer(hours, unit[harmonic]))
+        return patterns
 
     def _one_way(self) -> list[Array]:
         """One sd of what changes its sign with the direction of travel, constant and in proportion
         to force, each (6, k) [mm]."""
-        found = []
-        for k, order in enumerate(self.data.order):
+        unit = np.eye(len(self.data.order))
+        patterns = []
+        for harmonic, order in enumerate(self.data.order):
             if order <= ONE_WAY_LAST_ORDER:
-                unit = np.eye(len(self.data.order))[k] / max(order, 1.0)
-                found.append(ONE_WAY_MM * np.outer(np.ones(len(FORCES_N)), unit))
-                found.append(ONE_WAY_MM_PER_N * np.outer(FORCES_N, unit))
-        return found
+                decaying = unit[harmonic] / max(order, 1.0)
+                patterns.append(ONE_WAY_MM * np.outer(np.ones(len(FORCES_N)), decaying))
+                patterns.append(ONE_WAY_MM_PER_N * np.outer(FORCES_N, decaying))
+        return patterns
 
     @cached_property
     def moving(self) -> dict[str, Array]:
@@ -348,16 +442,14 @@ class Model:
         order = self.data.order
         circles = len(FORCES_N)
         setup = np.where(order == 1.0, 1.0, np.where(order == 0.0, float(self.zero_moves), 0.0))
-        discrepancy, form = (
-            np.where(order >= 2.0, np.maximum(order, 1.0) ** -power, 0.0)
-            for power in (self.decay, 1.0)
-        )
+        discrepancy = _power_law(order, self.decay)
+        form = _power_law(order, 1.0)
         columns = {
             "delta": np.diag(np.tile(setup, circles)),
             "kappa": np.diag(np.tile(discrepancy, circles)),
             "tau": np.tile(np.diag(form), (circles, 1)),
         }
-        return {name: _square(self.data.jacobian @ own) for name, own in columns.items()}
+        return {name: _square(self.data.jacobian @ matrix) for name, matrix in columns.items()}
 
     @cached_property
     def points(self) -> list[dict[str, float]]:
@@ -369,90 +461,129 @@ class Model:
     @cached_property
     def log_prior(self) -> Array:
         """Of every point, not normalised: half-normal, on a grid even in the logarithm."""
-        return np.array(
-            [
-                sum(np.log(v) - 0.5 * (v / SCALE_MM[name]) ** 2 for name, v in p.items())
-                for p in self.points
-            ]
-        )
+        return np.array([_log_prior_at(point) for point in self.points])
 
     @cached_property
-    def weighed(self) -> tuple[Array, Array, Array]:
-        """At g points, of all parameters: XᵀN⁻¹X (g, 19, 19); XᵀN⁻¹y (g, 19); yᵀN⁻¹y + ln det N + m
-        ln 2π (g,) [nat]."""
-        found = [self._weighed(point) for point in self.points]
-        information, projected, rest = (np.array(own) for own in zip(*found, strict=True))
-        return information, projected, rest
+    def normal_equations(self) -> NormalEquations:
+        """Of all 19 parameters, at every point."""
+        at_points = [self._normal_equations_at(point) for point in self.points]
+        return NormalEquations(
+            information=np.array([equations.information for equations in at_points]),
+            projected=np.array([equations.projected for equations in at_points]),
+            misfit=np.array([equations.misfit for equations in at_points]),
+        )
 
-    def _weighed(self, hyper_mm: Mapping[str, float]) -> tuple[Array, Array, float]:
+    def _normal_equations_at(self, hyper_mm: Mapping[str, float]) -> NormalEquations:
+        """The same at one point, without the axis of points."""
+        moving = [hyper_mm[name] ** 2 * covariance for name, covariance in self.moving.items()]
         noise = np.diag(self.data.sd**2) + self.fixed
-        noise += np.sum([hyper_mm[name] ** 2 * own for name, own in self.moving.items()], axis=0)
+        noise += np.sum(moving, axis=0)
         factor = cho_factor(noise, lower=True)
+        log_det = 2.0 * np.log(np.diag(factor[0])).sum()
         weighted = cho_solve(factor, np.column_stack([self.parameters, self.data.values]))
-        own = 2.0 * np.log(np.diag(factor[0])).sum() + len(noise) * np.log(2.0 * np.pi)
-        of_values = self.data.values @ weighted
-        return self.parameters.T @ weighted[:, :-1], of_values[:-1], float(of_values[-1] + own)
+        values_weighted = self.data.values @ weighted
+        constant = log_det + len(noise) * np.log(2.0 * np.pi)
+        return NormalEquations(
+            information=self.parameters.T @ weighted[:, :-1],
+            projected=values_weighted[:-1],
+            misfit=values_weighted[-1] + constant,
+        )
 
-    def given(self, slopes: Sequence[str]) -> tuple[Array, Array, Array]:
-        """At g points: ln p(numbers | φ) (g,) [nat]; precision (g, k, k) of k = 13 parameters and
-        these slopes in units of the prior sd, and precision times mean (g, k)."""
+    def conditional(self, slopes: Sequence[str]) -> Conditional:
+        """Numbers, and the 13 parameters with these slopes, given the hyper-parameters."""
         size = len(PRIOR_SD)
-        kept = [*range(size), *(size + COMPLIANCES.index(name) for name in slopes)]
-        information, projected, rest = self.weighed
-        precision = np.eye(len(kept)) + information[:, kept][:, :, kept]
-        projected = projected[:, kept]
+        columns = [*range(size), *(size + COMPLIANCES.index(name) for name in slopes)]
+        equations = self.normal_equations
+        precision = np.eye(len(columns)) + equations.information[:, columns][:, :, columns]
+        projected = equations.projected[:, columns]
         root = np.linalg.cholesky(precision)
         white = np.linalg.solve(root, projected[:, :, None])[:, :, 0]
         log_det = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-        return -0.5 * (rest - (white**2).sum(axis=1) + log_det), precision, projected
+        log_density = -0.5 * (equations.misfit - (white**2).sum(axis=1) + log_det)
+        return Conditional(log_density, precision, projected)
+
+    def bounded_combinations(self, slopes: Sequence[str]) -> Array:
+        """C_XXX, C_YYY, C_CCY at the lowest and the highest force as combinations of the k
+        parameters in prior sd, shape (bounds, k)."""
+        rows = []
+        for name in NOT_NEGATIVE:
+            ends = (-0.5, 0.5) if name in slopes else (0.0,)
+            for end in ends:
+                row = np.zeros(len(PRIOR_SD) + len(slopes))
+                row[list(PRIOR_SD).index(name)] = 1.0
+                if name in slopes:
+                    change = end * self.slope_size(name) / PRIOR_SD[name]
+                    row[len(PRIOR_SD) + slopes.index(name)] = change
+                rows.append(row)
+        return np.array(rows)
 
     def not_negative(self, slopes: Sequence[str], mean: Array, covariance: Array) -> Array:
         """P(C_XXX, C_YYY, C_CCY ≥ 0 at the lowest and the highest force) (n,), of means (n, k) and
         covariances (n, k, k) in prior sd."""
-        rows = []
-        for name in NOT_NEGATIVE:
-            for end in (-0.5, 0.5) if name in slopes else (0.0,):
-                row = np.zeros(mean.shape[1])
-                row[list(PRIOR_SD).index(name)] = 1.0
-                if end:
-                    row[len(PRIOR_SD) + slopes.index(name)] = (
-                        end * self.slope_size(name) / PRIOR_SD[name]
-                    )
-                rows.append(row)
-        ends = np.array(rows)
-        at = mean @ ends.T
-        spread = ends @ covariance @ ends.T
-        far = at / np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
-        open_ = far < 5.0
-        found = np.where(open_, norm.cdf(far), 1.0).prod(axis=1)
-        for k in np.flatnonzero(open_.sum(axis=1) > 1):
-            own = open_[k]
-            found[k] = multivariate_normal.cdf(
-                at[k, own], np.zeros(own.sum()), spread[k][np.ix_(own, own)]
+        bounds = self.bounded_combinations(slopes)
+        bound_mean = mean @ bounds.T
+        bound_covariance = bounds @ covariance @ bounds.T
+        distance_sd = bound_mean / np.sqrt(np.diagonal(bound_covariance, axis1=1, axis2=2))
+        uncertain = distance_sd < _FAR_SD
+        probability = np.where(uncertain, norm.cdf(distance_sd), 1.0).prod(axis=1)
+        for k in np.flatnonzero(uncertain.sum(axis=1) > 1):
+            joint = uncertain[k]
+            probability[k] = multivariate_normal.cdf(
+                bound_mean[k, joint],
+                np.zeros(joint.sum()),
+                bound_covariance[k][np.ix_(joint, joint)],
             )
-        return found
+        return probability
 
-    def evidence(self, slopes: Sequence[str] = ()) -> dict[str, float]:
-        """ln Z with truncation [nat], posterior means of the hyper-parameters and sd of κ [mm]."""
-        log_density, precision, projected = self.given(slopes)
-        joint = self.log_prior + log_density
-        likely = joint > joint.max() - _UNLIKELY
-        covariance = np.linalg.inv(precision[likely])
-        mean = np.einsum("gij,gj->gi", covariance, projected[likely])
-        joint[likely] += np.log(np.maximum(self.not_negative(slopes, mean, covariance), 1e-300))
+    def _prior_not_negative(self, slopes: Sequence[str]) -> float:
+        """The same probability before any number is seen."""
         size = len(PRIOR_SD) + len(slopes)
+        (probability,) = self.not_negative(slopes, np.zeros((1, size)), np.eye(size)[None])
+        return float(probability)
+
+    def evidence(self, slopes: Sequence[str] = ()) -> Evidence:
+        """Average over the grid, with truncation."""
+        conditional = self.conditional(slopes)
+        joint = self.log_prior + conditional.log_density
+        likely = joint > joint.max() - _UNLIKELY
+        covariance = np.linalg.inv(conditional.precision[likely])
+        mean = np.einsum("gij,gj->gi", covariance, conditional.projected[likely])
+        probability = self.not_negative(slopes, mean, covariance)
+        joint[likely] += np.log(np.maximum(probability, 1e-300))
         total = logsumexp(joint)
         weight = np.exp(joint - total)
-        means = {name: float(weight @ [point[name] for point in self.points]) for name in self.grid}
-        square = float(weight @ [(point["kappa"] - means["kappa"]) ** 2 for point in self.points])
-        (inside,) = self.not_negative(slopes, np.zeros((1, size)), np.eye(size)[None])
-        before = logsumexp(self.log_prior) + np.log(inside)
-        return {"log_evidence": float(total - before), **means, "sd_of_kappa": square**0.5}
+        mean_mm = {
+            name: float(weight @ [point[name] for point in self.points]) for name in self.grid
+        }
+        squares = [(point["kappa"] - mean_mm["kappa"]) ** 2 for point in self.points]
+        prior_total = logsumexp(self.log_prior) + np.log(self._prior_not_negative(slopes))
+        return Evidence(
+            log_evidence=float(total - prior_total),
+            mean_mm=mean_mm,
+            sd_of_kappa_mm=float(weight @ squares) ** 0.5,
+        )
+
+    def log_evidence(self, slopes: Sequence[str] = ()) -> float:
+        """ln Z with these slopes [nat]."""
+        return self.evidence(slopes).log_evidence
 
     def log_bayes_factor(self) -> float:
         """Of all six slopes over none [nat]."""
-        return self.evidence(COMPLIANCES)["log_evidence"] - self.evidence()["log_evidence"]
+        return self.log_evidence(COMPLIANCES) - self.log_evidence()
 
 
 def _square(columns: Array) -> Array:
     return columns @ columns.T
+
+
+def _power_law(order: Array, power: float) -> Array:
+    """1/n to a power for orders n from 2, zero below."""
+    return np.where(order >= 2.0, np.maximum(order, 1.0) ** -power, 0.0)
+
+
+def _log_prior_at(point: Mapping[str, float]) -> float:
+    """Half-normal densities of the hyper-parameters, times each for the even logarithm."""
+    total = 0.0
+    for name, value_mm in point.items():
+        total += np.log(value_mm) - 0.5 * (value_mm / SCALE_MM[name]) ** 2
+    return float(total)

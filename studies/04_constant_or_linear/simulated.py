@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 import ldbb_bayes as lb
 
+Array = NDArray[np.float64]
 FORCES_N = (36.0, 112.0, 238.0, 364.0, 490.0, 616.0, 742.0)
 READINGS = 360
 TRUTH = {
@@ -50,8 +52,9 @@ def plan() -> lb.Plan:
 
 def log_bayes_factor(model: lb.HybridModel, campaign: lb.Campaign) -> float:
     """ln B(model/constant) [nat]."""
-    own, other = (lb.log_evidence(m, campaign, tolerance=1e-2) for m in (model, CONSTANT))
-    return lb.inference.log_bayes_factor(own, other)[0]
+    of_model = lb.log_evidence(model, campaign, tolerance=1e-2)
+    of_constant = lb.log_evidence(CONSTANT, campaign, tolerance=1e-2)
+    return lb.inference.log_bayes_factor(of_model, of_constant)[0]
 
 
 @cache
@@ -66,24 +69,27 @@ def slope_sd() -> dict[str, float]:
 def evidence_row(kind: str, seed: int) -> dict[str, float]:
     """ln B [nat] of one campaign with no slope, with all six or with one in turn; and with that one
     alone in the model."""
-    name = SLOPES[seed % len(SLOPES)]
-    chosen = {"no slope": (), "six slopes": SLOPES, "one slope": (name,)}[kind]
-    truth = TRUTH | {slope: SIZE_SD * slope_sd()[slope] for slope in chosen}
+    slope_in_turn = SLOPES[seed % len(SLOPES)]
+    slopes_of_kind = {"no slope": (), "six slopes": SLOPES, "one slope": (slope_in_turn,)}
+    truth = dict(TRUTH)
+    for slope in slopes_of_kind[kind]:
+        truth[slope] = SIZE_SD * slope_sd()[slope]
     campaign = LINEAR.simulate(
         plan(), seed=1000 + seed, parameters=truth, hyper_um=HYPER_UM
     ).campaign
-    alone = LINEAR.fixing(*(other for other in SLOPES if other != name))
-    return {
-        "linear": log_bayes_factor(LINEAR, campaign),
-        "that slope alone": log_bayes_factor(alone, campaign) if kind == "one slope" else np.nan,
-    }
+    row = {"linear": log_bayes_factor(LINEAR, campaign), "that slope alone": np.nan}
+    if kind == "one slope":
+        fixed_slopes = [slope for slope in SLOPES if slope != slope_in_turn]
+        row["that slope alone"] = log_bayes_factor(LINEAR.fixing(*fixed_slopes), campaign)
+    return row
 
 
 def prior_row(kind: str, seed: int) -> dict[str, float]:
     """Posterior probability of linear [1], and whether it was: model, parameters and
     hyper-parameters from their priors."""
     is_linear = np.random.default_rng(5000 + seed).random() < 0.5
-    campaign = (LINEAR if is_linear else CONSTANT).simulate(plan(), seed=5000 + seed).campaign
+    model = LINEAR if is_linear else CONSTANT
+    campaign = model.simulate(plan(), seed=5000 + seed).campaign
     return {
         "probability": 1.0 / (1.0 + np.exp(-log_bayes_factor(LINEAR, campaign))),
         "was linear": float(is_linear),
@@ -92,57 +98,63 @@ def prior_row(kind: str, seed: int) -> dict[str, float]:
 
 def belonging_row(kind: str, seed: int) -> dict[str, float]:
     """Whether the outlying circle was flagged, and how many others were."""
-    number = 1000 + seed
+    seed = 1000 + seed
     if kind == "clean, from the priors":
-        campaign = (LINEAR if number % 2 else CONSTANT).simulate(plan(), seed=number).campaign
-        odd = -1
+        model = LINEAR if seed % 2 else CONSTANT
+        campaign = model.simulate(plan(), seed=seed).campaign
     else:
         campaign = CONSTANT.simulate(
-            plan(), seed=number, parameters=TRUTH, hyper_um=HYPER_UM
+            plan(), seed=seed, parameters=TRUTH, hyper_um=HYPER_UM
         ).campaign
-        campaign, odd = (
-            with_outlier(campaign, np.random.default_rng(number))
-            if kind == "outlier"
-            else (campaign, -1)
-        )
-    found = lb.find_outlying_tests(
-        {"constant": CONSTANT, "linear": LINEAR}, campaign, seed=number, replicates=5000
-    )
-    flags = found["flag"].to_numpy(dtype=float)
-    hit = flags[odd] if odd >= 0 else 0.0
-    return {"flagged": hit, "others": flags.sum() - hit}
+    if kind != "outlier":
+        return {"flagged": 0.0, "others": flags_of(campaign, seed).sum()}
+    campaign, outlier = with_outlier(campaign, np.random.default_rng(seed))
+    flags = flags_of(campaign, seed)
+    return {"flagged": flags[outlier], "others": flags.sum() - flags[outlier]}
+
+
+def flags_of(campaign: lb.Campaign, seed: int) -> Array:
+    """One for every circle that is flagged, zero for the others."""
+    models = {"constant": CONSTANT, "linear": LINEAR}
+    table = lb.find_outlying_tests(models, campaign, seed=seed, replicates=5000)
+    return table["flag"].to_numpy(dtype=float)
 
 
 def with_outlier(campaign: lb.Campaign, rng: np.random.Generator) -> tuple[lb.Campaign, int]:
-    """One circle moved by eight κ, of either sign, in every harmonic of orders 0 to 3."""
-    odd = int(rng.integers(len(FORCES_N)))
+    """One circle, and its position, offset by eight κ, of either sign, in every harmonic of orders
+    0 to 3."""
+    outlier = int(rng.integers(len(FORCES_N)))
     tests = list(campaign.tests)
-    angle = tests[odd].angles_rad()
-    harmonics = [np.ones_like(angle), *(f(n * angle) for n in (1, 2, 3) for f in (np.cos, np.sin))]
-    offset = (
-        OUTLIER_KAPPAS * HYPER_UM["kappa"] * (rng.choice([-1.0, 1.0], len(harmonics)) @ harmonics)
-    )
-    tests[odd] = tests[odd].with_reading_um(tests[odd].reading_um + offset)
-    return replace(campaign, tests=tuple(tests)), odd
+    angle_rad = tests[outlier].angles_rad()
+    harmonics = [np.ones_like(angle_rad)]
+    for order in (1, 2, 3):
+        harmonics += [np.cos(order * angle_rad), np.sin(order * angle_rad)]
+    signs = rng.choice([-1.0, 1.0], len(harmonics))
+    offset_um = OUTLIER_KAPPAS * HYPER_UM["kappa"] * (signs @ harmonics)
+    tests[outlier] = tests[outlier].with_reading_um(tests[outlier].reading_um + offset_um)
+    return replace(campaign, tests=tuple(tests)), outlier
 
 
 def summary(
     evidence: pd.DataFrame, priors: pd.DataFrame, belonging: pd.DataFrame
 ) -> dict[str, Any]:
     """What the page says of them."""
-    own = dict(list(evidence.groupby("kind")))
+    log_bayes_factors = dict(list(evidence.groupby("kind")))
     flags = dict(list(belonging.groupby("kind")))
+    no_slope = log_bayes_factors["no slope"]
+    six_slopes = log_bayes_factors["six slopes"]
+    one_slope = log_bayes_factors["one slope"]
     return {
         "forces_N": list(FORCES_N),
         "readings": READINGS,
         "size_sd": SIZE_SD,
         "outlier_kappas": OUTLIER_KAPPAS,
         "slope_sd": slope_sd(),
-        "no slope": signs(own["no slope"]["linear"], positive=False),
-        "six slopes": signs(own["six slopes"]["linear"], positive=True),
-        "one slope, six in the model": signs(own["one slope"]["linear"], positive=True),
-        "one slope, that one in the model": signs(
-            own["one slope"]["that slope alone"], positive=True
+        "no slope": right_signs(no_slope["linear"], positive=False),
+        "six slopes": right_signs(six_slopes["linear"], positive=True),
+        "one slope, six in the model": right_signs(one_slope["linear"], positive=True),
+        "one slope, that one in the model": right_signs(
+            one_slope["that slope alone"], positive=True
         ),
         "reliability": reliability(priors["probability"], priors["was linear"]),
         "outlier flagged": share(flags["outlier"]["flagged"] > 0.0),
@@ -152,46 +164,42 @@ def summary(
     }
 
 
-def signs(values: pd.Series, *, positive: bool) -> dict[str, float]:
+def right_signs(log_bayes_factors: pd.Series, *, positive: bool) -> dict[str, float]:
     """Share of the right sign, and the spread of ln B [nat]."""
-    low, median, high = np.quantile(values, [0.05, 0.5, 0.95])
-    return {
-        **share(values > 0.0 if positive else values < 0.0),
-        "median": median,
-        "q5": low,
-        "q95": high,
-    }
+    low, median, high = np.quantile(log_bayes_factors, [0.05, 0.5, 0.95])
+    is_right = log_bayes_factors > 0.0 if positive else log_bayes_factors < 0.0
+    return {**share(is_right), "median": median, "q5": low, "q95": high}
 
 
 def share(hits: pd.Series) -> dict[str, float]:
     """Share of hits, its standard error (no less than for half a hit) and of how many."""
     p = float(np.mean(hits))
     count = len(hits)
-    return {
-        "share": p,
-        "se": float(np.sqrt(max(p * (1.0 - p), 0.25 / count) / count)),
-        "count": count,
-    }
+    variance = max(p * (1.0 - p), 0.25 / count) / count
+    return {"share": p, "se": float(np.sqrt(variance)), "count": count}
 
 
 def reliability(
     probability: Sequence[float] | pd.Series, outcome: Sequence[float] | pd.Series
 ) -> dict[str, Any]:
     """Claimed probability of linear against how often it was, in bins of equal count; and a test of
-    their agreement.
-
-    Spiegelhalter's z is standard normal when the probabilities are calibrated.
-    """
+    their agreement."""
     p = np.array(probability, dtype=float)
     y = np.array(outcome, dtype=float)
-    order = np.array_split(np.argsort(p, kind="stable"), BINS)
-    z = np.sum((y - p) * (1.0 - 2.0 * p)) / np.sqrt(np.sum((1.0 - 2.0 * p) ** 2 * p * (1.0 - p)))
+    bins = np.array_split(np.argsort(p, kind="stable"), BINS)
     return {
-        "claimed": [float(p[own].mean()) for own in order],
-        "was linear": [float(y[own].mean()) for own in order],
-        "count": [len(own) for own in order],
-        "spiegelhalter_z": float(z),
+        "claimed": [float(p[members].mean()) for members in bins],
+        "was linear": [float(y[members].mean()) for members in bins],
+        "count": [len(members) for members in bins],
+        "spiegelhalter_z": spiegelhalter_z(p, y),
         "mean claimed": float(p.mean()),
         "mean was linear": float(y.mean()),
         "right sign": share(pd.Series((p > 0.5) == (y > 0.5))),
     }
+
+
+def spiegelhalter_z(p: Array, y: Array) -> float:
+    """Standard normal when the probabilities p of the outcomes y are calibrated."""
+    weight = 1.0 - 2.0 * p
+    variance = np.sum(weight**2 * p * (1.0 - p))
+    return float(np.sum((y - p) * weight) / np.sqrt(variance))
