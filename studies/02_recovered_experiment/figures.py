@@ -4,10 +4,12 @@ package's own."""
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from make_campaign import Recovered
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -42,7 +44,10 @@ def part_um(estimate: Mapping[str, float], force_N: float, *, start: str) -> np.
 
 def upper_pair(pairs: Mapping[Pair, lb.inference.LeastSquares], test: str) -> Pair:
     """The pair in which a test is the upper force; of the lowest force, its only pair."""
-    return next((pair for pair in pairs if pair[1] == test), next(iter(pairs)))
+    for low, high in pairs:
+        if high == test:
+            return low, high
+    return next(iter(pairs))
 
 
 @lb.figures.styled
@@ -51,12 +56,8 @@ def local_traces(campaign: lb.Campaign, pairs: Mapping[Pair, lb.inference.LeastS
     circles."""
     figure = lb.figures.new_figure(9.6, 5.0)
     panels: Any = figure.subplots(2, 3, sharex=True)
-    for axes, test, colour in zip(
-        panels.flat,
-        campaign.tests,
-        lb.figures.force_colours(campaign.forces_N.tolist()),
-        strict=True,
-    ):
+    colours = lb.figures.force_colours(campaign.forces_N.tolist())
+    for axes, test, colour in zip(panels.flat, campaign.tests, colours, strict=True):
         order = np.argsort(test.angle_deg)
         axes.plot(
             test.angle_deg[order],
@@ -66,17 +67,16 @@ def local_traces(campaign: lb.Campaign, pairs: Mapping[Pair, lb.inference.LeastS
             alpha=0.45,
             label="readings",
         )
-        for pair, found in pairs.items():
+        for pair, fit in pairs.items():
             if test.name in pair:
-                style = "--" if test.name == pair[0] else "-"
-                label = f"from {' and '.join(name.lstrip('f0') for name in pair)} N"
+                forces = " and ".join(name.lstrip("f0") for name in pair)
                 axes.plot(
                     test.angle_deg[order],
-                    found.predicted_um[test.name][order],
-                    style,
+                    fit.predicted_um[test.name][order],
+                    "--" if test.name == pair[0] else "-",
                     color="black",
                     lw=0.9,
-                    label=label,
+                    label=f"from {forces} N",
                 )
         axes.set_title(f"{test.force_N:g} N")
         axes.legend(fontsize=7)
@@ -93,27 +93,29 @@ def contributions(campaign: lb.Campaign, estimates: Mapping[str, Mapping[str, fl
     """Figs. 8 and 12: both parts, compliance and geometry at every force, from the estimate for
     each test."""
     figure = lb.figures.new_figure(9.6, 3.6)
-    panels: Any = figure.subplots(1, 3)
-    one = len({tuple(estimate.values()) for estimate in estimates.values()}) == 1
-    for test, colour in zip(
-        campaign.tests, lb.figures.force_colours(campaign.forces_N.tolist()), strict=True
-    ):
-        estimate = estimates[test.name]
-        elastic, geometric = (
-            part_um(estimate, float(test.force_N or 0.0), start=start) for start in ("C_", "E_")
-        )
-        for axes, values in zip(panels[:2], (elastic + geometric, elastic), strict=True):
-            axes.plot(ANGLE_DEG, values, color=colour, label=f"{test.force_N:g} N")
-        if not one or test is campaign.tests[-1]:
-            panels[2].plot(ANGLE_DEG, geometric, color="black" if one else colour)
-    for axes, title in zip(
-        panels, ("Both", "Compliance", "Geometry, at any force" if one else "Geometry"), strict=True
-    ):
-        axes.set_title(title)
+    both_axes, compliance_axes, geometry_axes = figure.subplots(1, 3)
+    different_estimates = {tuple(estimate.values()) for estimate in estimates.values()}
+    geometry_is_the_same = len(different_estimates) == 1
+    colours = lb.figures.force_colours(campaign.forces_N.tolist())
+    for test, colour in zip(campaign.tests, colours, strict=True):
+        force_N = float(test.force_N or 0.0)
+        compliance_um = part_um(estimates[test.name], force_N, start="C_")
+        geometry_um = part_um(estimates[test.name], force_N, start="E_")
+        label = f"{test.force_N:g} N"
+        both_axes.plot(ANGLE_DEG, compliance_um + geometry_um, color=colour, label=label)
+        compliance_axes.plot(ANGLE_DEG, compliance_um, color=colour, label=label)
+        if not geometry_is_the_same:
+            geometry_axes.plot(ANGLE_DEG, geometry_um, color=colour)
+    if geometry_is_the_same:
+        geometry_axes.plot(ANGLE_DEG, geometry_um, color="black")
+    both_axes.set_title("Both")
+    compliance_axes.set_title("Compliance")
+    geometry_axes.set_title("Geometry, at any force" if geometry_is_the_same else "Geometry")
+    for axes in (both_axes, compliance_axes, geometry_axes):
         axes.set_xlabel("angle of the bar (°)")
         _angles(axes)
-    panels[0].set_ylabel("contribution (µm)")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    both_axes.set_ylabel("contribution (µm)")
+    figure.legend(*both_axes.get_legend_handles_labels(), loc="outside lower center", ncols=6)
     return figure
 
 
@@ -126,44 +128,59 @@ def parameter_contributions(table: pd.DataFrame, force_N: float) -> Figure:
     )
     figure = lb.figures.new_figure(10.4, 6.8)
     panels: Any = figure.subplots(2, 2)
-    for row, start, words in zip(
-        panels, ("C_", "E_"), (f"Compliances at {force_N:g} N", "Geometric errors"), strict=True
-    ):
+    titles = {"C_": f"Compliances at {force_N:g} N", "E_": "Geometric errors"}
+    for row, (start, title) in zip(panels, titles.items(), strict=True):
         names = [name for name in table.index if name.startswith(start)]
-        size = {
-            name: 1e3 * abs(table.loc[name, "estimate"]) * np.ptp(jacobian[name]) for name in names
-        }
-        large = {name: size[name] >= max(size.values()) / 3.0 for name in names}
-        for axes, wanted, which in zip(
-            row, (True, False), ("the largest", "the others"), strict=True
-        ):
-            for name, colour in zip(names, lb.figures.PALETTE, strict=False):
-                if large[name] != wanted:
-                    continue
-                line, half = (
-                    1e3 * jacobian[name].to_numpy() * table.loc[name, column]
-                    for column in ("estimate", "u")
-                )
-                axes.fill_between(
-                    ANGLE_DEG,
-                    line - BAND_U * half,
-                    line + BAND_U * half,
-                    color=colour,
-                    alpha=0.25,
-                    linewidth=0,
-                )
-                axes.plot(
-                    ANGLE_DEG,
-                    line,
-                    color=colour,
-                    label=f"{on_page(name)}: {size[name]:#.3g} µm p-p",
-                )
-            axes.set_title(f"{words}: {which}")
-            axes.set_xlabel("angle of the bar (°)")
-            axes.set_ylabel("contribution (µm)")
-            _angles(axes)
-            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+        lines = contribution_lines(table.loc[names], jacobian)
+        largest_um = max(line.peak_to_peak_um for line in lines)
+        for line, colour in zip(lines, lb.figures.PALETTE, strict=False):
+            is_large = line.peak_to_peak_um >= largest_um / 3.0
+            _line_with_band(row[0] if is_large else row[1], line, colour)
+        row[0].set_title(f"{title}: the largest")
+        row[1].set_title(f"{title}: the others")
+    for axes in panels.flat:
+        axes.set_xlabel("angle of the bar (°)")
+        axes.set_ylabel("contribution (µm)")
+        _angles(axes)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
     return figure
+
+
+@dataclass(frozen=True, eq=False)
+class ContributionLine:
+    """What one parameter adds to the reading at 0° … 360°, shape (361,), and its u [µm]."""
+
+    name: str
+    value_um: np.ndarray
+    u_um: np.ndarray
+    peak_to_peak_um: float
+
+
+def contribution_lines(table: pd.DataFrame, jacobian: pd.DataFrame) -> list[ContributionLine]:
+    """Of every parameter in a table of estimates."""
+    lines = []
+    for name in table.index:
+        pattern_um = 1e3 * jacobian[name].to_numpy()
+        estimate = table.loc[name, "estimate"]
+        peak_to_peak_um = 1e3 * abs(estimate) * np.ptp(jacobian[name])
+        u_um = pattern_um * table.loc[name, "u"]
+        lines.append(ContributionLine(name, pattern_um * estimate, u_um, peak_to_peak_um))
+    return lines
+
+
+def _line_with_band(axes: Axes, line: ContributionLine, colour: str) -> None:
+    """A contribution with its 95 % band."""
+    half_width_um = BAND_U * line.u_um
+    axes.fill_between(
+        ANGLE_DEG,
+        line.value_um - half_width_um,
+        line.value_um + half_width_um,
+        color=colour,
+        alpha=0.25,
+        linewidth=0,
+    )
+    label = f"{on_page(line.name)}: {line.peak_to_peak_um:#.3g} µm p-p"
+    axes.plot(ANGLE_DEG, line.value_um, color=colour, label=label)
 
 
 def on_page(name: str) -> str:
@@ -177,49 +194,53 @@ def with_least_squares(
 ) -> Figure:
     """Figs. 15 and 16: the paper's own global lines, of constant and of linear compliance (Eq. 33),
     added to the package's."""
-    force = np.linspace(forces_N.min(), forces_N.max(), 51)
-    middle = 0.5 * (forces_N.min() + forces_N.max())
+    line_forces_N = np.linspace(forces_N.min(), forces_N.max(), 51)
+    middle_N = 0.5 * (forces_N.min() + forces_N.max())
     panels = [axes for axes in figure.axes if axes.get_visible()]
     for axes in panels:
-        shown, unit = axes.get_ylabel().removesuffix(")").split(" (", 1)
-        name = shown.replace("(", "").replace(")", "")
-        for label, found in fits.items():
+        name_on_page, unit = axes.get_ylabel().removesuffix(")").split(" (", 1)
+        name = name_on_page.replace("(", "").replace(")", "")
+        for label, fit in fits.items():
             colour, dashes = GLOBAL[label]
-            values = found.estimate[name] + found.estimate.get(f"{name}_1", 0.0) * (force - middle)
-            text = f"all forces, least squares, {label}"
+            slope = fit.estimate.get(f"{name}_1", 0.0)
+            values = fit.estimate[name] + slope * (line_forces_N - middle_N)
             axes.plot(
-                force,
+                line_forces_N,
                 SHOWN[unit] * values,
                 color=colour,
                 linestyle=dashes,
                 linewidth=1.6,
-                label=text,
+                label=f"all forces, least squares, {label}",
             )
     handles, labels = panels[0].get_legend_handles_labels()
+    labels = [label.replace(", mean", ", posterior mean") for label in labels]
+    labels = [label.replace("constant, ±", "constant, posterior ±") for label in labels]
     figure.legends[0].remove()
     figure.set_figheight(figure.get_figheight() + 0.5)
     figure.set_layout_engine("constrained")
-    clear = [
-        label.replace(", mean", ", posterior mean").replace("constant, ±", "constant, posterior ±")
-        for label in labels
-    ]
-    figure.legend(handles, clear, loc="outside lower center", ncols=2)
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
     return figure
 
 
 @lb.figures.styled
 def harmonics(
-    mean: np.ndarray, sd: np.ndarray, zero: np.ndarray, forces_N: np.ndarray, names: tuple[str, ...]
+    recovered: Recovered, completed_um: np.ndarray, forces_N: np.ndarray, names: tuple[str, ...]
 ) -> Figure:
     """The recovered harmonics against force, with ± 2 u, and the completion that sets the open
     directions to zero."""
+    shape = (len(forces_N), len(names))
+    mean_um = recovered.mean.reshape(shape)
+    u_um = recovered.sd.reshape(shape)
+    completed_um = completed_um.reshape(shape)
     figure = lb.figures.new_figure(9.6, 4.4)
     panels: Any = figure.subplots(2, 4, sharex=True)
-    for k, (axes, name) in enumerate(zip(panels.flat, names, strict=True)):
+    for axes, name, mean, u, completed in zip(
+        panels.flat, names, mean_um.T, u_um.T, completed_um.T, strict=True
+    ):
         axes.errorbar(
             forces_N,
-            mean[:, k],
-            2.0 * sd[:, k],
+            mean,
+            2.0 * u,
             fmt="o",
             capsize=3,
             color=lb.figures.PALETTE[0],
@@ -227,14 +248,14 @@ def harmonics(
         )
         axes.plot(
             forces_N,
-            zero[:, k],
+            completed,
             "x",
             color=lb.figures.PALETTE[1],
             label="open directions set to zero",
         )
-        middle = mean[:, k].mean()
-        half = max(1.0, 1.1 * (np.abs(mean[:, k] - middle) + 2.0 * sd[:, k]).max())
-        axes.set_ylim(middle - half, middle + half)
+        middle = mean.mean()
+        half_height = max(1.0, 1.1 * (np.abs(mean - middle) + 2.0 * u).max())
+        axes.set_ylim(middle - half_height, middle + half_height)
         axes.set_title("mean" if name == "1" else name)
     for axes in panels[:, 0]:
         axes.set_ylabel("coefficient (µm)")
