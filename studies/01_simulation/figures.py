@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,6 +11,8 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 
 DEGREES = np.arange(361.0)
+LINK = {"arrowstyle": "-", "color": "#6B7A8A"}
+ARROW = {"arrowstyle": "-|>", "color": "#6B7A8A"}
 BOX = {"boxstyle": "round,pad=0.45", "facecolor": "#F4F7FA", "edgecolor": "#6B7A8A"}
 
 
@@ -21,23 +23,18 @@ def chain() -> Figure:
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set(xlim=(-0.6, 4.6), ylim=(-0.55, 0.75))
-    parts = (
+    joints = (
         ("work ball", "rigid with the foundation:\none set-up, its origin"),
         ("foundation", ""),
         ("Y axis", "E_YY1, E_XY2, E_C(0Y)X\nC_YYY, C_CXY, C_CYY, C_CCY"),
         ("X axis", "E_XX1, E_YX2\nC_XXX, C_XYX"),
         ("tool ball", "E_Xt0, E_Yt0"),
     )
-    for k, (name, shown) in enumerate(parts):
-        axes.text(k, 0.25, name, ha="center", va="center", bbox=BOX, fontsize=10)
-        axes.text(k, -0.05, shown, ha="center", va="top", fontsize=8)
-        if k:
-            axes.annotate(
-                "",
-                (k - 0.33, 0.25),
-                (k - 0.67, 0.25),
-                arrowprops={"arrowstyle": "-", "color": "#6B7A8A"},
-            )
+    for x, (name, parameters) in enumerate(joints):
+        axes.text(x, 0.25, name, ha="center", va="center", bbox=BOX, fontsize=10)
+        axes.text(x, -0.05, parameters, ha="center", va="top", fontsize=8)
+        if x > 0:
+            axes.annotate("", (x - 0.33, 0.25), (x - 0.67, 0.25), arrowprops=LINK)
     axes.annotate(
         "",
         (4.0, 0.5),
@@ -62,90 +59,91 @@ def data_flow() -> Figure:
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set(xlim=(-0.2, 10.2), ylim=(0.2, 4.9))
-    boxes = {
-        "E": (1.0, 3.6, "geometric errors\nE_G, simulated"),
-        "C": (1.0, 0.8, "compliances\nC, simulated"),
-        "ρ_G": (3.6, 3.6, "exact model\nEq. 1–14"),
-        "ρ_C": (3.6, 0.8, "wrench and joints\nEq. 20, force F"),
-        "ρ_H": (5.7, 2.2, "readings\nEq. 21"),
-        "J": (7.6, 2.2, "pseudoinverse of J_H\nEq. 31"),
-        "P": (9.5, 2.2, "estimates\nand errors"),
-    }
-    for x, y, text in boxes.values():
+    boxes = (
+        (1.0, 3.6, "geometric errors\nE_G, simulated"),
+        (1.0, 0.8, "compliances\nC, simulated"),
+        (3.6, 3.6, "exact model\nEq. 1–14"),
+        (3.6, 0.8, "wrench and joints\nEq. 20, force F"),
+        (5.7, 2.2, "readings\nEq. 21"),
+        (7.6, 2.2, "pseudoinverse of J_H\nEq. 31"),
+        (9.5, 2.2, "estimates\nand errors"),
+    )
+    for x, y, text in boxes:
         axes.text(x, y, text, ha="center", va="center", bbox=BOX, fontsize=8.5)
-    arrow = {"arrowstyle": "-|>", "color": "#6B7A8A"}
-    for start, end in (
+    arrows = (
         ((1.85, 3.6), (2.75, 3.6)),
         ((1.85, 0.8), (2.55, 0.8)),
         ((4.4, 3.3), (5.4, 2.6)),
         ((4.4, 1.1), (5.4, 1.8)),
-    ):
-        axes.annotate("", end, start, arrowprops=arrow)
-    for start, end in (((6.15, 2.2), (6.6, 2.2)), ((8.6, 2.2), (8.95, 2.2))):
-        axes.annotate("", end, start, arrowprops=arrow)
+        ((6.15, 2.2), (6.6, 2.2)),
+        ((8.6, 2.2), (8.95, 2.2)),
+    )
+    for start, end in arrows:
+        axes.annotate("", end, start, arrowprops=ARROW)
     axes.plot([9.5, 9.5, 3.6], [2.75, 4.4, 4.4], color="#6B7A8A", linewidth=1.0)
-    axes.annotate("", (3.6, 4.0), (3.6, 4.4), arrowprops=arrow)
+    axes.annotate("", (3.6, 4.0), (3.6, 4.4), arrowprops=ARROW)
     axes.text(
         6.5, 4.45, "estimates used again: predicted readings", ha="center", va="bottom", fontsize=8
     )
     return figure
 
 
-def _polar(figure: Figure, columns: int) -> Sequence[Any]:
-    panels = figure.subplots(1, columns, subplot_kw={"projection": "polar"}, squeeze=False)[0]
-    for axes in panels:
-        axes.set_xticks(np.deg2rad(range(0, 360, 90)), ["+X", "+Y", "180°", "270°"])
-        axes.tick_params(labelsize=7)
-    return list(panels)
-
-
 @lb.figures.styled
-def scale_and_compliance(readings: Mapping[float, np.ndarray]) -> Figure:
+def scale_and_compliance(readings_um: Mapping[float, np.ndarray]) -> Figure:
     """Fig. 4: E_XX1 and C_XXX make the same oval, of which only one part grows with the force."""
     figure = lb.figures.new_figure(7.2, 4.6)
-    (axes,) = _polar(figure, 1)
-    zero = 1.1 * max(np.abs(values).max() for values in readings.values())
-    for (force, values), colour in zip(
-        readings.items(), lb.figures.force_colours(list(readings)), strict=True
-    ):
+    axes: Any = figure.subplots(subplot_kw={"projection": "polar"})
+    axes.set_xticks(np.deg2rad(range(0, 360, 90)), ["+X", "+Y", "180°", "270°"])
+    axes.tick_params(labelsize=7)
+    nominal_radius = 1.1 * max(np.abs(values).max() for values in readings_um.values())
+    colours = lb.figures.force_colours(list(readings_um))
+    for (force_N, values), colour in zip(readings_um.items(), colours, strict=True):
         axes.plot(
             np.deg2rad(DEGREES),
-            zero + values,
+            nominal_radius + values,
             color=colour,
-            label=f"{force:g} N: {np.ptp(values):.1f} µm",
+            label=f"{force_N:g} N: {np.ptp(values):.1f} µm",
         )
     axes.plot(
         np.deg2rad(DEGREES),
-        np.full(361, zero),
+        np.full(361, nominal_radius),
         color="black",
         linewidth=0.8,
         linestyle="--",
         label="nominal circle",
     )
-    ticks = np.arange(0.0, 2.2 * zero, 50.0)
-    axes.set_rgrids(
-        zero + ticks[: int(zero // 50) + 1],
-        [f"{t:g} µm" for t in ticks[: int(zero // 50) + 1]],
-        fontsize=6.5,
-    )
+    ticks_um = 50.0 * np.arange(int(nominal_radius // 50) + 1)
+    labels = [f"{tick:g} µm" for tick in ticks_um]
+    axes.set_rgrids(nominal_radius + ticks_um, labels, fontsize=6.5)
     axes.legend(loc="center left", bbox_to_anchor=(1.1, 0.5), title="reading, peak to peak")
     return figure
 
 
+class Readings(NamedTuple):
+    """Readings at 0° … 360° from the simulated and from the estimated values [µm]."""
+
+    simulated_um: np.ndarray
+    predicted_um: np.ndarray
+
+
 @lb.figures.styled
-def simulated_and_predicted(
-    parts: Mapping[str, Mapping[float, tuple[np.ndarray, np.ndarray]]],
-) -> Figure:
+def simulated_and_predicted(contributions: Mapping[str, Mapping[float, Readings]]) -> Figure:
     """Fig. 5: simulated (wide) and predicted (dashed) readings of geometry, compliance and both, at
     every force."""
     figure = lb.figures.new_figure(9.6, 3.8)
     panels: Any = figure.subplots(1, 3)
-    for axes, (title, by_force) in zip(panels, parts.items(), strict=True):
-        for (force, (made, found)), colour in zip(
-            by_force.items(), lb.figures.force_colours(list(by_force)), strict=True
-        ):
-            axes.plot(DEGREES, made, color=colour, linewidth=3.0, alpha=0.45, label=f"{force:g} N")
-            axes.plot(DEGREES, found, color="black", linewidth=0.8, linestyle="--")
+    for axes, (title, by_force) in zip(panels, contributions.items(), strict=True):
+        colours = lb.figures.force_colours(list(by_force))
+        for (force_N, readings), colour in zip(by_force.items(), colours, strict=True):
+            axes.plot(
+                DEGREES,
+                readings.simulated_um,
+                color=colour,
+                linewidth=3.0,
+                alpha=0.45,
+                label=f"{force_N:g} N",
+            )
+            axes.plot(DEGREES, readings.predicted_um, color="black", linewidth=0.8, linestyle="--")
         axes.set_title(title)
         axes.set_xlabel("angle of the bar (°)")
         axes.set_xlim(0.0, 360.0)
@@ -165,10 +163,10 @@ def linearisation(
     """Largest linearisation error against the size of the errors, in prior standard deviations."""
     figure = lb.figures.new_figure(7.6, 3.9)
     axes = figure.subplots()
-    for k, ((label, values), colour) in enumerate(
-        zip(curves.items(), ("#000000", *lb.figures.PALETTE), strict=False)
-    ):
-        axes.loglog(sizes, values, color=colour, linewidth=1.2 if k else 2.2, label=label)
+    colours = ("#000000", *lb.figures.PALETTE)
+    widths = (2.2, *(1.2 for _ in lb.figures.PALETTE))
+    for (label, values), colour, width in zip(curves.items(), colours, widths, strict=False):
+        axes.loglog(sizes, values, color=colour, linewidth=width, label=label)
     axes.axhline(resolution_um, color="#8C8C8C", linestyle="--", linewidth=0.9)
     axes.text(
         sizes[0], resolution_um * 1.15, "resolution of the readout", fontsize=7.5, color="#555555"
