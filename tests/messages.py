@@ -43,7 +43,6 @@ STAND_INS = {
     "LARGEST": "5",
     "_LONGEST": "6",
     "FEWEST": "7",
-    "_BLOCK": "9",
     "n_": "8",
     "width": "2",
     "size": "1",
