@@ -7,6 +7,7 @@ the journal also prevents two runs from writing into the same folder.
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +15,6 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic_core import to_jsonable_python
 
 from ldbb_bayes.errors import InputError
@@ -297,6 +297,6 @@ def _storable(value: Any) -> Any:
         return [_storable(entry) for entry in value]
     if isinstance(value, str):
         return value.encode("utf-8", "replace").decode()
-    if isinstance(value, float) and not np.isfinite(value):
+    if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

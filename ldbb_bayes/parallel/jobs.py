@@ -13,9 +13,8 @@ from itertools import islice
 from queue import SimpleQueue
 from typing import Generic, TypeVar
 
-from threadpoolctl import threadpool_limits
-
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.parallel.blas_threads import one_blas_thread
 from ldbb_bayes.parallel.process_pool import WorkerDiedError
 
 __all__ = ["Lost", "done", "start_early"]
@@ -201,8 +200,8 @@ def _run_in_turn(function: Callable[[T], R], job: T) -> R:
     The linear algebra library BLAS is limited to one thread, and no other thread runs a job at the
     same time.
     """
-    with _TURN, threadpool_limits(1):
-        return function(job)
+    with _TURN:
+        return one_blas_thread(function)(job)
 
 
 def _error_of(future: Future[R]) -> BaseException | None:
