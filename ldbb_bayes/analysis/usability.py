@@ -49,7 +49,7 @@ class ReasonKind(StrEnum):
     TRUNCATION = "truncation"
     UNIT = "unit"
     BALLS = "balls"
-    ROUGH_EVIDENCE = "rough-evidence"
+    ROUGH_WEIGHTS = "rough-weights"
     NOT_DETERMINED = "not-determined"
     PRIOR_SENSITIVE = "prior-sensitive"
     ZERO = "zero"
@@ -130,7 +130,7 @@ def judge_certificate(
     stated: Collection[str],
     *,
     comparison: Comparison | None = None,
-    averaged: bool = True,
+    rough_weights: bool = False,
 ) -> Judgement:
     """Return whether the values on a test certificate can be used, with reasons against their use.
 
@@ -143,8 +143,7 @@ def judge_certificate(
     - a parameter on the certificate depends on the prior;
     - the standard deviation of the noise or of another effect is larger than its prior suggests;
     - the tests have too few different forces for the degree of the model;
-    - the values are averages over models, and the evidences of the compared models are not precise
-      enough for their weights;
+    - the values are averages over models whose weights are not exact enough;
     - the result of the comparison depends on assumptions.
 
     Parameters
@@ -158,14 +157,16 @@ def judge_certificate(
         Names of the parameters on the certificate.
     comparison : Comparison, optional
         Comparison of models, if the certificate states its result.
-    averaged : bool
-        Whether the values are averages over the compared models. Values of one model alone do not
-        depend on the weights of the models.
+    rough_weights : bool
+        Whether the values are averages over models, and the numerical error of a model's evidence
+        may change its probability by more than `average` allows.
     """
     grave = _grave_reasons(fit)
     reservations = _reservations(fit, verdicts, stated)
-    if comparison is not None:
-        reservations += _reservations_of_comparison(comparison, averaged=averaged)
+    if rough_weights:
+        reservations.append(Reason(ReasonKind.ROUGH_WEIGHTS))
+    if comparison is not None and comparison.sign == Sign.OPEN:
+        reservations.append(Reason(ReasonKind.OPEN_SIGN))
     use = Use.CAN_BE_USED
     if reservations:
         use = Use.WITH_RESERVATION
@@ -225,19 +226,6 @@ def _reservations(
         reasons.append(Reason(ReasonKind.HYPER, noisy))
     if _has_concern(fit, ConcernKind.FORCES):
         reasons.append(Reason(ReasonKind.FORCES))
-    return reasons
-
-
-def _reservations_of_comparison(comparison: Comparison, *, averaged: bool) -> list[Reason]:
-    """Return the reasons, found by comparing models, to use a certificate with caution.
-
-    ``averaged`` states whether the values on the certificate are averages over the models.
-    """
-    reasons = []
-    if averaged and not comparison.within_tolerance:
-        reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))
-    if comparison.sign == Sign.OPEN:
-        reasons.append(Reason(ReasonKind.OPEN_SIGN))
     return reasons
 
 

@@ -91,6 +91,14 @@ class Findings:
         """
         return self.posterior if self.averaged is None else self.averaged
 
+    @property
+    def has_rough_weights(self) -> bool:
+        """Whether the certificate states averages over models whose weights are not exact enough.
+
+        The weight of a model is its probability. `average` says how exact it must be.
+        """
+        return self.averaged is not None and not record_of(self.averaged)["sampler"]["converged"]
+
     @cached_property
     def probabilities(self) -> Mapping[str, float]:
         """Posterior probabilities of the averaged models and of alternative explanations.

@@ -110,7 +110,7 @@ class SheetNumbers:
             self.verdicts,
             self.parameters,
             comparison=comparison,
-            averaged=bool(self.findings.probabilities),
+            rough_weights=self.findings.has_rough_weights,
         )
 
     @property

@@ -416,23 +416,19 @@ def test_may_the_numbers_be_used(posterior: Any) -> None:
         refused = judge_certificate(replace(fit, concerns=(Concern(kind, 1.0, 2.0),)), verdicts, ())
         assert refused.use == Use.DO_NOT_USE
         assert refused.reasons[0].kind == kind
-    open_sign: Any = SimpleNamespace(
-        within_tolerance=True, sign="depends on assumptions that the readings allow"
-    )
+    open_sign: Any = SimpleNamespace(sign="depends on assumptions that the readings allow")
     state = judge_certificate(
         replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX",), comparison=open_sign
     )
     assert [reason.kind for reason in state.reasons] == [ReasonKind.OPEN_SIGN]
 
 
-def test_rough_weights_of_models_do_not_touch_the_numbers_of_one_model(posterior: Any) -> None:
+def test_rough_weights_of_models_are_a_reservation(posterior: Any) -> None:
     fit = replace(fit_of(posterior), concerns=(), sensitivity={})
-    rough: Any = SimpleNamespace(within_tolerance=False, sign="the same")
-    reasons = {
-        averaged: judge_certificate(fit, {}, (), comparison=rough, averaged=averaged).reasons
-        for averaged in (True, False)
-    }
-    assert reasons == {True: (Reason(ReasonKind.ROUGH_EVIDENCE),), False: ()}
+    assert judge_certificate(fit, {}, ()).reasons == ()
+    judgement = judge_certificate(fit, {}, (), rough_weights=True)
+    assert judgement.use == Use.WITH_RESERVATION
+    assert judgement.reasons == (Reason(ReasonKind.ROUGH_WEIGHTS),)
 
 
 # ---- stiffness by direction

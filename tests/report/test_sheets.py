@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from ldbb_bayes.analysis.stated_quantities import AxialDirection
 from ldbb_bayes.analysis.usability import ReasonKind
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.inference.fit import ConcernKind
-from ldbb_bayes.inference.posterior import campaign_of, fit_of
+from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.report import plain_findings, sections, stiffness_numbers, wording
 from ldbb_bayes.report import sheets as sheets_module
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
@@ -373,16 +374,18 @@ def test_an_uncertain_change_with_force_is_stated_with_its_probability(
     assert sentence in [text.replace("\u00a0", " ") for text in undetermined_texts(numbers)]
 
 
-def test_numbers_of_one_model_are_not_reserved_for_the_weights_of_models(
-    varying: Findings, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_rough_weights_of_the_average_itself_are_a_reservation(varying: Findings) -> None:
+    """Rough evidences of a comparison, which only the annex states, touch no number of a sheet."""
     comparison: Any = SimpleNamespace(within_tolerance=False, sign="the same")
-    compared = replace(varying, comparison=comparison)
-    for probabilities in ({}, {"constant": 0.4, "linear": 0.6}):
-        monkeypatch.setattr(Findings, "probabilities", probabilities)
-        reasons = SheetNumbers(compared, words_of("en"), 36.0).judgement.reasons
+    for converged in (True, False):
+        averaged = varying.posterior.copy()
+        record = record_of(averaged)
+        record["sampler"]["converged"] = converged
+        averaged["provenance"].attrs["json"] = json.dumps(record)
+        findings = replace(varying, comparison=comparison, averaged=averaged)
+        reasons = SheetNumbers(findings, words_of("en"), 36.0).judgement.reasons
         kinds = [reason.kind for reason in reasons]
-        assert (ReasonKind.ROUGH_EVIDENCE in kinds) == bool(probabilities)
+        assert (ReasonKind.ROUGH_WEIGHTS in kinds) == (not converged)
 
 
 @pytest.mark.slow
