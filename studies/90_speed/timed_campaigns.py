@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -59,19 +60,24 @@ class Kind:
 
     def tests(self) -> list[lb.CircularTest]:
         """Return all circles, with angles and no readings."""
-        angle = np.arange(READINGS) * 360.0 / READINGS
-        settings = [
-            {"plane": plane, "radius_mm": radius, "direction": direction, "work_ball_deg": turn}
-            for plane in self.planes
-            for radius in self.radii_mm
-            for direction in self.directions
-            for turn in self.work_ball_deg
-        ]
-        return [
-            lb.CircularTest(force, angle, **setting)
-            for force in np.linspace(LOWEST_N, HIGHEST_N, self.forces)
-            for setting in settings
-        ]
+        angle_deg = np.arange(READINGS) * 360.0 / READINGS
+        forces_N = np.linspace(LOWEST_N, HIGHEST_N, self.forces)
+        settings = product(
+            forces_N, self.planes, self.radii_mm, self.directions, self.work_ball_deg
+        )
+        tests = []
+        for force_N, plane, radius_mm, direction, work_ball_deg in settings:
+            tests.append(
+                lb.CircularTest(
+                    force_N,
+                    angle_deg,
+                    plane=plane,
+                    radius_mm=radius_mm,
+                    direction=direction,
+                    work_ball_deg=work_ball_deg,
+                )
+            )
+        return tests
 
     def campaign(self, seed: int = 2) -> lb.Campaign:
         """Return a simulated campaign; ``seed`` is the seed of its readings."""
@@ -79,17 +85,19 @@ class Kind:
         if len(self.planes) > 1:
             plan = lb.Campaign(self.tests(), topology="wXFYZt", frames_mm=FRAMES_MM)
         hyper_um = QUIET_UM if self.quiet else USUAL_UM
-        known = MODEL.bind(plan).names
-        truth = {name: value for name, value in TRUTH.items() if name in known}
+        names = MODEL.bind(plan).names
+        truth = {name: value for name, value in TRUTH.items() if name in names}
         return MODEL.simulate(plan, seed=seed, parameters=truth, hyper_um=hyper_um).campaign
 
 
-def kinds(most: int) -> dict[str, Kind]:
+def kinds(largest: int) -> dict[str, Kind]:
     """Return the kinds of campaigns that have at most so many circles."""
     everything: dict[str, Kind] = {}
     for quiet in (False, True):
         for forces in (3, 4, 6, 12, 24, 40):
-            name = f"one plane, {forces} circles" + (", quiet" if quiet else "")
+            name = f"one plane, {forces} circles"
+            if quiet:
+                name += ", quiet"
             everything[name] = Kind(forces, quiet=quiet)
     everything |= {
         "one plane, 6 forces, both directions": Kind(6, directions=("CW", "CCW")),
@@ -103,14 +111,14 @@ def kinds(most: int) -> dict[str, Kind]:
         "three planes, 3 forces, two radii": Kind(3, ALL_PLANES, radii_mm=(100.0, 150.0)),
         "three planes, 3 forces, work ball clocked": Kind(3, ALL_PLANES, work_ball_deg=(0.0, 90.0)),
     }
-    return {name: kind for name, kind in everything.items() if kind.circles <= most}
+    return {name: kind for name, kind in everything.items() if kind.circles <= largest}
 
 
-def cost_of_campaigns(most: int, rounds: int) -> dict[str, dict[str, Any]]:
+def cost_of_campaigns(largest: int, rounds: int) -> dict[str, dict[str, Any]]:
     """Return what a density and an evidence of each kind of campaign cost, by kind."""
     # What is compiled and loaded at the first evidence does not count.
     _evidence(Kind(3).campaign())
-    return {name: _cost(kind, rounds) for name, kind in kinds(most).items()}
+    return {name: _cost(kind, rounds) for name, kind in kinds(largest).items()}
 
 
 def _cost(kind: Kind, rounds: int) -> dict[str, Any]:
@@ -160,13 +168,14 @@ def _densities(bound: BoundModel, rounds: int) -> dict[str, float]:
         "dense_us": partial(lapack.dpotrf, covariance),
     }
     per_call = {"density_us": CHUNK, "conditional_us": CHUNK, "dense_us": 1}
-    taken: dict[str, list[float]] = {name: [] for name in works}
+    times_us: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(rounds + 1):
         for name, work in works.items():
             start = time.process_time()
             work()
-            taken[name].append((time.process_time() - start) / per_call[name] * 1e6)
-    return {name: float(np.median(times[1:])) for name, times in taken.items()}
+            seconds = time.process_time() - start
+            times_us[name].append(seconds / per_call[name] * 1e6)
+    return {name: float(np.median(times[1:])) for name, times in times_us.items()}
 
 
 def _operations(bound: BoundModel) -> int:
@@ -179,6 +188,7 @@ def _operations(bound: BoundModel) -> int:
     for front in bound.collapsed._design.elimination(len(bound.names)).fronts:
         groups, columns, width = front.shape
         border = width - columns
-        own = columns**3 / 6.0 + columns**2 * border / 2.0
-        total += groups * (own + columns * border * (border + 1) / 2.0)
+        factor_and_border = columns**3 / 6.0 + columns**2 * border / 2.0
+        changes_of_later = columns * border * (border + 1) / 2.0
+        total += groups * (factor_and_border + changes_of_later)
     return int(total)

@@ -53,7 +53,7 @@ GOALS = ("--goal", "C_XXX=5%", "--goal", "E_C0YX=10urad")
 class Command:
     """A command line, and what was asked of it."""
 
-    what: str
+    title: str
     arguments: Sequence[str]
     asked: float
     #: whether seconds of the clock, seconds of the processor or campaigns a second are asked for
@@ -133,13 +133,16 @@ def measure(command: Command, folder: Path, repeats: int) -> dict[str, Any]:
     runs = [took(command.arguments, folder) for _ in range(repeats)]
     clock = statistics.median(run.clock_s for run in runs)
     cpu = statistics.median(run.cpu_s for run in runs)
-    found = {"s": clock, "CPU s": cpu, "campaigns/s": FLEET_SIZE / clock}[command.unit]
-    reached = found >= command.asked if command.unit == "campaigns/s" else found <= command.asked
+    by_unit = {"s": clock, "CPU s": cpu, "campaigns/s": FLEET_SIZE / clock}
+    measured = by_unit[command.unit]
+    reached = measured <= command.asked
+    if command.unit == "campaigns/s":
+        reached = measured >= command.asked
     return {
-        "what": command.what,
+        "what": command.title,
         "clock_s": clock,
         "cpu_s": cpu,
-        "found": found,
+        "found": measured,
         "asked": command.asked,
         "unit": command.unit,
         "reached": reached,
@@ -160,7 +163,9 @@ def main() -> None:
         write_campaigns(folder)
         took(["identify", str(RECOVERED)], folder)  # what is loaded first from the disk
         for command in commands(folder):
-            repeats = 1 if command.unit == "campaigns/s" else options.repeats
+            repeats = options.repeats
+            if command.unit == "campaigns/s":
+                repeats = 1
             row = measure(command, folder, repeats)
             rows.append(row)
             print(f"{row['what']:45s} {row['found']:6.1f} {row['unit']}", flush=True)
