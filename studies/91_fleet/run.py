@@ -2,8 +2,8 @@
 cluster would take.
 
 python studies/91_fleet/run.py                        # by hand, three quarters of an hour on two
-cores, nothing else running python studies/91_fleet/run.py --quick --out fleet    # small: shows
-that it runs
+                                                      # cores, nothing else running
+python studies/91_fleet/run.py --quick --out fleet    # small: shows that it runs
 """
 
 from __future__ import annotations
@@ -40,136 +40,159 @@ FORCES_N = np.linspace(36.0, 742.0, 7)
 MODEL = lb.HybridModel.first(degree=1)
 TRUTH = {"C_XXX": 6e-5, "C_YYY": 5e-5, "C_CCY": 5e-10}
 HYPER_UM = {"sigma": 0.15, "delta": 0.4, "kappa": 0.3, "tau": 3.0}
+# Seconds between two looks at the memory of a batch.
 POLL_S = 0.5
-COLLECTED = 5000
-CLUSTER = 1_000_000
+# Rows that the collector takes into a journal.
+ROWS_COLLECTED = 5000
+# Campaigns of the plan for a cluster, and numbers of cores it may have.
+CLUSTER_CAMPAIGNS = 1_000_000
+CLUSTER_CORES = (2, 100, 1000)
+EXECUTORS = ("process", "dask")
+PACKAGES = ("numpy", "scipy", "pyarrow", "dask", "distributed")
 
 
 @dataclass(frozen=True)
 class Size:
-    """What is measured: ``few`` and ``many`` campaigns of ``readings`` a test, ``broken`` of the
-    many planted."""
+    """What is measured."""
 
-    few: int
-    many: int
-    broken: int
-    readings: int
-    machines: tuple[int, ...]
+    small_batch: int  #: campaigns of the small batches, none of them broken
+    large_batch: int  #: campaigns of the large batches, all there are
+    broken: int  #: of the campaigns of a large batch
+    readings: int  #: of a test
+    machines: tuple[int, ...]  #: sizes of the populations
 
 
-FULL = Size(100, 1000, 20, 1000, (1000, 5000))
-QUICK = Size(2, 6, 2, 60, (20,))
+FULL = Size(small_batch=100, large_batch=1000, broken=20, readings=1000, machines=(1000, 5000))
+QUICK = Size(small_batch=2, large_batch=6, broken=2, readings=60, machines=(20,))
+
+# Pools a population of so many machines from a table of rows, and prints the machines counted,
+# seconds and peak memory. Each campaign counts as readings of its own.
+POPULATION_SCRIPT = """
+import resource, sys, time
+import numpy as np, pandas as pd
+import ldbb_bayes as lb
+
+rows = pd.read_pickle(sys.argv[1])
+machines = int(sys.argv[2])
+rows = rows.iloc[np.arange(machines) % len(rows)].reset_index(drop=True)
+names = [f"M{number:06d}" for number in range(machines)]
+rows["machine_id"] = rows["sha256"] = rows["circles_sha256"] = names
+start = time.perf_counter()
+population = lb.fleet.fit_population(rows, include_misfits=True)
+seconds = time.perf_counter() - start
+peak_MB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+print(len(population.machine), seconds, peak_MB)
+"""
 
 
 def plant(folder: Path, size: Size) -> list[str]:
-    """Write the campaigns; every so many one that is broken, in turn torn, without a file,
-    misspelt, of one force, no number."""
-    angles = np.arange(size.readings) * 360.0 / size.readings
-    plan = lb.Plan(
-        tuple(lb.CircularTest(force_N=float(force), angle_deg=angles) for force in FORCES_N)
-    )
-    every = size.many // size.broken
-    broken = []
-    for i in range(size.many):
-        made = MODEL.simulate(plan, seed=91_000 + i, parameters=TRUTH, hyper_um=HYPER_UM).campaign
-        target = folder / f"{i:05d}"
-        dated = f"20{10 + i // 336:02d}-{i % 336 // 28 + 1:02d}-{i % 28 + 1:02d}"
-        lb.write_campaign(
-            replace(made, name=f"campaign {i}", machine_id=f"M{i % 50:02d}", date=dated), target
-        )
-        if i % every == every - 1:
-            _break(target, len(broken))
+    """Write the campaigns, and return the folders of those that are broken, in equal steps."""
+    angle_deg = np.arange(size.readings) * 360.0 / size.readings
+    tests = tuple(lb.CircularTest(force_N=float(force), angle_deg=angle_deg) for force in FORCES_N)
+    plan = lb.Plan(tests)
+    step = size.large_batch // size.broken
+    broken: list[str] = []
+    for number in range(size.large_batch):
+        target = folder / f"{number:05d}"
+        lb.write_campaign(simulated_campaign(plan, number), target)
+        if number % step == step - 1:
+            break_campaign(target, len(broken))
             broken.append(str(target))
     return broken
 
 
-def _break(folder: Path, kind: int) -> None:
-    """One of five ways to break a campaign."""
+def simulated_campaign(plan: lb.Plan, number: int) -> lb.Campaign:
+    """One of fifty machines, each campaign dated a day later than the last."""
+    simulation = MODEL.simulate(plan, seed=91_000 + number, parameters=TRUTH, hyper_um=HYPER_UM)
+    year = 10 + number // 336
+    month = number % 336 // 28 + 1
+    day = number % 28 + 1
+    return replace(
+        simulation.campaign,
+        name=f"campaign {number}",
+        machine_id=f"M{number % 50:02d}",
+        date=f"20{year:02d}-{month:02d}-{day:02d}",
+    )
+
+
+def break_campaign(folder: Path, kind: int) -> None:
+    """In one of five ways in turn: torn table, missing file, misspelt key, one force, a word among
+    the numbers."""
     toml = folder / "campaign.toml"
-    first = sorted(folder.glob("*.csv"))[0]
+    first_table = sorted(folder.glob("*.csv"))[0]
     text = toml.read_text(encoding="utf-8")
     if kind % 5 == 0:
-        first.write_text(first.read_text(encoding="utf-8")[:300] + ",,,", encoding="utf-8")
+        torn = first_table.read_text(encoding="utf-8")[:300] + ",,,"
+        first_table.write_text(torn, encoding="utf-8")
     elif kind % 5 == 1:
-        first.unlink()
+        first_table.unlink()
     elif kind % 5 == 2:
         toml.write_text(text.replace("topology", "topolgy"), encoding="utf-8")
     elif kind % 5 == 3:
-        toml.write_text(re.sub(r"(force_N|pressure_bar) = .*", r"\1 = 3.0", text), encoding="utf-8")
+        one_force = re.sub(r"(force_N|pressure_bar) = .*", r"\1 = 3.0", text)
+        toml.write_text(one_force, encoding="utf-8")
     else:
-        lines = first.read_text(encoding="utf-8").splitlines()
-        first.write_text(
-            "\n".join([*lines[:50], lines[50].split(",")[0] + ",broken", *lines[51:], ""]),
-            encoding="utf-8",
-        )
+        lines = first_table.read_text(encoding="utf-8").splitlines()
+        lines[50] = lines[50].split(",")[0] + ",broken"
+        first_table.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
-def batch(paths: list[str], out: Path, executor: str, workers: int) -> dict[str, Any]:
+def run_batch(paths: list[str], out: Path, executor: str, workers: int) -> dict[str, Any]:
     """One batch, as a user starts it: seconds, campaigns a second, peak memory of every process,
     digest of the dataset."""
-    listed = out.with_suffix(".txt")
-    listed.write_text("\n".join(paths) + "\n", encoding="utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "ldbb_bayes",
-        "batch",
-        f"@{listed}",
-        "--out",
-        str(out),
-        "--executor",
-        executor,
-    ]
+    list_of_paths = out.with_suffix(".txt")
+    list_of_paths.write_text("\n".join(paths) + "\n", encoding="utf-8")
+    command = [sys.executable, "-m", "ldbb_bayes", "batch", f"@{list_of_paths}"]
+    command += ["--out", str(out), "--executor", executor, "--workers", str(workers)]
+    command += ["--json", "--quiet"]
+    peaks_MB: dict[int, float] = {}
     start = time.perf_counter()
-    with subprocess.Popen(
-        [*command, "--workers", str(workers), "--json", "--quiet"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    ) as process:
-        peaks: dict[int, float] = {}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
         while process.poll() is None:
-            _note_peaks(process.pid, peaks)
+            note_peaks(process.pid, peaks_MB)
             time.sleep(POLL_S)
-        said = json.loads(process.stdout.read() if process.stdout else b"{}")
+        answer = json.loads(process.stdout.read())
     seconds = time.perf_counter() - start
-    own = peaks.pop(process.pid, 0.0)
-    found = {
+    collector_MB = peaks_MB.pop(process.pid, 0.0)
+    worker_MB = max(peaks_MB.values(), default=collector_MB)
+    per_second = len(paths) / seconds
+    say(
+        f"{executor}, {workers} workers, {len(paths)} campaigns: {per_second:.2f}/s,"
+        f" {worker_MB:.0f} MB"
+    )
+    return {
         "executor": executor,
         "workers": workers,
         "campaigns": len(paths),
         "seconds": seconds,
-        "per_second": len(paths) / seconds,
-        "collector_MB": own,
-        "worker_MB": max(peaks.values(), default=own),
-        "failed": sorted(entry["campaign"] for entry in said["failed"]),
+        "per_second": per_second,
+        "collector_MB": collector_MB,
+        "worker_MB": worker_MB,
+        "failed": sorted(entry["campaign"] for entry in answer["failed"]),
         "dataset": hashlib.sha256((out / "campaigns.parquet").read_bytes()).hexdigest(),
         "journal_bytes": (out / "batch.sqlite").stat().st_size,
         "dataset_bytes": (out / "campaigns.parquet").stat().st_size,
     }
-    _say(
-        f"{executor}, {workers} workers, {len(paths)} campaigns: {found['per_second']:.2f}/s,"
-        f" {found['worker_MB']:.0f} MB"
-    )
-    return found
 
 
-def _note_peaks(pid: int, peaks: dict[int, float]) -> None:
-    """Largest resident memory so far of a process and all below it [MB]; helpers of the executors
-    count too."""
+def note_peaks(pid: int, peaks_MB: dict[int, float]) -> None:
+    """Largest resident memory so far of a process and all below it; helpers of the executors count
+    too."""
     try:
         family = [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]
     except psutil.Error:
         return
-    for one in family:
+    for member in family:
         try:
-            status = Path(f"/proc/{one.pid}/status").read_text(encoding="utf-8")
-            (kB,) = re.findall(r"VmHWM:\s+(\d+) kB", status)
-            peaks[one.pid] = max(peaks.get(one.pid, 0.0), int(kB) / 1024.0)
+            status = Path(f"/proc/{member.pid}/status").read_text(encoding="utf-8")
+            (kilobytes,) = re.findall(r"VmHWM:\s+(\d+) kB", status)
         except (OSError, ValueError):
             continue
+        peaks_MB[member.pid] = max(peaks_MB.get(member.pid, 0.0), int(kilobytes) / 1024.0)
 
 
-def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
+def pool_population(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
     """A population of so many machines in a process of its own: machines it counts, seconds and
     peak memory.
 
@@ -178,106 +201,109 @@ def pooled(rows: pd.DataFrame, machines: int) -> dict[str, Any]:
     machines as asked for are to be pooled.
     """
     with tempfile.TemporaryDirectory() as folder:
-        stem = Path(folder) / "rows.pkl"
-        rows.to_pickle(stem)
-        code = (
-            "import sys, time, resource, pandas as pd, numpy as np, ldbb_bayes as lb\nfrom"
-            " dataclasses import replace\nrows = pd.read_pickle(sys.argv[1]); n = int(sys.argv[2]);"
-            " rng = np.random.default_rng(91)\nrows = rows.iloc[np.arange(n) %"
-            " len(rows)].reset_index(drop=True)\nrows['machine_id'] = rows['sha256'] ="
-            " rows['circles_sha256'] = [f'M{i:06d}' for i in range(n)]\nstart ="
-            " time.perf_counter(); found = lb.fleet.fit_population(rows, include_misfits=True);"
-            " end = time.perf_counter()\nprint(len(found.machine), end - start,"
-            " resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
-        )
-        done = subprocess.run(
-            [sys.executable, "-c", code, str(stem), str(machines)],
+        table = Path(folder) / "rows.pkl"
+        rows.to_pickle(table)
+        process = subprocess.run(
+            [sys.executable, "-c", POPULATION_SCRIPT, str(table), str(machines)],
             capture_output=True,
             text=True,
             check=True,
         )
-    counted, seconds, megabytes = map(float, done.stdout.split())
-    _say(f"population of {counted:.0f} machines: {seconds:.0f} s, {megabytes:.0f} MB")
-    return {"machines": int(counted), "seconds": seconds, "MB": megabytes}
+    counted, seconds, megabytes = process.stdout.split()
+    say(f"population of {counted} machines: {float(seconds):.0f} s, {float(megabytes):.0f} MB")
+    return {"machines": int(counted), "seconds": float(seconds), "MB": float(megabytes)}
 
 
-def collected(out: Path, again: Path) -> float:
+def rows_collected_per_second(batch_folder: Path, out: Path) -> float:
     """Rows a second that one process takes into a journal, of a row that a batch kept."""
-    with closing(sqlite3.connect(out / "batch.sqlite")) as journal:
+    with closing(sqlite3.connect(batch_folder / "batch.sqlite")) as journal:
         (text,) = journal.execute(
             "SELECT row FROM campaigns WHERE status = 'done' LIMIT 1"
         ).fetchone()
-    row = json.loads(text)
     moments = []
-    paths = [str(again.parent / "campaigns"), *(f"copy {k}" for k in range(COLLECTED))]
-    with mock.patch("ldbb_bayes.fleet.batch.fit_row", return_value=row):
-        lb.fleet.run_batch(paths, again, progress=lambda *_: moments.append(time.perf_counter()))
+
+    def note_moment(*_: object) -> None:
+        moments.append(time.perf_counter())
+
+    paths = [f"copy {number}" for number in range(ROWS_COLLECTED)]
+    paths.insert(0, str(out.parent / "campaigns"))
+    with mock.patch("ldbb_bayes.fleet.batch.fit_row", return_value=json.loads(text)):
+        lb.fleet.run_batch(paths, out, progress=note_moment)
     return (len(moments) - 1) / (moments[-1] - moments[0])
+
+
+def run_batches(folder: Path, broken: list[str], size: Size) -> dict[str, dict[str, Any]]:
+    """The small batch on one worker and on two, then the large one on two, by executor.
+
+    Each says whether it ``reported`` the broken campaigns and no others.
+    """
+    paths = sorted(str(path) for path in (folder / "campaigns").iterdir())
+    sound = [path for path in paths if path not in broken]
+    small_batch = sound[: size.small_batch]
+    runs = {}
+    for batch, worker_counts in ((small_batch, (1, 2)), (paths, (2,))):
+        broken_here = sorted(path for path in broken if path in batch)
+        for executor in EXECUTORS:
+            for workers in worker_counts:
+                out = folder / f"{executor}-{workers}-{len(batch)}"
+                run = run_batch(batch, out, executor, workers)
+                run["reported"] = run.pop("failed") == broken_here
+                runs[f"{executor} {workers} {len(batch)}"] = run
+    return runs
+
+
+def speed_up(runs: dict[str, dict[str, Any]], executor: str, campaigns: int) -> float:
+    """Campaigns a second with two workers over those with one."""
+    with_two = runs[f"{executor} 2 {campaigns}"]["per_second"]
+    with_one = runs[f"{executor} 1 {campaigns}"]["per_second"]
+    return with_two / with_one
+
+
+def is_same_dataset(runs: dict[str, dict[str, Any]], campaigns: int) -> bool:
+    """Whether all batches of so many campaigns gave the same dataset to the last bit."""
+    digests = {run["dataset"] for run in runs.values() if run["campaigns"] == campaigns}
+    return len(digests) == 1
 
 
 def measure(size: Size, folder: Path) -> dict[str, Any]:
     """Everything, one after the other."""
     (folder / "campaigns").mkdir()
     broken = plant(folder / "campaigns", size)
-    paths = sorted(str(path) for path in (folder / "campaigns").iterdir())
-    few = [path for path in paths if path not in broken][: size.few]
-    runs = {
-        f"{executor} {workers} {len(chosen)}": batch(
-            chosen, folder / f"{executor}-{workers}-{len(chosen)}", executor, workers
-        )
-        for chosen, counts in ((few, (1, 2)), (paths, (2,)))
-        for executor in ("process", "dask")
-        for workers in counts
-    }
-    for run in runs.values():
-        run["reported"] = run.pop("failed") == (
-            sorted(broken) if run["campaigns"] == size.many else []
-        )
-    rows = lb.fleet.read_batch(folder / f"process-2-{size.many}")
+    runs = run_batches(folder, broken, size)
+    largest = folder / f"process-2-{size.large_batch}"
+    rows = lb.fleet.read_batch(largest)
+    fitted = rows[rows["status"] == "done"]
+    sizes = (size.small_batch, size.large_batch)
     return {
         "machine": (
             f"{platform.machine()}, {os.cpu_count()} cores,"
             f" {psutil.virtual_memory().total / 2**30:.0f} GiB"
         ),
-        "versions": {
-            name: version(name) for name in ("numpy", "scipy", "pyarrow", "dask", "distributed")
-        },
+        "versions": {name: version(name) for name in PACKAGES},
         "tests": len(FORCES_N),
         "readings": size.readings,
-        "few": size.few,
-        "many": size.many,
+        "few": size.small_batch,
+        "many": size.large_batch,
         "broken": size.broken,
         "runs": runs,
-        "scaling": {
-            executor: (
-                runs[f"{executor} 2 {size.few}"]["per_second"]
-                / runs[f"{executor} 1 {size.few}"]["per_second"]
-            )
-            for executor in ("process", "dask")
-        },
-        "same_dataset": {
-            str(count): (
-                len({run["dataset"] for run in runs.values() if run["campaigns"] == count}) == 1
-            )
-            for count in (size.few, size.many)
-        },
-        "collector": {
-            "rows_per_second": collected(folder / f"process-2-{size.many}", folder / "again")
-        },
-        "population": [pooled(rows[rows["status"] == "done"], count) for count in size.machines],
+        "scaling": {name: speed_up(runs, name, size.small_batch) for name in EXECUTORS},
+        "same_dataset": {str(count): is_same_dataset(runs, count) for count in sizes},
+        "collector": {"rows_per_second": rows_collected_per_second(largest, folder / "again")},
+        "population": [pool_population(fitted, machines) for machines in size.machines],
     }
 
 
-def planned(results: dict[str, Any]) -> dict[str, Any]:
+def plan_for_cluster(results: dict[str, Any]) -> dict[str, Any]:
     """A million campaigns with the measured constants."""
-    many = results["runs"][f"process 2 {results['many']}"]
-    per_core_hour = 3600.0 * many["per_second"] / many["workers"]
+    run = results["runs"][f"process 2 {results['many']}"]
+    per_core_hour = 3600.0 * run["per_second"] / run["workers"]
+    core_hours = CLUSTER_CAMPAIGNS / per_core_hour
     return {
-        "campaigns": CLUSTER,
-        "core_hours": CLUSTER / per_core_hour,
-        "hours_on": {str(cores): CLUSTER / per_core_hour / cores for cores in (2, 100, 1000)},
-        "journal_GB": CLUSTER * many["journal_bytes"] / many["campaigns"] / 1e9,
-        "dataset_GB": CLUSTER * many["dataset_bytes"] / many["campaigns"] / 1e9,
+        "campaigns": CLUSTER_CAMPAIGNS,
+        "core_hours": core_hours,
+        "hours_on": {str(cores): core_hours / cores for cores in CLUSTER_CORES},
+        "journal_GB": CLUSTER_CAMPAIGNS * run["journal_bytes"] / run["campaigns"] / 1e9,
+        "dataset_GB": CLUSTER_CAMPAIGNS * run["dataset_bytes"] / run["campaigns"] / 1e9,
         "rows_per_second_on_1000": 1000.0 * per_core_hour / 3600.0,
     }
 
@@ -291,7 +317,7 @@ def main() -> None:
     parser.add_argument(
         "--campaigns",
         type=int,
-        default=FULL.many,
+        default=FULL.large_batch,
         help="of the larger batches; the smaller have a tenth of it",
     )
     parser.add_argument(
@@ -306,21 +332,28 @@ def main() -> None:
         results = json.loads(target.read_text(encoding="utf-8"))
     else:
         with tempfile.TemporaryDirectory() as folder:
-            size = replace(
-                FULL,
-                many=options.campaigns,
-                few=options.campaigns // 10,
-                broken=max(options.campaigns // 50, 1),
-            )
-            results = measure(QUICK if options.quick else size, Path(folder))
-        results["plan"] = planned(results)
+            results = measure(size_of(options), Path(folder))
+        results["plan"] = plan_for_cluster(results)
     options.out.mkdir(parents=True, exist_ok=True)
     target.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     text = page(HERE, "README.md", results)
     (options.out / "README.md").write_text(text, encoding="utf-8")
 
 
-def _say(text: str) -> None:
+def size_of(options: argparse.Namespace) -> Size:
+    """What is measured."""
+    if options.quick:
+        return QUICK
+    return replace(
+        FULL,
+        large_batch=options.campaigns,
+        small_batch=options.campaigns // 10,
+        broken=max(options.campaigns // 50, 1),
+    )
+
+
+def say(text: str) -> None:
+    """Progress."""
     print(text, file=sys.stderr, flush=True)
 
 
