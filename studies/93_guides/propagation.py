@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.results import Array
 
-__all__ = ["Drawn", "Propagated", "propagate_distributions", "propagate_linearly"]
+__all__ = ["Distribution", "Propagated", "propagate_distributions", "propagate_linearly"]
 
 # Step of the central differences of the Jacobian, in standard uncertainties of an input quantity.
 _STEP = 1e-3
@@ -72,8 +72,8 @@ def _jacobian(model: Model, estimate: Array, sd: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """Mean, standard uncertainty and sorted draws of one output quantity."""
+class Distribution:
+    """One output quantity by random draws: mean, standard uncertainty and sorted draws."""
 
     mean: float
     u: float
@@ -85,6 +85,6 @@ class Drawn:
         return float(low), float(high)
 
 
-def propagate_distributions(values: Array) -> Drawn:
+def propagate_distributions(values: Array) -> Distribution:
     """Return mean, standard uncertainty and sorted draws of an output quantity, shape (draws,)."""
-    return Drawn(float(values.mean()), float(values.std(ddof=1)), np.sort(values))
+    return Distribution(float(values.mean()), float(values.std(ddof=1)), np.sort(values))

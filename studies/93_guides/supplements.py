@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from figures import Figure
-from propagation import Drawn, propagate_distributions, propagate_linearly
+from propagation import Distribution, propagate_distributions, propagate_linearly
 from scipy import stats
 
 from ldbb_bayes.results import Array
@@ -51,12 +51,12 @@ POLAR_NAMES = ("magnitude", "phase")
 class _PolarCase:
     """A complex quantity, and what JCGM 102 prints of its magnitude and phase.
 
-    ``drawn`` and ``by_gum`` are estimate and u of the magnitude, then of the phase.
+    ``by_draws`` and ``by_gum`` are estimate and u of the magnitude, then of the phase.
     """
 
     real: str  #: estimate of the real part; that of the imaginary part is zero
     correlation: float  #: correlation of the two parts
-    drawn: tuple[str, ...]  #: figures by random draws
+    by_draws: tuple[str, ...]  #: figures by random draws
     by_gum: tuple[str, ...]  #: figures by the law of propagation of uncertainty
 
     @property
@@ -79,19 +79,19 @@ POLAR_CASES = (
     _PolarCase(
         real="0.001",
         correlation=0.0,
-        drawn=("0.013", "0.007", "0.000", "1.744"),
+        by_draws=("0.013", "0.007", "0.000", "1.744"),
         by_gum=("0.001", "0.010", "0.000", "10.000"),
     ),
     _PolarCase(
         real="0.001",
         correlation=0.9,
-        drawn=("0.012", "0.008", "-0.556", "1.599"),
+        by_draws=("0.012", "0.008", "-0.556", "1.599"),
         by_gum=("0.001", "0.010", "0.000", "10.000"),
     ),
     _PolarCase(
         real="0.010",
         correlation=0.9,
-        drawn=("0.015", "0.008", "-0.343", "0.903"),
+        by_draws=("0.015", "0.008", "-0.343", "0.903"),
         by_gum=("0.010", "0.010", "0.000", "1.000"),
     ),
 )
@@ -118,10 +118,16 @@ def _tolerance(u: float) -> float:
 
 
 def _row(
-    guide: str, example: str, quantity: str, printed: str, computed: float, drawn: Drawn, unit: str
+    guide: str,
+    example: str,
+    quantity: str,
+    printed: str,
+    computed: float,
+    output: Distribution,
+    unit: str,
 ) -> Figure:
     """Return a figure that the guide drew at random, with its numerical tolerance."""
-    return Figure(guide, example, quantity, printed, computed, unit, tolerance=_tolerance(drawn.u))
+    return Figure(guide, example, quantity, printed, computed, unit, tolerance=_tolerance(output.u))
 
 
 def _additive(rng: np.random.Generator) -> list[Figure]:
@@ -136,11 +142,11 @@ def _additive(rng: np.random.Generator) -> list[Figure]:
         ("9.2.4 one uniform dominates", one_dominates, "10.1", "17.0"),
     )
     rows = []
-    for example, drawn, printed_u, printed_end in cases:
-        _, high = drawn.symmetric(PROB)
-        rows.append(_row(SUPPLEMENT_1, example, "u", printed_u, drawn.u, drawn, ""))
+    for example, total, printed_u, printed_end in cases:
+        _, high = total.symmetric(PROB)
+        rows.append(_row(SUPPLEMENT_1, example, "u", printed_u, total.u, total, ""))
         rows.append(
-            _row(SUPPLEMENT_1, example, "end of the interval", printed_end, high, drawn, "")
+            _row(SUPPLEMENT_1, example, "end of the interval", printed_end, high, total, "")
         )
     by_gum = propagate_linearly(_sum, np.zeros(4), np.array([1.0, 1.0, 1.0, 100.0]))
     _, high = by_gum.interval(0, PROB)
@@ -167,8 +173,8 @@ def _mass(rng: np.random.Generator) -> list[Figure]:
         ],
         axis=-1,
     )
-    drawn = propagate_distributions(_mass_deviation(inputs)[:, 0])
-    low, high = drawn.symmetric(PROB)
+    deviation = propagate_distributions(_mass_deviation(inputs)[:, 0])
+    low, high = deviation.symmetric(PROB)
     estimate = np.array(
         [
             REFERENCE_MASS_MG[0],
@@ -192,8 +198,8 @@ def _mass(rng: np.random.Generator) -> list[Figure]:
     example = "9.3 mass"
     rows = []
     for quantity, printed, computed in (
-        ("estimate", "1.2341", drawn.mean),
-        ("u", "0.0754", drawn.u),
+        ("estimate", "1.2341", deviation.mean),
+        ("u", "0.0754", deviation.u),
         ("lower end", "1.0834", low),
         ("upper end", "1.3825", high),
     ):
@@ -205,7 +211,7 @@ def _mass(rng: np.random.Generator) -> list[Figure]:
                 printed,
                 computed,
                 "mg",
-                tolerance=_tolerance(drawn.u),
+                tolerance=_tolerance(deviation.u),
                 reason="both are drawn at random; they agree within 0.0015 mg, 2 % of u",
             )
         )
@@ -258,20 +264,20 @@ def _correlated_loss(rng: np.random.Generator) -> list[Figure]:
     rows = []
     standard = rng.standard_normal((DRAWS, 2))
     first = U_REFLECTION * standard[:, 0]
-    rest = np.sqrt(1.0 - CORRELATION_REFLECTION**2) * standard[:, 1]
-    second = CORRELATION_REFLECTION * first + U_REFLECTION * rest
+    independent = np.sqrt(1.0 - CORRELATION_REFLECTION**2) * standard[:, 1]
+    second = CORRELATION_REFLECTION * first + U_REFLECTION * independent
     for printed_x, printed_mean, printed_u in (
         ("0.000", "50", "67"),
         ("0.010", "150", "121"),
         ("0.050", "2551", "505"),
     ):
         loss = (float(printed_x) + first) ** 2 + second**2
-        drawn = propagate_distributions(loss / LOSS_UNIT)
+        scaled_loss = propagate_distributions(loss / LOSS_UNIT)
         example = f"9.4 comparison loss, x₁ = {printed_x}, r = {CORRELATION_REFLECTION}"
-        estimate = (SUPPLEMENT_1, example, "estimate", printed_mean, drawn.mean)
-        uncertainty = (SUPPLEMENT_1, example, "u", printed_u, drawn.u)
-        rows.append(_row(*estimate, drawn, "1e-6"))
-        rows.append(_row(*uncertainty, drawn, "1e-6"))
+        estimate = (SUPPLEMENT_1, example, "estimate", printed_mean, scaled_loss.mean)
+        uncertainty = (SUPPLEMENT_1, example, "u", printed_u, scaled_loss.u)
+        rows.append(_row(*estimate, scaled_loss, "1e-6"))
+        rows.append(_row(*uncertainty, scaled_loss, "1e-6"))
     return rows
 
 
@@ -292,14 +298,16 @@ def _end_gauge(rng: np.random.Generator) -> list[Figure]:
     thermal = (
         expansion_difference * (mean_temperature + cyclic) + expansion * temperature_difference
     )
-    drawn = propagate_distributions(standard + comparator - standard * thermal - NOMINAL_LENGTH_NM)
-    low, high = drawn.symmetric(0.99)
+    deviation = propagate_distributions(
+        standard + comparator - standard * thermal - NOMINAL_LENGTH_NM
+    )
+    low, high = deviation.symmetric(0.99)
     example = "9.5 end gauge"
     return [
-        _row(SUPPLEMENT_1, example, "deviation from 50 mm", "838", drawn.mean, drawn, "nm"),
-        _row(SUPPLEMENT_1, example, "u", "36", drawn.u, drawn, "nm"),
-        _row(SUPPLEMENT_1, example, "lower end (99 %)", "745", low, drawn, "nm"),
-        _row(SUPPLEMENT_1, example, "upper end (99 %)", "932", high, drawn, "nm"),
+        _row(SUPPLEMENT_1, example, "deviation from 50 mm", "838", deviation.mean, deviation, "nm"),
+        _row(SUPPLEMENT_1, example, "u", "36", deviation.u, deviation, "nm"),
+        _row(SUPPLEMENT_1, example, "lower end (99 %)", "745", low, deviation, "nm"),
+        _row(SUPPLEMENT_1, example, "upper end (99 %)", "932", high, deviation, "nm"),
     ]
 
 
@@ -319,13 +327,13 @@ def _sum_of_two(rng: np.random.Generator) -> list[Figure]:
         return np.asarray(inputs @ mixing.T)
 
     by_gum = propagate_linearly(sums, np.zeros(3), np.ones(3))
-    drawn = sums(rng.standard_normal((DRAWS, 3)))
+    draws = sums(rng.standard_normal((DRAWS, 3)))
     example = "9.2 two sums"
-    correlation = float(np.corrcoef(drawn.T)[0, 1])
+    correlation = float(np.corrcoef(draws.T)[0, 1])
     return [
         Figure(SUPPLEMENT_2, example, "u", "1.4", float(by_gum.u[0])),
         Figure(SUPPLEMENT_2, example, "r", "0.5", float(by_gum.correlation[0, 1])),
-        Figure(SUPPLEMENT_2, example, "u of the draws", "1.4", float(drawn[:, 0].std())),
+        Figure(SUPPLEMENT_2, example, "u of the draws", "1.4", float(draws[:, 0].std())),
         Figure(SUPPLEMENT_2, example, "r of the draws", "0.5", correlation),
     ]
 
@@ -334,23 +342,27 @@ def _polar(rng: np.random.Generator) -> list[Figure]:
     """Return the figures of JCGM 102, 9.3: magnitude and phase of a complex quantity."""
     rows = []
     for case in POLAR_CASES:
-        rows += _polar_drawn(rng, case)
+        rows += _polar_by_draws(rng, case)
         rows += _polar_by_gum(case)
     return rows
 
 
-def _polar_drawn(rng: np.random.Generator, case: _PolarCase) -> list[Figure]:
+def _polar_by_draws(rng: np.random.Generator, case: _PolarCase) -> list[Figure]:
     """Return the figures of a complex quantity by random draws."""
-    parts = rng.multivariate_normal(case.mean, case.covariance, DRAWS)
-    magnitude, phase = _polar_of(parts).T
+    real_and_imaginary = rng.multivariate_normal(case.mean, case.covariance, DRAWS)
+    magnitude, phase = _polar_of(real_and_imaginary).T
     rows = []
     for k, values in enumerate((magnitude, phase)):
         name = POLAR_NAMES[k]
-        drawn = propagate_distributions(values)
-        estimate = case.drawn[2 * k]
-        u = case.drawn[2 * k + 1]
-        rows.append(_row(SUPPLEMENT_2, case.example, name, estimate, drawn.mean, drawn, ""))
-        rows.append(_row(SUPPLEMENT_2, case.example, f"u of the {name}", u, drawn.u, drawn, ""))
+        coordinate = propagate_distributions(values)
+        estimate = case.by_draws[2 * k]
+        u = case.by_draws[2 * k + 1]
+        rows.append(
+            _row(SUPPLEMENT_2, case.example, name, estimate, coordinate.mean, coordinate, "")
+        )
+        rows.append(
+            _row(SUPPLEMENT_2, case.example, f"u of the {name}", u, coordinate.u, coordinate, "")
+        )
     return rows
 
 
@@ -371,7 +383,7 @@ def _polar_by_gum(case: _PolarCase) -> list[Figure]:
     return rows
 
 
-def _polar_of(parts: Array) -> Array:
+def _polar_of(real_and_imaginary: Array) -> Array:
     """Return magnitude and phase [rad] of a complex quantity from its real and imaginary part."""
-    real, imaginary = np.moveaxis(parts, -1, 0)
+    real, imaginary = np.moveaxis(real_and_imaginary, -1, 0)
     return np.stack([np.hypot(real, imaginary), np.arctan2(imaginary, real)], axis=-1)

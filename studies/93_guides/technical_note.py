@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from figures import Figure
-from propagation import Drawn, propagate_distributions, propagate_linearly
+from propagation import Distribution, propagate_distributions, propagate_linearly
 from scipy import stats
 
 from ldbb_bayes.results import Array
@@ -40,10 +40,10 @@ def figures() -> list[Figure]:
 
 
 def _row(
-    example: str, quantity: str, printed: str, computed: float, drawn: Drawn, unit: str
+    example: str, quantity: str, printed: str, computed: float, output: Distribution, unit: str
 ) -> Figure:
     """Return a figure that the note drew at random, with its numerical tolerance."""
-    _, decimals = round_uncertainty(drawn.u, 2)
+    _, decimals = round_uncertainty(output.u, 2)
     tolerance = 0.5 * 10.0**-decimals
     return Figure(TECHNICAL_NOTE, example, quantity, printed, computed, unit, tolerance=tolerance)
 
@@ -52,15 +52,15 @@ def _viscometer(rng: np.random.Generator) -> list[Figure]:
     """Return the figures of E3: viscosity of a sodium hydroxide solution."""
     means = np.array([mean for mean, _ in VISCOMETER])
     u = np.array([sd for _, sd in VISCOMETER])
-    drawn = propagate_distributions(_viscosity(rng.normal(means, u, (DRAWS, len(u))))[:, 0])
-    low, high = drawn.symmetric(PROB)
+    viscosity = propagate_distributions(_viscosity(rng.normal(means, u, (DRAWS, len(u))))[:, 0])
+    low, high = viscosity.symmetric(PROB)
     by_gum = propagate_linearly(_viscosity, means, u**2)
     example = "E3 viscometer"
     return [
-        _row(example, "viscosity", "5.82", drawn.mean, drawn, "mPa s"),
-        _row(example, "u", "1.11", drawn.u, drawn, "mPa s"),
-        _row(example, "lower end", "4.05", low, drawn, "mPa s"),
-        _row(example, "upper end", "8.39", high, drawn, "mPa s"),
+        _row(example, "viscosity", "5.82", viscosity.mean, viscosity, "mPa s"),
+        _row(example, "u", "1.11", viscosity.u, viscosity, "mPa s"),
+        _row(example, "lower end", "4.05", low, viscosity, "mPa s"),
+        _row(example, "upper end", "8.39", high, viscosity, "mPa s"),
         Figure(
             TECHNICAL_NOTE,
             example,
@@ -83,7 +83,7 @@ def _viscosity(inputs: Array) -> Array:
 
 def _attenuator(rng: np.random.Generator) -> list[Figure]:
     """Return the figures of E11: attenuation of a microwave step attenuator [dB]."""
-    drawn = propagate_distributions(
+    attenuation = propagate_distributions(
         30.0402
         + _scaled_t(rng, 0.0091)
         + 0.0030
@@ -96,13 +96,13 @@ def _attenuator(rng: np.random.Generator) -> list[Figure]:
         + _arcsine(rng, 0.0014)
         + _arcsine(rng, 0.0021)
     )
-    low, high = drawn.symmetric(PROB)
+    low, high = attenuation.symmetric(PROB)
     example = "E11 step attenuator"
     return [
-        _row(example, "attenuation", "30.043", drawn.mean, drawn, "dB"),
-        _row(example, "u", "0.0224", drawn.u, drawn, "dB"),
-        _row(example, "lower end", "30.006", low, drawn, "dB"),
-        _row(example, "upper end", "30.081", high, drawn, "dB"),
+        _row(example, "attenuation", "30.043", attenuation.mean, attenuation, "dB"),
+        _row(example, "u", "0.0224", attenuation.u, attenuation, "dB"),
+        _row(example, "lower end", "30.006", low, attenuation, "dB"),
+        _row(example, "upper end", "30.081", high, attenuation, "dB"),
     ]
 
 
@@ -114,12 +114,12 @@ def _expansion(rng: np.random.Generator) -> list[Figure]:
         [mean + _scaled_t(rng, sd) for mean, sd in EXPANSION],
         axis=-1,
     )
-    drawn = propagate_distributions(_expansion_coefficient(inputs)[:, 0])
+    coefficient = propagate_distributions(_expansion_coefficient(inputs)[:, 0])
     by_gum = propagate_linearly(_expansion_coefficient, means, u**2)
     example = "E13 thermal expansion"
     return [
-        _row(example, "coefficient", "1.727", drawn.mean, drawn, "1e-5/K"),
-        _row(example, "u", "0.174", drawn.u, drawn, "1e-5/K"),
+        _row(example, "coefficient", "1.727", coefficient.mean, coefficient, "1e-5/K"),
+        _row(example, "u", "0.174", coefficient.u, coefficient, "1e-5/K"),
         Figure(
             TECHNICAL_NOTE,
             example,
